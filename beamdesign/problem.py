@@ -1,0 +1,148 @@
+"""The design problem of a study file: what is asked for, before any section or controller is chosen."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from beamdesign import records
+from beamdesign.prototype import Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
+from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+
+
+class Load(Record):
+    """What the link has to carry."""
+
+    tip_force_N: Annotated[Positive, Field(description="transverse force at the tip")]
+
+
+class BeamProblem(Record):
+    """A beam whose section is still open; a given section is the fixed choice, or the one to compare with."""
+
+    length_m: Annotated[Positive, Field(lt=100, description="full length of the tube, clamp included")]
+    free_length_m: Annotated[Positive, Field(lt=100, description="length from the clamp to the tip")]
+    material: Annotated[str, Field(description="name of an alloy in beamdesign.materials")]
+    end_mass_kg: Annotated[NonNegative, Field(description="M_end of equation (5), always fixed to the tip")] = 0.0
+    damping_ratio: Annotated[NonNegative, Field(lt=1, description="zeta of the bare beam")] = 0.05
+    width_m: Annotated[Positive | None, Field(lt=2, description="outside width of a given section")] = None
+    wall_m: Annotated[Positive | None, Field(lt=1, description="wall of a given section")] = None
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """A given section is whole and possible; the free length lies within the length."""
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+            yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
+        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
+            yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
+        if (table.get("width_m") is None) != (table.get("wall_m") is None):
+            yield Problem("", "width_m and wall_m go together: give both or neither")
+
+
+class Sections(Record):
+    """How the square tubes are chosen, and what limits them."""
+
+    choose: Annotated[
+        Literal["free", "stock", "fixed"], Field(description="free sizes, stock sizes, or the sections given")
+    ] = "stock"
+    least_wall_m: Annotated[Positive, Field(description="thinnest wall that may be used")] = 0.002
+    largest_width_m: Annotated[Positive, Field(description="widest tube that may be used")] = 0.2
+    width_to_wall_at_most: Annotated[
+        Positive | None, Field(description="limit of b / t, beside the check of local buckling")
+    ] = None
+
+
+class Clearance(Record):
+    """Gap between the inner beam and the outer one's inside, per side."""
+
+    assembly_m: Annotated[NonNegative, Field(description="least gap before any load")] = 0.005
+    under_load_m: Annotated[NonNegative, Field(description="least gap left when the inner beam carries the load")] = (
+        0.003
+    )
+
+
+class Safety(Record):
+    """Factors on the load against each failure."""
+
+    strength: Annotated[Positive, Field(ge=1, description="factor against yield in bending")] = 2.0
+    local_buckling: Annotated[Positive, Field(ge=1, description="factor against bending resistance of thin walls")] = (
+        1.5
+    )
+
+
+class ControllerKind(Record):
+    """Which controller the tuner is to find."""
+
+    kind: Literal["proportional", "lag"] = "lag"
+    largest_inner_end_mass_kg: Annotated[NonNegative, Field(description="most mass the tuner may add inside")] = 6.0
+
+
+class DesignProblem(Record):
+    """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
+
+    name: str
+    load: Load
+    sections: Sections = Sections()
+    outer_beam: BeamProblem
+    inner_beam: BeamProblem
+    clearance: Clearance = Clearance()
+    safety: Safety = Safety()
+    actuator: Actuator
+    servovalve: Servovalve
+    sensor: Sensor
+    controller: ControllerKind = ControllerKind()
+    payload: Payload
+    goal: Goal = Goal()
+    tolerance: Tolerance = Tolerance()
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Given sections fit into each other, fixed ones are given, and there is a payload range."""
+        figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
+        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]):
+            yield Problem(
+                "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
+            )
+        sections, payload = table.get("sections"), table.get("payload")
+        if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
+            for name in ("outer_beam", "inner_beam"):
+                beam = table.get(name)
+                if isinstance(beam, Mapping) and (beam.get("width_m") is None or beam.get("wall_m") is None):
+                    yield Problem(name, "sections.choose is 'fixed', so width_m and wall_m are needed")
+        if isinstance(payload, Mapping) and payload.get("outer_end_mass_kg") is None:
+            yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
+
+    def prototype(self, outer: tuple[float, float], inner: tuple[float, float]) -> Prototype:
+        """The prototype with the given sections, (width, wall) in m each, and no controller yet."""
+
+        def beam(asked: BeamProblem, section: tuple[float, float]) -> Beam:
+            return Beam(
+                width_m=section[0],
+                wall_m=section[1],
+                length_m=asked.length_m,
+                free_length_m=asked.free_length_m,
+                material=asked.material,
+                end_mass_kg=asked.end_mass_kg,
+                damping_ratio=asked.damping_ratio,
+            )
+
+        return Prototype(
+            name=self.name,
+            outer_beam=beam(self.outer_beam, outer),
+            inner_beam=beam(self.inner_beam, inner),
+            actuator=self.actuator,
+            servovalve=self.servovalve,
+            sensor=self.sensor,
+            payload=self.payload,
+            goal=self.goal,
+            tolerance=self.tolerance,
+        )
+
+
+def read_problem(path: str | Path) -> DesignProblem:
+    """Read a study file.
+
+    Raises:
+        InputError: naming file, key and reason of everything wrong with it.
+    """
+    return records.read(DesignProblem, path)

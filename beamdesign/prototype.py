@@ -1,0 +1,202 @@
+"""The prototype: one description of a rig, which every command takes and gives."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, FiniteFloat
+
+from beamdesign import records
+from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+
+COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
+"""The paper's performance goal, -100 dB of inch per pound-force."""
+
+
+class Beam(Record):
+    """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
+
+    stiffness_N_per_m: Annotated[Positive | None, Field(description="tip stiffness K on the free length")] = None
+    effective_mass_kg: Annotated[
+        Positive | None, Field(description="lumped mass at the tip, equation (5), without payload or added end mass")
+    ] = None
+    damping_ratio: Annotated[NonNegative, Field(lt=1, description="zeta of the bare beam; b = 2 zeta sqrt(K M)")] = 0.05
+    width_m: Annotated[Positive | None, Field(lt=2, description="outside width of the square tube")] = None
+    wall_m: Annotated[Positive | None, Field(lt=1, description="wall thickness of the square tube")] = None
+    corner_radius_m: Annotated[NonNegative, Field(lt=1, description="outside corner radius; 0 is a sharp corner")] = 0.0
+    length_m: Annotated[Positive | None, Field(lt=100, description="full length of the tube, clamp included")] = None
+    free_length_m: Annotated[Positive | None, Field(lt=100, description="length from the clamp to the tip")] = None
+    material: Annotated[str | None, Field(description="name of an alloy in beamdesign.materials")] = None
+    end_mass_kg: Annotated[
+        NonNegative, Field(description="M_end of equation (5): what is always fixed to the tip (actuator module)")
+    ] = 0.0
+
+    @property
+    def has_geometry(self) -> bool:
+        """Whether the lumped figures can be computed from the section, the lengths and the material."""
+        return None not in (self.width_m, self.wall_m, self.free_length_m, self.material)
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Walls fit in widths, free lengths in lengths, and the lumped figures can be had."""
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+            yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
+        if (pair := numbers(table, "corner_radius_m", "wall_m")) and 0 < pair[0] < pair[1]:
+            yield Problem("corner_radius_m", f"outside radius {pair[0]} is less than the wall, {pair[1]}")
+        if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2:
+            yield Problem("corner_radius_m", f"outside radius {pair[0]} exceeds half the width, {pair[1] / 2}")
+        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
+            yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
+        lumped = ("stiffness_N_per_m", "effective_mass_kg")
+        geometry = ("width_m", "wall_m", "free_length_m", "material")
+        if any(table.get(k) is None for k in lumped) and any(table.get(k) is None for k in geometry):
+            yield Problem("", f"needs {' and '.join(lumped)}, or the geometry: {', '.join(geometry)}")
+
+
+class Actuator(Record):
+    """The hydraulic cylinder between the beam tips."""
+
+    piston_area_m2: Annotated[Positive, Field(lt=1, description="A, average of the two sides")]
+    oil_stiffness_N_per_m: Annotated[Positive, Field(description="K_c, oil spring between piston and outer beam")]
+
+
+class Servovalve(Record):
+    """Second-order servovalve with leakage, equations (13) and (14)."""
+
+    flow_gain_m3_per_s_per_A: Annotated[Positive, Field(lt=10, description="K_q, no-load flow gain")]
+    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-6, description="K_pq = K_q / K_p")]
+    natural_frequency_Hz: Annotated[Positive, Field(description="f_n of the spool")]
+    damping_ratio: Annotated[
+        Positive, Field(lt=10, description="xi; the paper does not give it, 0.5 reproduces its critical gains")
+    ] = 0.5
+
+
+class Sensor(Record):
+    """Displacement sensor with its amplifier, and the low-pass filter that may follow it."""
+
+    gain_V_per_m: Annotated[Positive, Field(description="F, sensor and op-amp gain")]
+    filter_Hz: Annotated[Positive | None, Field(description="break frequency of a first-order low-pass filter")] = None
+
+
+class Proportional(Record):
+    """C(s) = 1."""
+
+    kind: Literal["proportional"] = "proportional"
+    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain")]
+
+
+class Lag(Record):
+    """C(s) = (1 + s / zero) / (1 + s / pole)."""
+
+    kind: Literal["lag"] = "lag"
+    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    pole_Hz: Annotated[Positive, Field(description="lower break frequency")]
+    zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
+
+
+Controller = Annotated[Proportional | Lag, Field(discriminator="kind")]
+
+
+class Payload(Record):
+    """Masses at the tips beyond the bare rig."""
+
+    outer_end_mass_kg: Annotated[
+        tuple[NonNegative, NonNegative] | None, Field(description="range [least, most] of mass on the outer beam's tip")
+    ] = None
+    inner_end_mass_kg: Annotated[NonNegative, Field(description="mass added to the inner beam's tip")] = 0.0
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The range holds at least one mass."""
+        bounds = table.get("outer_end_mass_kg")
+        if not isinstance(bounds, tuple) or len(bounds) != 2:
+            return
+        pair = numbers({"least": bounds[0], "most": bounds[1]}, "least", "most")
+        if pair and pair[0] > pair[1]:
+            yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}")
+
+
+class Tolerance(Record):
+    """One relative standard deviation per figure: what the builder can vouch for."""
+
+    stiffness: NonNegative = 0.0
+    effective_mass: NonNegative = 0.0
+    beam_damping_ratio: NonNegative = 0.0
+    oil_stiffness: NonNegative = 0.0
+    piston_area: NonNegative = 0.0
+    flow_gain: NonNegative = 0.0
+    leakage: NonNegative = 0.0
+    valve_natural_frequency: NonNegative = 0.0
+    valve_damping_ratio: NonNegative = 0.0
+    sensor_gain: NonNegative = 0.0
+    sensor_filter: NonNegative = 0.0
+    outer_end_mass: NonNegative = 0.0
+    inner_end_mass: NonNegative = 0.0
+
+
+class Goal(Record):
+    """What the closed loop is asked to do."""
+
+    compliance_m_per_N: Annotated[Positive, Field(description="limit of |x / F_d|")] = COMPLIANCE_LIMIT_M_PER_N
+    peak_sensitivity: Annotated[Positive, Field(gt=1, description="limit of max |1 / (1 + L)|")] = 2.0
+
+
+class Guarantee(Record):
+    """What a certificate proves of this prototype."""
+
+    bandwidth_Hz: NonNegative
+    peak_sensitivity: Positive
+    outer_end_mass_kg: tuple[NonNegative, NonNegative]
+    certificate: str
+    certificate_sha256: str
+
+
+class Prototype(Record):
+    """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
+
+    name: str
+    kind: Literal["twin_beam"] = "twin_beam"
+    outer_beam: Beam
+    inner_beam: Beam
+    actuator: Actuator
+    servovalve: Servovalve
+    sensor: Sensor
+    controller: Controller | None = None
+    payload: Payload = Payload()
+    goal: Goal = Goal()
+    tolerance: Tolerance = Tolerance()
+    guarantee: Guarantee | None = None
+    effects: Annotated[dict[str, dict[str, FiniteFloat]], Field(default_factory=dict)]
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The inner beam fits inside the outer one."""
+        figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
+        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]):
+            yield Problem(
+                "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
+            )
+
+
+def read_prototype(path: str | Path) -> Prototype:
+    """Read a prototype.toml.
+
+    Raises:
+        InputError: naming file, key and reason of everything wrong with it.
+    """
+    table = records.read_table(path)
+    if table.get("kind", "twin_beam") != "twin_beam":
+        raise records.InputError(
+            path, [("kind", f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'")]
+        )
+    return records.parse(Prototype, table, path)
+
+
+def write_prototype(prototype: Prototype, path: str | Path) -> None:
+    """Write a prototype.toml from which `read_prototype` gives back an equal record."""
+    Path(path).write_text(records.to_toml(prototype), encoding="utf-8")
+
+
+def prototype_from(table: dict[str, Any], source: str | Path = "prototype") -> Prototype:
+    """Validate a prototype given as nested dictionaries."""
+    return records.parse(Prototype, table, source)

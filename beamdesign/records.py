@@ -1,0 +1,232 @@
+"""Frozen, validated records and their TOML files: every figure in SI, its unit in the key."""
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self, TypeVar, get_args
+
+import tomli_w
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+# Everyday units of this field and the SI suffix each should have been.
+_UNIT_MISTAKES = {
+    "mm": "m", "cm": "m", "in": "m", "N_per_mm": "N_per_m", "N_per_cm": "N_per_m", "kN": "N", "g": "kg", "lb": "kg",
+    "MPa": "Pa", "GPa": "Pa", "bar": "Pa", "psi": "Pa", "kHz": "Hz", "rad_per_s": "Hz", "mA_per_V": "A_per_V",
+    "V_per_cm": "V_per_m", "V_per_mm": "V_per_m", "cm2": "m2", "mm2": "m2", "cm3_per_s_per_mA": "m3_per_s_per_A",
+    "cm3_per_s_per_Pa": "m3_per_s_per_Pa",
+}  # fmt: skip
+
+
+class Problem(NamedTuple):
+    """One thing wrong with an input: the dotted key and the reason, in words."""
+
+    key: str
+    reason: str
+
+
+class InputError(Exception):
+    """Bad input, with every problem found at once.
+
+    Attributes:
+        source: the file (or the argument) that holds the bad input.
+        problems: key and reason of each.
+    """
+
+    def __init__(self, source: str | Path, problems: Sequence[Problem | tuple[str, str]]):
+        self.source = str(source)
+        self.problems = [Problem(*problem) for problem in problems]
+        super().__init__("\n".join(f"{self.source}: {key}: {reason}" for key, reason in self.problems))
+
+
+class Record(BaseModel):
+    """Base of all records: frozen, no unknown keys, no silent coercion of text to numbers.
+
+    A subclass states what must hold between its fields in `relations`, which sees the raw table, so that a relation
+    that fails is reported together with fields that are wrong on their own.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Yield what is wrong between the fields of `table`, whose values may themselves be wrong."""
+        yield from ()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _all_problems_at_once(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        problems: list[InitErrorDetails] = []
+        if isinstance(data, Mapping):
+            for key, reason in cls.relations(data):
+                kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
+                problems.append(InitErrorDetails(type=kind, loc=tuple(key.split(".")) if key else (), input=data))
+        if not problems:
+            return handler(data)
+        try:
+            handler(data)
+        except ValidationError as error:
+            raise ValidationError.from_exception_data(cls.__name__, [*_line_errors(error), *problems]) from None
+        raise ValidationError.from_exception_data(cls.__name__, problems)
+
+    def but(self, **changes: Any) -> Self:
+        """Give a validated copy with some fields replaced."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_validate(fields | changes)
+
+
+def _line_errors(error: ValidationError) -> list[InitErrorDetails]:
+    lines = []
+    for item in error.errors(include_url=False):
+        kind = (
+            PydanticCustomError("said", "{reason}", {"reason": _reason(item)})
+            if item["type"] != "extra_forbidden"
+            else item["type"]
+        )
+        lines.append(InitErrorDetails(type=kind, loc=item["loc"], input=item["input"]))
+    return lines
+
+
+def numbers(table: Mapping[str, Any], *keys: str) -> tuple[float, ...] | None:
+    """The figures under `keys`, or None where one of them is absent or not a finite number; dots lead into tables."""
+    values = []
+    for key in keys:
+        value: Any = table
+        for step in key.split("."):
+            value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            return None
+        values.append(float(value))
+    return tuple(values)
+
+
+R = TypeVar("R", bound=Record)
+
+
+def _as_tuples(value: Any) -> Any:
+    """TOML arrays become tuples, so that frozen records stay hashable."""
+    if isinstance(value, list):
+        return tuple(_as_tuples(item) for item in value)
+    if isinstance(value, dict):
+        return {key: _as_tuples(item) for key, item in value.items()}
+    return value
+
+
+def _nested_records(annotation: Any) -> list[type[BaseModel]]:
+    """The record types an annotation mentions, unions and Annotated included."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [record for part in get_args(annotation) for record in _nested_records(part)]
+
+
+def _walk(record: type[BaseModel], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
+    """The path as a user would write it (without tags of unions), and the keys allowed at its end."""
+    written: list[str] = []
+    choices = [record]
+    for step in path:
+        name = str(step)
+        tagged = [c for c in choices if len(choices) > 1 and c.model_fields["kind"].default == name]
+        if tagged:
+            choices = tagged
+            continue
+        written.append(name)
+        fields = [c.model_fields[name].annotation for c in choices if name in c.model_fields]
+        choices = [nested for annotation in fields for nested in _nested_records(annotation)]
+    return written, list(dict.fromkeys(key for choice in choices for key in choice.model_fields))
+
+
+def _unknown_key_reason(key: str, known: Sequence[str]) -> str:
+    for wrong in sorted(_UNIT_MISTAKES, key=len, reverse=True):
+        stem = key.removesuffix("_" + wrong)
+        right = _UNIT_MISTAKES[wrong]
+        if stem != key and f"{stem}_{right}" in known:
+            return f"wrong unit {wrong}: give {stem}_{right}, in {right.replace('_per_', '/')}"
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+    return "unknown key" + (f"; did you mean {close[0]}?" if close else "")
+
+
+def _reason(item: Any) -> str:
+    """One validation error in words."""
+    match item["type"]:
+        case "missing":
+            return "missing"
+        case "value_error":
+            return str(item["ctx"]["error"])
+        case "relation" | "said":
+            return str(item["msg"])
+        case "finite_number":
+            return f"must be a finite number, is {item['input']}"
+        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
+            return f"must be {item['msg'].removeprefix('Input should be ')}, is {item['input']}"
+        case "float_type" | "int_type":
+            return f"must be a number, is {item['input']!r}"
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return f"must be a table, is {item['input']!r}"
+        case "union_tag_not_found":
+            return "missing kind"
+        case "union_tag_invalid":
+            return f"kind must be one of {item['ctx']['expected_tags']}, is {item['ctx']['tag']!r}"
+    return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {item['input']!r}"
+
+
+def _problems(error: ValidationError, record: type[BaseModel]) -> list[Problem]:
+    problems = []
+    for item in error.errors(include_url=False):
+        written, _ = _walk(record, item["loc"])
+        if item["type"] == "extra_forbidden":
+            _, known = _walk(record, item["loc"][:-1])
+            reason = _unknown_key_reason(written[-1], known)
+        else:
+            reason = _reason(item)
+        problems.append(Problem(".".join(written) or "(whole file)", reason))
+    return problems
+
+
+def parse(record: type[R], table: dict[str, Any], source: str | Path) -> R:
+    """Validate a table read from `source` against a record type.
+
+    Raises:
+        InputError: with all problems at once, each naming its key.
+    """
+    try:
+        return record.model_validate(_as_tuples(table))
+    except ValidationError as error:
+        raise InputError(source, _problems(error, record)) from error
+
+
+def read_table(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file as plain tables.
+
+    Raises:
+        InputError: where the file cannot be read or is not TOML.
+    """
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise InputError(path, [Problem("(file)", error.strerror or str(error))]) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(path, [Problem("(file)", f"not valid TOML: {error}")]) from error
+
+
+def read(record: type[R], path: str | Path) -> R:
+    """Read and validate one record from a TOML file."""
+    return parse(record, read_table(path), path)
+
+
+def to_toml(record: Record) -> str:
+    """Write a record as TOML text; absent figures are left out, floats keep every digit."""
+    return tomli_w.dumps(record.model_dump(exclude_none=True, mode="python"))
