@@ -166,7 +166,7 @@ class Prototype(Record):
     goal: Goal = Goal()
     tolerance: Tolerance = Tolerance()
     guarantee: Guarantee | None = None
-    effects: Annotated[dict[str, dict[str, FiniteFloat]], Field(default_factory=dict)]
+    effects: dict[str, dict[str, FiniteFloat]] = Field(default_factory=dict)
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
