@@ -1,0 +1,32 @@
+"""The command line: one file per command, each importing its engine only when it runs."""
+
+import sys
+
+import typer
+
+from beamdesign.cli.certify import certify
+from beamdesign.cli.paper import paper
+from beamdesign.cli.run import run
+from beamdesign.cli.size import size
+from beamdesign.cli.tune import tune
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
+)
+for command in (run, size, tune, certify, paper):
+    app.command(command.__name__)(command)
+
+
+def main() -> None:
+    """Run the command line; bad input ends with exit status 2 and one line per problem on stderr."""
+    from beamdesign.records import InputError
+
+    try:
+        app()
+    except InputError as error:
+        for line in str(error).splitlines():
+            print(line, file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,21 @@
+"""Progress bars for work of more than two seconds, on stderr and only where that is a terminal."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+@contextmanager
+def display(description: str) -> Iterator[Callable[[float, str], None]]:
+    """Show a bar while the block runs.
+
+    Yields:
+        update(fraction, text): the share done, 0 to 1, and a word on what is being done.
+    """
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(description, total=1.0, note="")
+        yield lambda fraction, text="": bar.update(task, completed=fraction, note=text)

@@ -1,0 +1,135 @@
+"""The linear plant of a prototype: matrices in floats or rationals, and exact transfer polynomials."""
+
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from flint import fmpq, fmpq_mat, fmpq_poly
+
+from beamdesign.lumped import figures
+from beamdesign.polynomial import Affine, exact
+from beamdesign.prototype import Prototype
+from beamdesign.rig import twin_beam
+
+_OPERATIONS: dict[int, Callable[..., fmpq]] = {
+    ca.OP_ADD: operator.add,
+    ca.OP_SUB: operator.sub,
+    ca.OP_MUL: operator.mul,
+    ca.OP_DIV: operator.truediv,
+    ca.OP_NEG: operator.neg,
+    ca.OP_SQ: lambda value: value * value,
+    ca.OP_TWICE: lambda value: value + value,
+    ca.OP_INV: lambda value: 1 / value,
+}
+
+
+def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list[fmpq]]:
+    """Run the instructions of a one-input CasADi SX function in rationals.
+
+    Only rational operations occur in a linearised law: sums, products, quotients, squares and doublings.
+
+    Args:
+        function: SX function of one dense vector.
+        inputs: that vector's entries.
+
+    Returns:
+        one list per output, its entries column by column.
+
+    Raises:
+        NotImplementedError: at an operation that is not rational.
+    """
+    work: list[Any] = [fmpq(0)] * function.sz_w()
+    outputs = [[fmpq(0)] * function.nnz_out(i) for i in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        code, source, target = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_CONST:
+            work[target[0]] = exact(function.instruction_constant(k))
+        elif code == ca.OP_INPUT:
+            work[target[0]] = inputs[source[1]]
+        elif code == ca.OP_OUTPUT:
+            outputs[target[0]][target[1]] = work[source[0]]
+        elif code in _OPERATIONS:
+            work[target[0]] = _OPERATIONS[code](*(work[i] for i in source))
+        else:
+            raise NotImplementedError(f"CasADi operation {code} is not rational")
+    return outputs
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The plant over the outer end mass m, in exact rationals of the given figures.
+
+    Attributes:
+        denominator: characteristic polynomial in s, affine in m.
+        control: numerator from current (A) to sensor voltage (V); free of m.
+        disturbance: numerator from tip force (N) to displacement (m); free of m.
+    """
+
+    denominator: Affine
+    control: fmpq_poly
+    disturbance: fmpq_poly
+
+
+@dataclass(frozen=True)
+class LinearRig:
+    """The linear plant of one prototype, for any end masses.
+
+    Attributes:
+        figures: lumped figures by name, SI (see `beamdesign.rig.twin_beam.FIGURES`).
+        filtered: whether the sensor filter adds a state.
+    """
+
+    figures: dict[str, float]
+    filtered: bool
+
+    @cached_property
+    def _descriptor(self) -> twin_beam.Descriptor:
+        return twin_beam.descriptor(self.filtered)
+
+    def matrices(self, outer_end_mass: float, inner_end_mass: float) -> tuple[np.ndarray, ...]:
+        """A (n, n), B (n, 2), C (2, n) of x' = A x + B u in floats; inputs and outputs as in `twin_beam`."""
+        vector = [*self.figures.values(), outer_end_mass, inner_end_mass]
+        mass, a, b, c = (np.asarray(m) for m in self._descriptor.function(vector))
+        return np.linalg.solve(mass, a), np.linalg.solve(mass, b), c
+
+    def exact_matrices(self, outer_end_mass: fmpq, inner_end_mass: fmpq) -> tuple[fmpq_mat, ...]:
+        """E, A, B, C of E x' = A x + B u in rationals, from the same CasADi instructions."""
+        vector = [*(exact(value) for value in self.figures.values()), outer_end_mass, inner_end_mass]
+        n = len(self._descriptor.states)
+        flat = evaluate_exactly(self._descriptor.function, vector)
+        shapes = [(n, n), (n, n), (n, len(twin_beam.INPUTS)), (len(twin_beam.OUTPUTS), n)]
+        return tuple(
+            fmpq_mat(rows, columns, [entries[j * rows + i] for i in range(rows) for j in range(columns)])
+            for entries, (rows, columns) in zip(flat, shapes, strict=True)
+        )
+
+    def plant(self, inner_end_mass: float = 0.0) -> Plant:
+        """Exact transfer polynomials with the given mass (kg) added to the inner beam."""
+        inner = exact(inner_end_mass)
+        bare, loaded = (self._polynomials(fmpq(m), inner) for m in (0, 1))
+        return Plant(Affine(bare[0], loaded[0] - bare[0]), bare[1], bare[2])
+
+    def _polynomials(self, outer: fmpq, inner: fmpq) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
+        """The determinant of sE - A, and both numerators by det(X + b c) - det(X) = c adj(X) b."""
+        mass, a, b, c = self.exact_matrices(outer, inner)
+        inverse, scale = mass.inv(), mass.det()
+
+        def column(j: int) -> fmpq_mat:
+            return fmpq_mat(b.nrows(), 1, [b[i, j] for i in range(b.nrows())])
+
+        def row(i: int) -> fmpq_mat:
+            return fmpq_mat(1, c.ncols(), [c[i, j] for j in range(c.ncols())])
+
+        denominator = (inverse * a).charpoly()
+        control = (inverse * (a - column(1) * row(1))).charpoly() - denominator
+        disturbance = (inverse * (a - column(0) * row(0))).charpoly() - denominator
+        return denominator * scale, control * scale, disturbance * scale
+
+
+def linear_rig(prototype: Prototype) -> LinearRig:
+    """The linear plant of a prototype; see Zalucky and Hardt (1984), equations (7) to (18)."""
+    return LinearRig(figures(prototype), prototype.sensor.filter_Hz is not None)

@@ -1,0 +1,226 @@
+"""The closed loop of a prototype over its outer end mass: poles, gains, compliance, margins, sensitivity, bandwidth."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import atan2, degrees, inf, pi, sqrt
+
+import numpy as np
+from flint import fmpq_poly
+
+from beamdesign.controller import transfer_function
+from beamdesign.crossing import Crossing, crossings
+from beamdesign.linear import Plant, linear_rig
+from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, squared_magnitude
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, Proportional, Prototype
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop in exact polynomials of s; everything is affine in the outer end mass m (kg) or free of it.
+
+    With L the loop transfer function, S = opened / characteristic and x / F_d = disturbance / characteristic.
+
+    Attributes:
+        opened: denominator of L.
+        returned: numerator of L, free of m.
+        disturbance: numerator of the closed-loop compliance x / F_d, free of m.
+    """
+
+    opened: Affine
+    returned: fmpq_poly
+    disturbance: fmpq_poly
+
+    @cached_property
+    def characteristic(self) -> Affine:
+        """Closed-loop characteristic polynomial p0 + m p1."""
+        return Affine(self.opened.constant + self.returned, self.opened.slope)
+
+    def at(self, outer_end_mass: float) -> "LoopAtMass":
+        """The loop at one outer end mass, kg."""
+        mass = exact(outer_end_mass)
+        return LoopAtMass(self.opened.at(mass), self.returned, self.disturbance)
+
+
+def close_loop(plant: Plant, controller: Proportional | Lag) -> Loop:
+    """Close the loop of a plant with a controller, equation (12)."""
+    law = transfer_function(controller)
+    return Loop(plant.denominator * law.denominator, plant.control * law.numerator, plant.disturbance * law.denominator)
+
+
+def loop(prototype: Prototype) -> Loop:
+    """The closed loop of a prototype with its controller and inner end mass.
+
+    Raises:
+        ValueError: where the prototype has no controller.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    plant = linear_rig(prototype).plant(prototype.payload.inner_end_mass_kg)
+    return close_loop(plant, prototype.controller)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Classical margins; infinite where the locus has no such crossing.
+
+    Attributes:
+        gain_up: factor on the gain at which the loop becomes unstable.
+        gain_down: factor below one at which it becomes unstable, 0 where lowering the gain is harmless.
+        phase_deg: least phase margin over all gain crossovers.
+        critical_frequency_Hz: frequency of the oscillation at `gain_up`.
+        crossover_Hz: highest frequency with |L| = 1, 0 where there is none.
+    """
+
+    gain_up: float
+    gain_down: float
+    phase_deg: float
+    critical_frequency_Hz: float
+    crossover_Hz: float
+
+
+@dataclass(frozen=True)
+class LoopAtMass:
+    """The loop at one outer end mass, exact; see `Loop` for the three polynomials."""
+
+    opened: fmpq_poly
+    returned: fmpq_poly
+    disturbance: fmpq_poly
+
+    @cached_property
+    def characteristic(self) -> fmpq_poly:
+        """Closed-loop characteristic polynomial."""
+        return self.opened + self.returned
+
+    @property
+    def stable(self) -> bool:
+        """Whether all closed-loop poles lie in the open left half plane (exact Routh test)."""
+        return is_hurwitz(self.characteristic)
+
+    def poles(self) -> np.ndarray:
+        """Closed-loop poles, rad/s."""
+        return _roots(self.characteristic)
+
+    def open_loop_poles(self) -> np.ndarray:
+        """Poles of L, rad/s."""
+        return _roots(self.opened)
+
+    def open_loop_zeros(self) -> np.ndarray:
+        """Zeros of L, rad/s."""
+        return _roots(self.returned)
+
+    def compliance_zeros(self) -> np.ndarray:
+        """Zeros of x / F_d, rad/s."""
+        return _roots(self.disturbance)
+
+    def gain_crossings(self) -> list[Crossing]:
+        """Factors on the gain at which a closed-loop root lies on the axis, ascending."""
+        return crossings(Affine(self.opened, self.returned))
+
+    def loop_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
+        """L at the given frequencies, complex."""
+        return _respond(self.returned, frequency_Hz) / _respond(self.opened, frequency_Hz)
+
+    def compliance_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
+        """Closed-loop x / F_d in m/N at the given frequencies, complex."""
+        return _respond(self.disturbance, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+
+    def sensitivity_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
+        """S = 1 / (1 + L) at the given frequencies, complex."""
+        return _respond(self.opened, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+
+    def static_compliance(self) -> float:
+        """Closed-loop x / F_d at zero frequency, m/N."""
+        return float(self.disturbance(0) / self.characteristic(0))
+
+    def peak_sensitivity(self) -> float:
+        """Largest |S| over all frequencies; infinite for an unstable loop.
+
+        At the peak the derivative of |S|^2 in w^2 vanishes: its real roots are the candidates, so nothing is swept.
+        """
+        if not self.stable:
+            return inf
+        top, bottom = squared_magnitude(self.opened), squared_magnitude(self.characteristic)
+        stationary = top.derivative() * bottom - top * bottom.derivative()
+        candidates = [0.0] + [float(root.mid()) for root, _ in real_roots(stationary) if root > 0]
+        ends = [1.0] if self.opened.degree() > self.returned.degree() else []
+        return max([_magnitude_ratio(self.opened, self.characteristic, x) for x in candidates] + ends)
+
+    def bandwidth_Hz(self, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N) -> float:
+        """Highest frequency up to which |x / F_d| is at or below the limit at every lower frequency.
+
+        It is the first positive real root of odd multiplicity of limit^2 |p|^2 - |n|^2; zero where the loop is unstable
+        or the static compliance exceeds the limit already.
+        """
+        if not self.stable:
+            return 0.0
+        squared_limit = exact(limit_m_per_N) ** 2
+        slack = squared_limit * squared_magnitude(self.characteristic) - squared_magnitude(self.disturbance)
+        if slack(0) < 0:
+            return 0.0
+        changes = [root for root, count in real_roots(slack) if root > 0 and count % 2]
+        return sqrt(float(changes[0].mid())) / (2 * pi) if changes else inf
+
+    def margins(self) -> Margins:
+        """Gain and phase margins from exact crossings, not from a sweep."""
+        gains = self.gain_crossings()
+        above = [c for c in gains if c.value > 1]
+        below = [c for c in gains if 0 < c.value < 1]
+        difference = squared_magnitude(self.returned) - squared_magnitude(self.opened)
+        crossovers = [sqrt(float(root.mid())) / (2 * pi) for root, _ in real_roots(difference) if root > 0]
+        phases = [abs(degrees(atan2(value.imag, value.real))) for value in -self.loop_response(np.array(crossovers))]
+        return Margins(
+            gain_up=above[0].value if above else inf,
+            gain_down=below[-1].value if below else 0.0,
+            phase_deg=min(phases, default=inf),
+            critical_frequency_Hz=above[0].frequency_Hz if above else 0.0,
+            crossover_Hz=max(crossovers, default=0.0),
+        )
+
+
+@dataclass(frozen=True)
+class CriticalGain:
+    """The gain at which a loop that is stable at low gain begins to oscillate."""
+
+    gain_A_per_V: float
+    frequency_Hz: float
+
+
+def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> CriticalGain:
+    """Critical gain of a prototype at one outer end mass (kg): exact, not swept.
+
+    The controller's breaks are kept, its own gain does not matter.
+
+    Raises:
+        ValueError: without a controller, or where the loop oscillates at no gain or is unstable at every low one.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    unit = loop(prototype.but(controller=prototype.controller.but(gain_A_per_V=1.0))).at(outer_end_mass)
+    positive = [crossing for crossing in unit.gain_crossings() if crossing.value > 0]
+    if not positive:
+        raise ValueError("no gain makes this loop oscillate")
+    below = unit.opened + unit.returned * exact(positive[0].value / 2)
+    if not is_hurwitz(below):
+        raise ValueError("the loop is unstable at every gain below its first crossing")
+    return CriticalGain(positive[0].value, positive[0].frequency_Hz)
+
+
+def _roots(polynomial: fmpq_poly) -> np.ndarray:
+    """All complex roots, each as often as its multiplicity."""
+    found = [
+        complex(float(root.real.mid()), float(root.imag.mid()))
+        for root, count in polynomial.numer().complex_roots()
+        for _ in range(count)
+    ]
+    return np.array(sorted(found, key=lambda z: (z.real, z.imag)))
+
+
+def _respond(polynomial: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:
+    coefficients = [float(c) for c in reversed(polynomial.coeffs())]
+    return np.polyval(coefficients, 2j * pi * np.asarray(frequency_Hz, dtype=float))
+
+
+def _magnitude_ratio(numerator: fmpq_poly, denominator: fmpq_poly, squared_frequency: float) -> float:
+    point = 1j * sqrt(squared_frequency)
+    values = [abs(np.polyval([float(c) for c in reversed(p.coeffs())], point)) for p in (numerator, denominator)]
+    return float(values[0] / values[1])

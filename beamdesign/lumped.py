@@ -1,0 +1,88 @@
+"""Lumped figures of a prototype: measured where they stand, from the geometry otherwise."""
+
+from dataclasses import dataclass
+from math import pi, sqrt
+
+from beamdesign import beam, section
+from beamdesign.materials import material
+from beamdesign.prototype import Beam, Prototype
+
+
+@dataclass(frozen=True)
+class LumpedBeam:
+    """One cantilever as mass, spring and fixed dashpot.
+
+    Attributes:
+        stiffness: K, N/m.
+        mass: effective mass M of the bare beam, kg.
+        damping: b = 2 zeta sqrt(K M), N s/m; it stays when end mass is added.
+        notes: where a measured figure has replaced a computed one, in words.
+    """
+
+    stiffness: float
+    mass: float
+    damping: float
+    notes: tuple[str, ...] = ()
+
+
+def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
+    """Lump one beam; a measured figure wins over the one its geometry gives."""
+    stiffness, mass = record.stiffness_N_per_m, record.effective_mass_kg
+    notes: list[str] = []
+    if (
+        record.width_m is not None
+        and record.wall_m is not None
+        and record.free_length_m is not None
+        and record.material
+    ):
+        alloy = material(record.material)
+        rigidity = alloy.youngs_modulus_Pa * section.second_moment(
+            record.width_m, record.wall_m, record.corner_radius_m
+        )
+        per_length = alloy.density_kg_per_m3 * section.area(record.width_m, record.wall_m, record.corner_radius_m)
+        computed_stiffness = float(beam.tip_stiffness(rigidity, record.free_length_m))
+        computed_mass = float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg))
+        if stiffness is not None:
+            notes.append(
+                f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"
+            )
+        if mass is not None:
+            notes.append(f"{name}: measured effective mass {mass:.4g} kg used, geometry gives {computed_mass:.4g} kg")
+        stiffness = computed_stiffness if stiffness is None else stiffness
+        mass = computed_mass if mass is None else mass
+    if stiffness is None or mass is None:  # a Beam record is validated to have one or the other
+        raise ValueError(f"{name} has neither lumped figures nor geometry")
+    return LumpedBeam(stiffness, mass, 2 * record.damping_ratio * sqrt(stiffness * mass), tuple(notes))
+
+
+def figures(prototype: Prototype) -> dict[str, float]:
+    """Figures of the linear model, in the order of `beamdesign.rig.twin_beam.FIGURES` less the end masses.
+
+    SI units: N/m, kg, N s/m, m2, m3/s/A, m3/s/Pa, rad/s, V/m. Without a sensor filter its frequency is 0 and unused.
+    """
+    outer = lumped_beam(prototype.outer_beam, "outer_beam")
+    inner = lumped_beam(prototype.inner_beam, "inner_beam")
+    actuator, valve, sensor = prototype.actuator, prototype.servovalve, prototype.sensor
+    return {
+        "outer_stiffness": outer.stiffness,
+        "outer_mass": outer.mass,
+        "outer_damping": outer.damping,
+        "inner_stiffness": inner.stiffness,
+        "inner_mass": inner.mass,
+        "inner_damping": inner.damping,
+        "oil_stiffness": actuator.oil_stiffness_N_per_m,
+        "piston_area": actuator.piston_area_m2,
+        "flow_gain": valve.flow_gain_m3_per_s_per_A,
+        "leakage": valve.leakage_m3_per_s_per_Pa,
+        "valve_frequency": 2 * pi * valve.natural_frequency_Hz,
+        "valve_damping_ratio": valve.damping_ratio,
+        "sensor_gain": sensor.gain_V_per_m,
+        "filter_frequency": 2 * pi * sensor.filter_Hz if sensor.filter_Hz else 0.0,
+    }
+
+
+def notes(prototype: Prototype) -> tuple[str, ...]:
+    """Which measured figures have replaced computed ones, in words for a report."""
+    outer = lumped_beam(prototype.outer_beam, "outer_beam")
+    inner = lumped_beam(prototype.inner_beam, "inner_beam")
+    return outer.notes + inner.notes

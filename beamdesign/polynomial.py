@@ -1,0 +1,107 @@
+"""Exact rational polynomials in s: conversion of figures, values on the imaginary axis, real roots, Routh test."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from flint import arb, ctx, fmpq, fmpq_poly
+
+
+def exact(value: float) -> fmpq:
+    """The rational of a float's shortest decimal form: 0.1 gives 1/10, not the nearest binary fraction."""
+    fraction = Fraction(repr(float(value)))
+    return fmpq(fraction.numerator, fraction.denominator)
+
+
+@dataclass(frozen=True)
+class Affine:
+    """A polynomial in s that is affine in one parameter k: constant + k slope."""
+
+    constant: fmpq_poly
+    slope: fmpq_poly
+
+    def at(self, value: fmpq) -> fmpq_poly:
+        """The polynomial at one value of the parameter."""
+        return self.constant + self.slope * value
+
+    def __mul__(self, factor: fmpq_poly) -> "Affine":
+        return Affine(self.constant * factor, self.slope * factor)
+
+
+def even_odd(polynomial: fmpq_poly) -> tuple[fmpq_poly, fmpq_poly]:
+    """Parts on the imaginary axis: p(jw) = even(x) + j w odd(x), both polynomials in x = w^2."""
+    coefficients = polynomial.coeffs()
+    even = [-c if i % 2 else c for i, c in enumerate(coefficients[0::2])]
+    odd = [-c if i % 2 else c for i, c in enumerate(coefficients[1::2])]
+    return fmpq_poly(even), fmpq_poly(odd)
+
+
+def squared_magnitude(polynomial: fmpq_poly) -> fmpq_poly:
+    """|p(jw)|^2 as a polynomial in x = w^2."""
+    even, odd = even_odd(polynomial)
+    return even * even + fmpq_poly([0, 1]) * odd * odd
+
+
+def real_roots(polynomial: fmpq_poly, precision_bits: int = 128) -> list[tuple[arb, int]]:
+    """Disjoint enclosures of all real roots, ascending, with multiplicities.
+
+    Arb isolates all complex roots of the square-free factors; a root's enclosure has an imaginary part of exactly
+    zero only where the root is proved to be real.
+
+    Args:
+        polynomial: not the zero polynomial.
+        precision_bits: relative accuracy of the enclosures.
+
+    Raises:
+        ValueError: for the zero polynomial, of which every number is a root.
+    """
+    if polynomial.is_zero():
+        raise ValueError("the zero polynomial has no isolated roots")
+    before = ctx.prec
+    ctx.prec = precision_bits
+    try:
+        roots = [(root.real, count) for root, count in polynomial.numer().complex_roots() if root.imag == 0]
+    finally:
+        ctx.prec = before
+    return sorted(roots, key=lambda pair: float(pair[0].mid()))
+
+
+def value_at(polynomial: fmpq_poly, point: arb) -> arb:
+    """Enclosure of the value at a real ball, by Horner's rule."""
+    value = arb(0)
+    for coefficient in reversed(polynomial.coeffs()):
+        value = value * point + arb(coefficient)
+    return value
+
+
+def is_hurwitz(polynomial: fmpq_poly) -> bool:
+    """Whether all roots lie in the open left half plane, by an exact Routh test.
+
+    Fraction-free rows on even and odd parts; a zero or a sign change in the first column answers no, which is right
+    for stability: a Hurwitz polynomial has a first column of one sign without zeros.
+    """
+    coefficients = polynomial.numer().coeffs()
+    if not coefficients:
+        return False
+    upper, lower = coefficients[-1::-2], coefficients[-2::-2]
+    sign = 1 if upper[0] > 0 else -1
+    while lower:
+        if sign * lower[0] <= 0:
+            return False
+        lead, next_lead = upper[0], lower[0]
+        padded = [*lower, *([0] * (len(upper) - len(lower)))]
+        # next_lead * upper - lead * lower keeps the sign of the Routh row times sign, since next_lead has that sign.
+        row = [sign * (next_lead * u - lead * w) for u, w in zip(upper[1:], padded[1:], strict=True)]
+        upper, lower = lower, row
+        if not lower:
+            break
+        divisor = abs(_content(lower))
+        if divisor > 1:
+            lower = [value // divisor for value in lower]
+    return True
+
+
+def _content(values: list) -> int:
+    divisor = 0
+    for value in values:
+        divisor = value.gcd(divisor) if divisor else value
+    return divisor

@@ -1,0 +1,1 @@
+"""Components of a rig and their assembly, in CasADi."""
