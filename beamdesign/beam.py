@@ -16,11 +16,11 @@ MODE_MASS_FRACTION = 0.236
 """Share of a uniform beam's mass that moves with its tip, equations (2) and (5).
 
 It is 33/140 rounded: the kinetic energy of the static tip-load shape (Rayleigh), in which Y enters squared. It makes
-(2) too high by 1.5 % with no end mass, and better the heavier the end mass is.
+(2) too high by 1.4 % with no end mass, and better the heavier the end mass is.
 """
 
 STATIC_MASS_FRACTION = 0.375
-"""Equation (6): 3/8, equation (1) with the static tip-load shape, in which Y enters once (inertia force, not energy)."""
+"""Equation (6): 3/8, equation (1) with the static tip-load shape, in which Y enters once (force, not energy)."""
 
 
 def static_shape(position: Quantity) -> Quantity:
