@@ -3,7 +3,7 @@
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import casadi as ca
@@ -14,6 +14,7 @@ from beamdesign.lumped import figures
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
 from beamdesign.rig import twin_beam
+from beamdesign.rig.transfer import transfer_polynomials
 
 _OPERATIONS: dict[int, Callable[..., fmpq]] = {
     ca.OP_ADD: operator.add,
@@ -25,6 +26,20 @@ _OPERATIONS: dict[int, Callable[..., fmpq]] = {
     ca.OP_TWICE: lambda value: value + value,
     ca.OP_INV: lambda value: 1 / value,
 }
+
+
+@cache
+def _instructions(function: ca.Function) -> list[tuple[int, list[int], list[int], fmpq | None]]:
+    """Operation, sources, targets and constant of each instruction; read once, since CasADi hands them out slowly."""
+    return [
+        (
+            code := function.instruction_id(k),
+            function.instruction_input(k),
+            function.instruction_output(k),
+            exact(function.instruction_constant(k)) if code == ca.OP_CONST else None,
+        )
+        for k in range(function.n_instructions())
+    ]
 
 
 def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list[fmpq]]:
@@ -44,10 +59,9 @@ def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list
     """
     work: list[Any] = [fmpq(0)] * function.sz_w()
     outputs = [[fmpq(0)] * function.nnz_out(i) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        code, source, target = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+    for code, source, target, constant in _instructions(function):
         if code == ca.OP_CONST:
-            work[target[0]] = exact(function.instruction_constant(k))
+            work[target[0]] = constant
         elif code == ca.OP_INPUT:
             work[target[0]] = inputs[source[1]]
         elif code == ca.OP_OUTPUT:
@@ -113,21 +127,9 @@ class LinearRig:
         bare, loaded = (self._polynomials(fmpq(m), inner) for m in (0, 1))
         return Plant(Affine(bare[0], loaded[0] - bare[0]), bare[1], bare[2])
 
-    def _polynomials(self, outer: fmpq, inner: fmpq) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """The determinant of sE - A, and both numerators by det(X + b c) - det(X) = c adj(X) b."""
-        mass, a, b, c = self.exact_matrices(outer, inner)
-        inverse, scale = mass.inv(), mass.det()
-
-        def column(j: int) -> fmpq_mat:
-            return fmpq_mat(b.nrows(), 1, [b[i, j] for i in range(b.nrows())])
-
-        def row(i: int) -> fmpq_mat:
-            return fmpq_mat(1, c.ncols(), [c[i, j] for j in range(c.ncols())])
-
-        denominator = (inverse * a).charpoly()
-        control = (inverse * (a - column(1) * row(1))).charpoly() - denominator
-        disturbance = (inverse * (a - column(0) * row(0))).charpoly() - denominator
-        return denominator * scale, control * scale, disturbance * scale
+    def _polynomials(self, outer: fmpq, inner: fmpq) -> list[fmpq_poly]:
+        vector = [*(exact(value) for value in self.figures.values()), outer, inner]
+        return [fmpq_poly(c) for c in evaluate_exactly(transfer_polynomials(self.filtered), vector)]
 
 
 def linear_rig(prototype: Prototype) -> LinearRig:
