@@ -1,0 +1,60 @@
+"""`beamdesign run`: from a study file to a certified prototype."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
+
+
+def run(
+    study: Annotated[Path, typer.Argument(help="The study file, such as studies/prototype.toml.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results; made if need be.")],
+    json: JsonOption = None,
+) -> None:
+    """Carry a study from its design problem to a certified prototype, a report and a specification."""
+    from beamdesign.problem import read_problem
+    from beamdesign.report.result_folder import write_result_folder
+    from beamdesign.study.design_run import run_design
+
+    problem = read_problem(study)
+    with progress("designing") as update:
+        result = run_design(problem, update)
+        if result.prototype is not None:
+            update(0.95, "drawing the report")
+            folder = write_result_folder(result, out)
+    if result.prototype is None:
+        say(f"no design: {result.reason}")
+        write_json(
+            json, {"prototype": None, "certificate": None, "mass_kg": None, "report": None, "reason": result.reason}
+        )
+        raise typer.Exit(1)
+    guarantee, payload = result.prototype.guarantee, result.prototype.payload
+    assert guarantee is not None
+    moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
+    rows = [
+        ("outer beam", f"{result.sizing.outer.width_m * 1e3:.4g} x {result.sizing.outer.wall_m * 1e3:.3g} mm"),
+        ("inner beam", f"{result.sizing.inner.width_m * 1e3:.4g} x {result.sizing.inner.wall_m * 1e3:.3g} mm"),
+        ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
+        ("governing check", result.sizing.governing),
+        ("guaranteed bandwidth", f"{guarantee.bandwidth_Hz:.3f} Hz"),
+        ("guaranteed peak sensitivity", f"{guarantee.peak_sensitivity:.3f}"),
+        ("for every outer end mass", "{:g} to {:g} kg".format(*guarantee.outer_end_mass_kg)),
+    ]
+    say_table(f"{problem.name}: designed and certified", ("", ""), rows)
+    for path in folder.values():
+        say(str(path))
+    write_json(
+        json,
+        {
+            "prototype": folder["prototype"],
+            "certificate": folder["certificate"],
+            "mass_kg": moving,
+            "beam_mass_kg": result.sizing.beam_mass_kg,
+            "inner_end_mass_kg": payload.inner_end_mass_kg,
+            "report": folder["report"],
+            "specification": folder["specification"],
+            "guaranteed": guarantee.model_dump(),
+        },
+    )

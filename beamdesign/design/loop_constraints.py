@@ -1,0 +1,123 @@
+"""The guarantee at chosen frequencies and masses as smooth CasADi constraints."""
+
+from dataclasses import dataclass
+from functools import cache
+from math import pi
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.design.controller_forms import FORMS
+from beamdesign.rig.transfer import transfer_polynomials
+from beamdesign.rig.twin_beam import FIGURES
+
+
+@dataclass(frozen=True)
+class CheckPoints:
+    """Where an optimiser enforces the guarantee: finitely many points, enlarged by whatever a proof refutes.
+
+    Attributes:
+        sensitivity: (n, 2) frequency in Hz and outer end mass in kg.
+        compliance: (k, 2) frequency as a share of the bandwidth, and outer end mass in kg.
+    """
+
+    sensitivity: np.ndarray
+    compliance: np.ndarray
+
+    def with_sensitivity(self, frequency_Hz: float, mass: float) -> "CheckPoints":
+        """Also enforce the peak sensitivity at a point where it was refuted, and close beside it."""
+        near = [[frequency_Hz * factor, mass] for factor in (0.98, 1.0, 1.02)]
+        return CheckPoints(np.vstack([self.sensitivity, near]), self.compliance)
+
+    def with_compliance(self, share: float, mass: float) -> "CheckPoints":
+        """Also enforce the compliance at a share of the bandwidth where it was refuted."""
+        return CheckPoints(self.sensitivity, np.vstack([self.compliance, [[min(share, 1.0), mass]]]))
+
+
+def check_points(low: float, high: float, frequencies: int = 160) -> CheckPoints:
+    """Points to begin with: both ends of the mass range and its middle, frequencies from 1 to 500 Hz."""
+    masses = np.unique([low, (low + high) / 2, high])
+    frequency = np.geomspace(1.0, 500.0, frequencies)
+    share = np.array([0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0])
+
+    def pairs(values: np.ndarray) -> np.ndarray:
+        return np.array([(value, mass) for mass in masses for value in values])
+
+    return CheckPoints(pairs(frequency), pairs(share))
+
+
+def _on_axis(coefficients: list[ca.SX], frequency: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Real and imaginary part of a polynomial at j w."""
+    parts = [ca.SX(0), ca.SX(0)]
+    for power, coefficient in enumerate(coefficients):
+        term = coefficient * frequency**power
+        parts[power % 2] += -term if power % 4 >= 2 else term
+    return parts[0], parts[1]
+
+
+def _product(left: tuple[ca.SX, ca.SX], right: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    return left[0] * right[0] - left[1] * right[1], left[0] * right[1] + left[1] * right[0]
+
+
+@cache
+def loop_slack(kind: str, filtered: bool) -> ca.Function:
+    """Slacks of the two limits at one frequency and one pair of end masses.
+
+    Inputs: figures (16, as `FIGURES`, end masses included), logarithms of the controller's parameters, frequency in Hz.
+    Outputs: log(|p| / |opened|), which peak sensitivity Ms bounds below by -log(Ms), and log(|p| / |disturbance|),
+    which a compliance limit c bounds below by -log(c).
+    """
+    form = FORMS[kind]
+    figures = ca.SX.sym("figures", len(FIGURES))
+    logarithms = ca.SX.sym("controller", len(form.names))
+    frequency = ca.SX.sym("frequency")
+    w = 2 * pi * frequency
+    plant, control, disturbance = (_on_axis(ca.vertsplit(p), w) for p in transfer_polynomials(filtered)(figures))
+    gain, *shape = ca.vertsplit(ca.exp(logarithms))
+    law = form.polynomials(shape)
+    numerator, denominator = (_on_axis([ca.SX(c) for c in p], w) for p in law)
+    opened = _product(plant, denominator)
+    returned = _product(control, (gain * numerator[0], gain * numerator[1]))
+    force_path = _product(disturbance, denominator)
+
+    def log_square(value: tuple[ca.SX, ca.SX]) -> ca.SX:
+        return ca.log(value[0] ** 2 + value[1] ** 2)
+
+    closed = log_square((opened[0] + returned[0], opened[1] + returned[1]))
+    slacks = [(closed - log_square(opened)) / 2, (closed - log_square(force_path)) / 2]
+    return ca.Function("loop_slack", [figures, logarithms, frequency], slacks)
+
+
+def guarantee(
+    kind: str,
+    filtered: bool,
+    figures: ca.MX,
+    inner_end_mass: ca.MX,
+    logarithms: ca.MX,
+    log_bandwidth: ca.MX,
+    points: CheckPoints,
+) -> tuple[ca.MX, ca.MX]:
+    """Slacks at all check points, as expressions of the design variables.
+
+    Args:
+        kind: controller kind, a key of `FORMS`.
+        filtered: whether a sensor filter is in the loop.
+        figures: (14,) lumped figures less the end masses.
+        inner_end_mass: kg.
+        logarithms: of the controller's parameters.
+        log_bandwidth: of the bandwidth in Hz.
+        points: where to enforce.
+
+    Returns:
+        log(1 / |S|), one per sensitivity point, and log(|F_d / x|), one per compliance point.
+    """
+    slack = loop_slack(kind, filtered)
+
+    def at(frequency: ca.MX, masses: np.ndarray) -> list[ca.MX]:
+        n = len(masses)
+        everything = ca.vertcat(ca.repmat(figures, 1, n), ca.DM(masses).T, ca.repmat(inner_end_mass, 1, n))
+        return slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency)
+
+    sensitivity, _ = at(ca.DM(points.sensitivity[:, 0]).T, points.sensitivity[:, 1])
+    _, stiffness = at(ca.exp(log_bandwidth) * ca.DM(points.compliance[:, 0]).T, points.compliance[:, 1])
+    return sensitivity.T, stiffness.T

@@ -1,0 +1,134 @@
+"""Coarse search for good loops: on a grid of frequencies and masses, for each controller shape the best gain.
+
+Everything here is sampled and only proposes; what is proposed is refined and proved elsewhere.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from flint import fmpq_poly
+
+from beamdesign.design.controller_forms import ControllerForm
+from beamdesign.linear import LinearRig
+from beamdesign.polynomial import Affine
+
+
+@dataclass(frozen=True)
+class GridPlant:
+    """Plant responses on a frequency grid, bilinear in the outer (m) and the inner (n) end mass.
+
+    Attributes:
+        frequency_Hz: (f,) grid.
+        denominator: (2, 2, f), entry [i, j] multiplying m^i n^j.
+        control: (2, f), entry [j] multiplying n^j; current to sensor voltage.
+        disturbance: (2, f), likewise; force to displacement.
+    """
+
+    frequency_Hz: np.ndarray
+    denominator: np.ndarray
+    control: np.ndarray
+    disturbance: np.ndarray
+
+
+SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)
+"""Grid of the coarse search: 3 % steps, finer than the half-width of a mode with 5 % damping."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A sampled guess: guaranteed bandwidth on the grid, gain in A/V, the shape's parameters, inner end mass in kg."""
+
+    bandwidth_Hz: float
+    gain: float
+    shape: tuple[float, ...]
+    inner_end_mass: float
+
+
+def grid_plant(rig: LinearRig, frequency_Hz: np.ndarray) -> GridPlant:
+    """Evaluate a rig's plant on a grid; exact in both masses because each enters with rank one."""
+    s = 2j * pi * frequency_Hz
+    bare, loaded = rig.plant(0.0), rig.plant(1.0)
+
+    def respond(polynomial: fmpq_poly) -> np.ndarray:
+        return np.polyval([float(c) for c in reversed(polynomial.coeffs())], s)
+
+    def both(first: fmpq_poly, second: fmpq_poly) -> np.ndarray:
+        return np.array([respond(first), respond(second - first)])
+
+    low, high = bare.denominator, loaded.denominator
+    cross = Affine(high.constant - low.constant, high.slope - low.slope)
+    denominator = np.array(
+        [[respond(low.constant), respond(cross.constant)], [respond(low.slope), respond(cross.slope)]]
+    )
+    return GridPlant(
+        frequency_Hz, denominator, both(bare.control, loaded.control), both(bare.disturbance, loaded.disturbance)
+    )
+
+
+def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np.ndarray:
+    """Upper ends of the intervals of gain K on which |1 / (1 + K l)| stays within the limit at every sample l.
+
+    Each sample forbids one interval of K, the roots of |1 + K l|^2 = 1 / Ms^2; a lightly damped resonance forbids low
+    gains as well, so that the allowed set need not begin at zero.
+    """
+    real, square = loop_per_gain.real.ravel(), (np.abs(loop_per_gain) ** 2).ravel()
+    discriminant = real**2 - square * (1 - peak_sensitivity**-2)
+    forbids = (real < 0) & (discriminant > 0)
+    if not forbids.any():
+        return np.array([])
+    root, middle, scale = np.sqrt(discriminant[forbids]), -real[forbids], square[forbids]
+    starts, ends = (middle - root) / scale, (middle + root) / scale
+    order = np.argsort(starts)
+    starts, reach = starts[order], np.maximum.accumulate(ends[order])
+    return np.concatenate([starts[:1], starts[1:][starts[1:] > reach[:-1] * (1 + 1e-9)]])
+
+
+def sampled_bandwidth(frequency_Hz: np.ndarray, worst_compliance: np.ndarray, limit: float) -> float:
+    """First frequency at which the compliance passes the limit, interpolated between samples on logarithmic axes."""
+    over = np.nonzero(worst_compliance > limit)[0]
+    if not len(over):
+        return float(frequency_Hz[-1])
+    i = int(over[0])
+    if i == 0:
+        return float(frequency_Hz[0] * limit / worst_compliance[0])
+    share = np.log(limit / worst_compliance[i - 1]) / np.log(worst_compliance[i] / worst_compliance[i - 1])
+    return float(frequency_Hz[i - 1] * (frequency_Hz[i] / frequency_Hz[i - 1]) ** share)
+
+
+def best_gain(
+    grid: GridPlant,
+    form: ControllerForm,
+    shape: Sequence[float],
+    inner_end_mass: float,
+    outer_end_masses: np.ndarray,
+    peak_sensitivity: float,
+    compliance: float,
+) -> Candidate:
+    """Best gain of one controller shape and inner end mass on the grid; bandwidth 0 where none is allowed.
+
+    Args:
+        grid: plant responses.
+        form: kind of controller.
+        shape: its parameters after the gain.
+        inner_end_mass: kg.
+        outer_end_masses: (m,) samples of the range, kg.
+        peak_sensitivity: limit of max |S|.
+        compliance: limit of |x / F_d|, m/N.
+    """
+    s = 2j * pi * grid.frequency_Hz
+    numerator, denominator = (np.polyval(p[::-1], s) for p in form.polynomials(shape))
+    rows = grid.denominator[:, 0] + inner_end_mass * grid.denominator[:, 1]
+    plant = rows[0] + outer_end_masses[:, None] * rows[1]
+    control = grid.control[0] + inner_end_mass * grid.control[1]
+    disturbance = np.abs(grid.disturbance[0] + inner_end_mass * grid.disturbance[1])
+    per_gain = control * (numerator / denominator) / plant
+    stiffness = np.abs(plant) / disturbance  # |F_d / x| of the open loop
+    best = Candidate(0.0, 0.0, tuple(shape), inner_end_mass)
+    for gain in feasible_gain_ends(per_gain, peak_sensitivity):
+        worst = 1 / (stiffness * np.abs(1 + gain * per_gain)).min(axis=0)
+        bandwidth = sampled_bandwidth(grid.frequency_Hz, worst, compliance)
+        if bandwidth > best.bandwidth_Hz:
+            best = Candidate(bandwidth, float(gain), tuple(shape), inner_end_mass)
+    return best

@@ -1,0 +1,1 @@
+"""Studies: a design problem carried through sizing, tuning and certification."""

@@ -1,0 +1,81 @@
+"""One design problem from a study file to a certified prototype."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from beamdesign.certify.certificate import Certificate, certify
+from beamdesign.design.sizing import Sizing, size
+from beamdesign.design.tuning import Tuning, tune
+from beamdesign.problem import DesignProblem
+from beamdesign.prototype import Guarantee, Prototype
+
+CERTIFICATE_NAME = "certificate.toml"
+
+
+@dataclass(frozen=True)
+class DesignRun:
+    """What each step gave; a step after a failed one is None.
+
+    Attributes:
+        problem: as read from the study file.
+        sizing: sections with their checks.
+        tuning: controller and end mass with what was proved.
+        certificate: the proof, as text.
+        prototype: the result, with its guarantee; None where a step failed.
+        reason: why there is no result, empty where there is one.
+    """
+
+    problem: DesignProblem
+    sizing: Sizing
+    tuning: Tuning | None
+    certificate: Certificate | None
+    prototype: Prototype | None
+    reason: str = ""
+
+
+def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | None = None) -> DesignRun:
+    """Size, tune and certify.
+
+    Args:
+        problem: the design problem.
+        progress: told the share done and what is being done.
+    """
+    told = progress or (lambda fraction, text: None)
+    told(0.0, "sizing the sections")
+    sizing = size(problem)
+    if not sizing.feasible:
+        return DesignRun(problem, sizing, None, None, None, sizing.reason)
+    outer, inner = sizing.outer, sizing.inner
+    rig = problem.prototype((outer.width_m, outer.wall_m), (inner.width_m, inner.wall_m))
+    masses = problem.payload.outer_end_mass_kg
+    assert masses is not None  # a DesignProblem is validated to have the range
+    tuning = tune(
+        rig,
+        masses,
+        problem.controller.kind,
+        problem.controller.largest_inner_end_mass_kg,
+        lambda fraction, text: told(0.2 + 0.6 * fraction, text),
+    )
+    if tuning.best is None:
+        return DesignRun(problem, sizing, tuning, None, None, tuning.reason)
+    told(0.9, "writing the proof")
+    certificate = certify(tuning.prototype, *masses)
+    return DesignRun(
+        problem, sizing, tuning, certificate, attach(tuning.prototype, tuning, certificate, CERTIFICATE_NAME)
+    )
+
+
+def attach(prototype: Prototype, tuning: Tuning, certificate: Certificate, name: str | Path) -> Prototype:
+    """The prototype with the guarantee that its certificate proves."""
+    assert tuning.best is not None
+    return prototype.but(
+        guarantee=Guarantee(
+            bandwidth_Hz=tuning.best.bandwidth_Hz,
+            peak_sensitivity=tuning.best.peak_sensitivity,
+            outer_end_mass_kg=tuning.outer_end_mass_kg,
+            certificate=str(name),
+            certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
+        )
+    )
