@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from fractions import Fraction
 
-from flint import arb, ctx, fmpq, fmpq_poly
+from flint import arb, arb_poly, ctx, fmpq, fmpq_poly
 
 
 def exact(value: float) -> fmpq:
@@ -66,11 +66,8 @@ def real_roots(polynomial: fmpq_poly, precision_bits: int = 128) -> list[tuple[a
 
 
 def value_at(polynomial: fmpq_poly, point: arb) -> arb:
-    """Enclosure of the value at a real ball, by Horner's rule."""
-    value = arb(0)
-    for coefficient in reversed(polynomial.coeffs()):
-        value = value * point + arb(coefficient)
-    return value
+    """Enclosure of the value at a real ball, at the working precision."""
+    return arb_poly(polynomial)(point)
 
 
 def is_hurwitz(polynomial: fmpq_poly) -> bool:
