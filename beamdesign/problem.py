@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from beamdesign import records
+from beamdesign.materials import unknown_material
 from beamdesign.prototype import Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 
@@ -37,6 +38,8 @@ class BeamProblem(Record):
             yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
         if (table.get("width_m") is None) != (table.get("wall_m") is None):
             yield Problem("", "width_m and wall_m go together: give both or neither")
+        if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
+            yield Problem("material", reason)
 
 
 class Sections(Record):

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
+from beamdesign.materials import unknown_material
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
@@ -47,6 +48,8 @@ class Beam(Record):
             yield Problem("corner_radius_m", f"outside radius {pair[0]} exceeds half the width, {pair[1] / 2}")
         if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
             yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
+        if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
+            yield Problem("material", reason)
         lumped = ("stiffness_N_per_m", "effective_mass_kg")
         geometry = ("width_m", "wall_m", "free_length_m", "material")
         if any(table.get(k) is None for k in lumped) and any(table.get(k) is None for k in geometry):

@@ -1,0 +1,183 @@
+"""`beamdesign size`: sections of least mass for a study, or the checks of a prototype's sections."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
+
+if TYPE_CHECKING:
+    from beamdesign.design.checks import Check
+    from beamdesign.design.pair import CheckedPair
+    from beamdesign.design.sizing import Sizing
+
+DEFAULT_TIP_FORCE_N = 2000.0
+_STUDY_TABLES = ("load", "sections", "clearance", "safety")
+
+
+def size(
+    study: Annotated[Path, typer.Argument(metavar="STUDY-OR-PROTOTYPE", help="A study file or a prototype.toml.")],
+    tip_force_N: Annotated[
+        float | None,
+        typer.Option("--tip-force-N", help=f"Load to check a prototype for; {DEFAULT_TIP_FORCE_N:g} by default."),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Find the lightest pair of tubes for a study; check the sections of a prototype.
+
+    Exit status 1 if no pair fits, or if a section fails a check; the reason says which requirement to relax.
+    """
+    from beamdesign.records import read_table
+
+    table = read_table(study)
+    if any(name in table for name in _STUDY_TABLES):
+        fields = _of_study(study, tip_force_N)
+    else:
+        fields = _of_prototype(study, tip_force_N)
+    write_json(json, fields)
+    if not fields["feasible"]:
+        raise typer.Exit(1)
+
+
+def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
+    from beamdesign.design.sizing import size as find_sections
+    from beamdesign.problem import read_problem
+    from beamdesign.records import InputError
+
+    problem = read_problem(path)
+    if tip_force_N is not None:
+        raise InputError("--tip-force-N", [(f"{tip_force_N:g}", f"{path} states its own load; change it there")])
+    with progress("sizing") as update:
+        found = find_sections(problem, update)
+    say(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
+    _say_pairs(found)
+    _say_checks("checks of the chosen pair" if found.feasible else "checks of the nearest pair", found.checks)
+    if found.free:
+        free = found.free
+        say(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
+        prices = [(name, price) for name, price in free.shadow_prices.items() if price]
+        say_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
+    return _study_fields(found)
+
+
+def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
+    from math import isfinite
+
+    from beamdesign.design.sizing import check_prototype
+    from beamdesign.problem import Clearance, Safety, Sections
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    prototype = read_prototype(path)
+    force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
+    if not (isfinite(force) and force > 0):
+        raise InputError("--tip-force-N", [(str(force), "must be a finite force greater than 0")])
+    pair = check_prototype(prototype, force, str(path))
+    say(
+        f"{prototype.name}: sections checked for a tip force of {force:g} N "
+        f"({'default' if tip_force_N is None else '--tip-force-N'}), with default safety factors "
+        f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
+        f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
+        "a prototype states none of these"
+    )
+    _say_checks("checks", pair.checks)
+    say(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
+    if not pair.feasible:
+        say(f"fails: {'; '.join(check.name for check in pair.failing)}")
+    assumed = {
+        "load": {"tip_force_N": force},
+        "clearance": Clearance().model_dump(),
+        "safety": Safety().model_dump(),
+        "sections": Sections().model_dump(exclude={"choose"}),
+    }
+    return _pair_fields(pair) | {"governing": pair.governing, "feasible": pair.feasible, "assumed": assumed}
+
+
+def _say_pairs(found: "Sizing") -> None:
+    pairs: list[tuple[str, CheckedPair]] = []
+    if found.free:
+        pairs.append(("free sizes", found.free.pair))
+    if found.stock:
+        pairs.append(("stock sizes", found.stock.pair))
+    if found.given:
+        pairs.append(("given sections", found.given))
+    if not found.feasible:
+        pairs.append(("nearest pair", found.chosen))
+    rows = [
+        (name, _millimetres(pair.outer), _millimetres(pair.inner), pair.beam_mass_kg, _verdict(pair))
+        for name, pair in pairs
+    ]
+    say_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), rows)
+    if found.price_of_rounding_kg is not None:
+        say(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
+
+
+def _verdict(pair: "CheckedPair") -> str:
+    return "all pass" if pair.feasible else f"{len(pair.failing)} fail"
+
+
+def _millimetres(tube: tuple[float, float]) -> str:
+    return f"{1e3 * tube[0]:.4g} x {1e3 * tube[1]:.3g}"
+
+
+def _say_checks(title: str, checks: "tuple[Check, ...]") -> None:
+    rows = [
+        (
+            check.name,
+            check.shown[0],
+            "at least" if check.at_least else "at most",
+            check.shown[1],
+            check.shown[2],
+            f"{100 * check.utilisation:.0f} %",
+            "" if check.satisfied else "FAILS",
+        )
+        for check in checks
+    ]
+    say_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
+
+
+def _tube_fields(tube: tuple[float, float]) -> dict[str, float]:
+    return {"width_m": tube[0], "wall_m": tube[1]}
+
+
+def _pair_fields(pair: "CheckedPair") -> dict[str, Any]:
+    return {
+        "outer": _tube_fields(pair.outer),
+        "inner": _tube_fields(pair.inner),
+        "beam_mass_kg": pair.beam_mass_kg,
+        "checks": [
+            {
+                "name": check.name,
+                "value": float(check.value),
+                "limit": float(check.limit),
+                "utilisation": check.utilisation,
+                "unit": check.unit,
+                "at_least": check.at_least,
+                "satisfied": bool(check.satisfied),
+            }
+            for check in pair.checks
+        ],
+    }
+
+
+def _study_fields(found: "Sizing") -> dict[str, Any]:
+    def compared(pair: "CheckedPair | None") -> Mapping[str, Any] | None:
+        return None if pair is None else _pair_fields(pair) | {"feasible": pair.feasible, "governing": pair.governing}
+
+    free, stock = found.free, found.stock
+    return _pair_fields(found.chosen) | {
+        "governing": found.governing,
+        "feasible": found.feasible,
+        "reason": found.reason,
+        "choose": found.choose,
+        "kkt_residual": found.kkt_residual,
+        "shadow_prices": found.shadow_prices,
+        "active": list(free.active) if free else [],
+        "price_of_rounding_kg": found.price_of_rounding_kg,
+        "relaxations": [{"key": item.key, "asked": item.asked, "enough": item.enough} for item in found.relaxations],
+        "free": compared(free.pair if free else None),
+        "stock": compared(stock.pair if stock else None),
+        "given": compared(found.given),
+    }

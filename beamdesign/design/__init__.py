@@ -1,0 +1,1 @@
+"""Design: sections, controller and end mass, from what is asked."""

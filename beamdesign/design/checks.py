@@ -1,0 +1,213 @@
+"""Structural checks of a pair of square tubes, on floats, numpy arrays and CasADi symbols alike.
+
+Two load cases, each with the whole tip force on one beam:
+
+- servo on: the actuator passes the force to the inner beam, which bends from its clamp over its free length, while the
+  outer beam is held straight;
+- servo off: the outer beam alone carries it, and bends towards the unloaded inner one.
+
+The force is static and acts at the tips; the weight of the beams (about 1 % of its moment in the published prototype),
+torsion, shear, fatigue and the introduction of the force into the walls are not checked.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from beamdesign import beam, section
+from beamdesign.design.local_buckling import bending_resistance
+from beamdesign.materials import Material, material
+from beamdesign.problem import DesignProblem
+from beamdesign.section import Quantity
+
+ROUNDING = 1e-9
+"""Share of its limit by which a check may be missed and still count: sums of decimal sizes are not exact in binary."""
+
+
+class Requirements(NamedTuple):
+    """The figures that are asked for, each of which may be a symbol too."""
+
+    tip_force_N: Quantity
+    strength: Quantity
+    local_buckling: Quantity
+    assembly_m: Quantity
+    under_load_m: Quantity
+    least_wall_m: Quantity
+    largest_width_m: Quantity
+    width_to_wall_at_most: Quantity | None
+
+
+Factors = tuple[tuple[Quantity, Quantity], tuple[Quantity, Quantity]]
+
+KEYS = {
+    "tip_force_N": "load.tip_force_N",
+    "strength": "safety.strength",
+    "local_buckling": "safety.local_buckling",
+    "assembly_m": "clearance.assembly_m",
+    "under_load_m": "clearance.under_load_m",
+    "least_wall_m": "sections.least_wall_m",
+    "largest_width_m": "sections.largest_width_m",
+    "width_to_wall_at_most": "sections.width_to_wall_at_most",
+}
+"""Where each requirement stands in a study file."""
+
+
+class Check(NamedTuple):
+    """One requirement met or missed: what it is about, the figure found, and its limit, in the same unit."""
+
+    name: str
+    value: Quantity
+    limit: Quantity
+    unit: str
+    at_least: bool = False
+
+    @property
+    def shown(self) -> tuple[float, float, str]:
+        """Value, limit and unit for people: millimetres and megapascals; numbers only."""
+        factor, unit = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "1": (1.0, "")}.get(self.unit, (1.0, self.unit))
+        return factor * float(self.value), factor * float(self.limit), unit
+
+    @property
+    def slack(self) -> Quantity:
+        """How far the value is on the right side of its limit; negative where the check fails."""
+        return self.value - self.limit if self.at_least else self.limit - self.value
+
+    @property
+    def satisfied(self) -> Any:
+        """Whether the check holds, up to `ROUNDING`; numbers and arrays only."""
+        return self.slack >= -ROUNDING * abs(self.limit)
+
+    @property
+    def utilisation(self) -> float:
+        """Share of the limit that is used, 1 at the limit and more beyond; numbers only.
+
+        value / limit of what may be at most its limit, limit / value of what must be at least that; infinite where such
+        a value is not positive though its limit is.
+        """
+        value, limit = float(self.value), float(self.limit)
+        over, under = (limit, value) if self.at_least else (value, limit)
+        if under > 0:
+            return max(over, 0.0) / under
+        return float("inf") if over > under else 1.0
+
+
+def requirements(problem: DesignProblem) -> Requirements:
+    """What a design problem asks of the sections."""
+    sections = problem.sections
+    return Requirements(
+        tip_force_N=problem.load.tip_force_N,
+        strength=problem.safety.strength,
+        local_buckling=problem.safety.local_buckling,
+        assembly_m=problem.clearance.assembly_m,
+        under_load_m=problem.clearance.under_load_m,
+        least_wall_m=sections.least_wall_m,
+        largest_width_m=sections.largest_width_m,
+        width_to_wall_at_most=sections.width_to_wall_at_most,
+    )
+
+
+def materials(problem: DesignProblem) -> tuple[Material, Material]:
+    """Alloys of the outer and the inner beam.
+
+    Raises:
+        InputError: where one is unknown.
+    """
+    return (
+        material(problem.outer_beam.material, problem.name, "outer_beam.material"),
+        material(problem.inner_beam.material, problem.name, "inner_beam.material"),
+    )
+
+
+def beam_mass(
+    problem: DesignProblem,
+    outer_width: Quantity,
+    outer_wall: Quantity,
+    inner_width: Quantity,
+    inner_wall: Quantity,
+    corner_radii: tuple[float, float] = (0.0, 0.0),
+) -> Quantity:
+    """Mass of both tubes over their full lengths, clamped parts included, kg; sizes in m."""
+    outer, inner = materials(problem)
+    return problem.outer_beam.length_m * section.mass_per_length(
+        outer_width, outer_wall, outer.density_kg_per_m3, corner_radii[0]
+    ) + problem.inner_beam.length_m * section.mass_per_length(
+        inner_width, inner_wall, inner.density_kg_per_m3, corner_radii[1]
+    )
+
+
+def checks(
+    problem: DesignProblem,
+    outer_width: Quantity,
+    outer_wall: Quantity,
+    inner_width: Quantity,
+    inner_wall: Quantity,
+    asked: Requirements | None = None,
+    corner_radii: tuple[float, float] = (0.0, 0.0),
+    factors: Factors | None = None,
+) -> list[Check]:
+    """Every structural check of a pair of tubes.
+
+    Args:
+        problem: lengths, materials and what is asked.
+        outer_width: outside width of the outer tube, m; this and the next three broadcast against each other.
+        outer_wall: its wall, m.
+        inner_width: outside width of the inner tube, m.
+        inner_wall: its wall, m.
+        asked: other figures than the problem's, perhaps symbols.
+        corner_radii: outside corner radii of outer and inner tube, m.
+        factors: local buckling factors (flange, web) of outer and inner tube, where they are variables on their own.
+
+    Returns:
+        Checks, always the same ones in the same order for the same problem.
+
+    Raises:
+        InputError: where a material is unknown.
+    """
+    asked = asked or requirements(problem)
+    outer_alloy, inner_alloy = materials(problem)
+    cases = (
+        ("outer", "servo off", problem.outer_beam, outer_alloy, outer_width, outer_wall, corner_radii[0]),
+        ("inner", "servo on", problem.inner_beam, inner_alloy, inner_width, inner_wall, corner_radii[1]),
+    )
+    found: list[Check] = []
+    for (name, case, asked_of_beam, alloy, width, wall, radius), given in zip(
+        cases, factors or (None, None), strict=True
+    ):
+        moment = asked.tip_force_N * asked_of_beam.free_length_m
+        stress = moment / section.elastic_modulus(width, wall, radius)
+        resistance = bending_resistance(width, wall, alloy.proof_strength_Pa, alloy.buckling_class, radius, given)
+        found += [
+            Check(f"{name} strength, {case}", stress, alloy.proof_strength_Pa / asked.strength, "Pa"),
+            Check(f"{name} local buckling, {case}", moment, resistance / asked.local_buckling, "N m"),
+        ]
+    return found + _fit(problem, asked, cases)
+
+
+def _fit(problem: DesignProblem, asked: Requirements, cases: Iterable[tuple[Any, ...]]) -> list[Check]:
+    """Clearances, walls and widths."""
+    (_, _, outer, outer_alloy, outer_width, outer_wall, outer_radius), inner_case = cases
+    _, _, inner, inner_alloy, inner_width, inner_wall, inner_radius = inner_case
+    gap = section.clearance(outer_width, outer_wall, inner_width)
+    outer_rigidity = section.flexural_rigidity(
+        outer_alloy.youngs_modulus_Pa, section.second_moment(outer_width, outer_wall, outer_radius)
+    )
+    inner_rigidity = section.flexural_rigidity(
+        inner_alloy.youngs_modulus_Pa, section.second_moment(inner_width, inner_wall, inner_radius)
+    )
+    gap_on = beam.clearance_under_load(gap, asked.tip_force_N, beam.tip_stiffness(inner_rigidity, inner.free_length_m))
+    gap_off = beam.clearance_under_load(gap, asked.tip_force_N, beam.tip_stiffness(outer_rigidity, outer.free_length_m))
+    found = [
+        Check("clearance at assembly", gap, asked.assembly_m, "m", at_least=True),
+        Check("clearance under load, servo on", gap_on, asked.under_load_m, "m", at_least=True),
+        Check("clearance under load, servo off", gap_off, asked.under_load_m, "m", at_least=True),
+        Check("outer least wall", outer_wall, asked.least_wall_m, "m", at_least=True),
+        Check("inner least wall", inner_wall, asked.least_wall_m, "m", at_least=True),
+        Check("outer wall within strength data", outer_wall, outer_alloy.largest_wall_m, "m"),
+        Check("inner wall within strength data", inner_wall, inner_alloy.largest_wall_m, "m"),
+        Check("outer largest width", outer_width, asked.largest_width_m, "m"),
+    ]
+    if asked.width_to_wall_at_most is not None:
+        found += [
+            Check("outer width to wall", outer_width / outer_wall, asked.width_to_wall_at_most, "1"),
+            Check("inner width to wall", inner_width / inner_wall, asked.width_to_wall_at_most, "1"),
+        ]
+    return found

@@ -1,0 +1,116 @@
+"""Least beam mass over continuous widths and walls: IPOPT from several starts, its answer checked without it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdesign.design.pair import CheckedPair, check_sections
+from beamdesign.design.program import (
+    SIZE_UNITS,
+    Conditions,
+    Program,
+    sizing_program,
+    solve,
+    solver,
+    start_points,
+    start_variables,
+)
+from beamdesign.problem import DesignProblem
+from beamdesign.section import SquareTube
+
+FEASIBLE = 1e-9
+"""Largest relative violation of a constraint in a point that counts as feasible."""
+
+_SAME_MASS = 1e-6
+
+PRICE_UNITS = {
+    "tip_force_N": ("tip_force_kg_per_percent", 0.01),
+    "strength": ("safety_strength_kg_per_percent", 0.01),
+    "local_buckling": ("safety_local_buckling_kg_per_percent", 0.01),
+    "assembly_m": ("clearance_assembly_kg_per_mm", None),
+    "under_load_m": ("clearance_under_load_kg_per_mm", None),
+    "least_wall_m": ("least_wall_kg_per_mm", None),
+    "largest_width_m": ("largest_width_kg_per_mm", None),
+    "width_to_wall_at_most": ("width_to_wall_at_most_kg_per_percent", 0.01),
+}
+"""Name of each requirement's shadow price; the share of the requirement that makes its unit, or None for 1 mm."""
+
+
+@dataclass(frozen=True)
+class FreeOptimum:
+    """The lightest pair of tubes of any size.
+
+    Attributes:
+        pair: the tubes, their mass and its checks.
+        governing: the active check whose relaxation by one per cent would save most mass.
+        active: names of all active checks.
+        kkt_residual: see `Optimality.residual`; from the gradients, not from the solver.
+        shadow_prices: change of the least mass per unit of each requirement, kg per the unit in the name; negative for
+            requirements that ease as they grow (largest width, width to wall).
+        starts: how many starts there were.
+        starts_agreeing: how many of them ended feasible at the same mass.
+    """
+
+    pair: CheckedPair
+    governing: str
+    active: tuple[str, ...]
+    kkt_residual: float
+    shadow_prices: dict[str, float]
+    starts: int
+    starts_agreeing: int
+
+
+def tubes(variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
+    """Outer and inner tube of program variables."""
+    outer_width, outer_wall, inner_width, inner_wall = (float(size) for size in variables[:4] * SIZE_UNITS)
+    return SquareTube(outer_width, outer_wall), SquareTube(inner_width, inner_wall)
+
+
+def free_optimum(problem: DesignProblem, known: Sequence[tuple[SquareTube, SquareTube]] = ()) -> FreeOptimum | None:
+    """Search the lightest pair of tubes of free sizes.
+
+    IPOPT with exact derivatives from a grid of starts and from pairs already known. It is a local method: that no
+    lighter pair exists is borne out by the starts agreeing, not proved.
+
+    Args:
+        problem: what is asked.
+        known: pairs to start from as well, such as the best stock pair.
+
+    Returns:
+        The optimum, or None where no start ended at a feasible pair.
+    """
+    program = sizing_program(problem)
+    conditions, ready = Conditions(program), solver(program, program.mass, program.constraints)
+    ends = [solve(ready, start_variables(problem, sizes), program.figures) for sizes in start_points(problem, known)]
+    feasible = [end for end in ends if conditions.violation(end, program.figures) <= FEASIBLE]
+    if not feasible:
+        return None
+    masses = [conditions.mass(end, program.figures) for end in feasible]
+    best = feasible[int(np.argmin(masses))]
+    agreeing = sum(mass <= min(masses) * (1 + _SAME_MASS) for mass in masses)
+
+    optimality = conditions.optimality(best, program.figures)
+    multipliers = optimality.multipliers[: program.check_count]
+    active = [i for i in np.argsort(-multipliers) if multipliers[i] > 0]
+    found = check_sections(problem, *tubes(best))
+    return FreeOptimum(
+        pair=found,
+        governing=program.labels[active[0]] if active else found.governing,
+        active=tuple(program.labels[i] for i in active),
+        kkt_residual=optimality.residual,
+        shadow_prices=_prices(program, conditions, best, optimality.multipliers),
+        starts=len(ends),
+        starts_agreeing=agreeing,
+    )
+
+
+def _prices(
+    program: Program, conditions: Conditions, variables: np.ndarray, multipliers: np.ndarray
+) -> dict[str, float]:
+    per_figure = conditions.mass_per_figure(variables, program.figures, multipliers)
+    prices = {}
+    for name, figure, price in zip(program.names, program.figures, per_figure, strict=True):
+        label, share = PRICE_UNITS[name]
+        prices[label] = float(price) * (0.001 if share is None else share * float(figure)) + 0.0
+    return prices

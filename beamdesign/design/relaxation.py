@@ -1,0 +1,197 @@
+"""Which requirement to relax where no pair of tubes fits: each alone, as little as possible."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil, floor, log10
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.design.checks import KEYS, Requirements, requirements
+from beamdesign.design.free_search import FEASIBLE, tubes
+from beamdesign.design.pair import CheckedPair, check_sections
+from beamdesign.design.program import (
+    Conditions,
+    Program,
+    sizing_program,
+    solve,
+    solver,
+    start_points,
+    start_variables,
+)
+from beamdesign.design.stock_search import feasible_pairs, lightest, nearest_pair
+from beamdesign.problem import DesignProblem
+from beamdesign.section import SquareTube
+
+# How far each requirement may be eased: no load at all, factors of 1, no gap, walls of 0.1 mm, tubes of 2 m.
+_EASIEST = {
+    "tip_force_N": 1e-3,
+    "strength": 1.0,
+    "local_buckling": 1.0,
+    "assembly_m": 0.0,
+    "under_load_m": 0.0,
+    "least_wall_m": 1e-4,
+    "largest_width_m": 2.0,
+    "width_to_wall_at_most": 1000.0,
+}
+_DIGITS = 4
+_MOST_VIOLATION = 1e3
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A change of one requirement that is enough, all others staying as they are.
+
+    Attributes:
+        key: where the requirement stands in a study file.
+        asked: its figure there.
+        enough: a figure with which tubes were found, rounded to the easier side.
+        outer: outer tube that does then.
+        inner: inner tube that does then.
+    """
+
+    key: str
+    asked: float
+    enough: float
+    outer: SquareTube
+    inner: SquareTube
+
+    def __str__(self) -> str:
+        """In words, as in "load.tip_force_N from 2000 to 1500"."""
+        return f"{self.key} from {self.asked:g} to {self.enough:g}"
+
+    @property
+    def share(self) -> float:
+        """Size of the change relative to what was asked."""
+        return abs(self.enough - self.asked) / self.asked
+
+
+def _eased(asked: Requirements, name: str, share: float) -> float:
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
+    figure = float(getattr(asked, name))
+    return figure + share * (_EASIEST[name] - figure)
+
+
+def _rounded(figure: float, easiest: float) -> float:
+    """Round to a few digits in the direction of the easiest figure, and not beyond it."""
+    if figure == 0 or figure == easiest:
+        return easiest
+    step = 10.0 ** (floor(log10(abs(figure))) - _DIGITS + 1)
+    steps = figure / step
+    # Steps are counted from rounded text, so that 1500 stays 1500 and does not become 1500.0000000000002.
+    whole = ceil(steps - 1e-9) if easiest > figure else floor(steps + 1e-9)
+    value = float(f"{whole * step:.{_DIGITS}g}")
+    return min(value, easiest) if easiest > figure else max(value, easiest)
+
+
+def _relaxable(asked: Requirements) -> list[str]:
+    return [name for name, figure in asked._asdict().items() if figure is not None and float(figure) != _EASIEST[name]]
+
+
+def _confirmed(
+    problem: DesignProblem, name: str, enough: float, pair: tuple[SquareTube, SquareTube]
+) -> Relaxation | None:
+    """The relaxation, if the pair really passes with the rounded figure."""
+    asked = requirements(problem)
+    if not check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible:
+        return None
+    return Relaxation(KEYS[name], float(getattr(asked, name)), enough, *pair)
+
+
+def _in_order(found: Sequence[Relaxation | None]) -> tuple[Relaxation, ...]:
+    return tuple(sorted((item for item in found if item is not None), key=lambda item: item.share))
+
+
+def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For tubes of free sizes: the requirements that could be eased alone, and the pair that misses least.
+
+    Each is found by IPOPT from several starts with the requirement as a further variable; the reported figure is
+    confirmed by the checks themselves. A requirement that is not listed was not found to help alone.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
+    """
+    program = sizing_program(problem)
+    conditions = Conditions(program)
+    nearest = _least_violation(problem, program, conditions)
+    asked = requirements(problem)
+    points = [np.array(nearest), *start_points(problem)[::3]]
+    found = [_ease_one(problem, program, conditions, asked, name, points) for name in _relaxable(asked)]
+    outer, inner = SquareTube(*nearest[:2]), SquareTube(*nearest[2:])
+    return _in_order(found), check_sections(problem, outer, inner)
+
+
+def _least_violation(problem: DesignProblem, program: Program, conditions: Conditions) -> list[float]:
+    """Sizes in m with the least sum of relative violations of the checks (an elastic problem)."""
+    count = program.check_count
+    excess = ca.SX.sym("excess", count)
+    elastic = program.constraints - ca.vertcat(excess, ca.SX.zeros(len(program.labels) - count))
+    ready = solver(program, ca.sum1(excess), elastic, excess)
+    best, least = None, float("inf")
+    for sizes in start_points(problem):
+        start = start_variables(problem, sizes)
+        missed = np.clip(conditions.constraints(start, program.figures)[:count], 0.0, _MOST_VIOLATION) + 0.1
+        end = solve(ready, np.concatenate([start, missed]), program.figures, [(0.0, _MOST_VIOLATION)] * count)
+        total = float(np.clip(conditions.constraints(end[:8], program.figures), 0.0, None).sum())
+        if total < least:
+            best, least = end[:8], total
+    if best is None:
+        best = start_variables(problem, start_points(problem)[0])
+    outer, inner = tubes(best)
+    return [*outer, *inner]
+
+
+def _ease_one(
+    problem: DesignProblem,
+    program: Program,
+    conditions: Conditions,
+    asked: Requirements,
+    name: str,
+    points: Sequence[np.ndarray],
+) -> Relaxation | None:
+    """The smallest change of one requirement that makes room, or None if none was found."""
+    share = ca.SX.sym("share")
+    place = program.names.index(name)
+    figure, easiest = float(program.figures[place]), _EASIEST[name]
+    eased = ca.SX(program.asked)
+    eased[place] = figure + share * (easiest - figure)
+    constraints = ca.substitute(program.constraints, program.asked, eased)
+    ready = solver(program, share, constraints, share)
+    least: tuple[float, np.ndarray] | None = None
+    for sizes in points:
+        end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
+        figures = program.figures.copy()
+        figures[place] = _eased(asked, name, float(end[8]))
+        if conditions.violation(end[:8], figures) <= FEASIBLE and (least is None or end[8] < least[0]):
+            least = float(end[8]), end[:8]
+    if least is None:
+        return None
+    enough = _rounded(_eased(asked, name, least[0]), easiest)
+    return _confirmed(problem, name, enough, tubes(least[1]))
+
+
+def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For stock tubes: the requirements that could be eased alone, each by bisection over all pairs.
+
+    More pairs pass as a requirement is eased, so that the bisection finds the least change over the whole list.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair that misses least.
+    """
+    asked = requirements(problem)
+
+    def passing(name: str) -> Callable[[float], np.ndarray]:
+        return lambda figure: feasible_pairs(problem, stock, asked._replace(**{name: figure}))
+
+    found = []
+    for name in _relaxable(asked):
+        pairs = passing(name)
+        if not pairs(_EASIEST[name]).any():
+            continue
+        hard, easy = 0.0, 1.0
+        for _ in range(40):
+            middle = (hard + easy) / 2
+            hard, easy = (hard, middle) if pairs(_eased(asked, name, middle)).any() else (middle, easy)
+        enough = _rounded(_eased(asked, name, easy), _EASIEST[name])
+        found.append(_confirmed(problem, name, enough, lightest(problem, stock, pairs(enough))))
+    return _in_order(found), nearest_pair(problem, stock)
