@@ -1,9 +1,11 @@
 """Exact rational polynomials in s: conversion of figures, values on the imaginary axis, real roots, Routh test."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from flint import arb, arb_poly, ctx, fmpq, fmpq_poly
+import numpy as np
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly, fmpz
 
 
 def exact(value: float) -> fmpq:
@@ -56,13 +58,23 @@ def real_roots(polynomial: fmpq_poly, precision_bits: int = 128) -> list[tuple[a
     """
     if polynomial.is_zero():
         raise ValueError("the zero polynomial has no isolated roots")
-    before = ctx.prec
-    ctx.prec = precision_bits
-    try:
-        roots = [(root.real, count) for root, count in polynomial.numer().complex_roots() if root.imag == 0]
-    finally:
-        ctx.prec = before
-    return sorted(roots, key=lambda pair: float(pair[0].mid()))
+    with ctx.workprec(precision_bits):
+        found = [(root.real, count) for root, count in _complex_roots(polynomial) if root.imag == 0]
+    return sorted(found, key=lambda pair: float(pair[0].mid()))
+
+
+def roots(polynomial: fmpq_poly) -> np.ndarray:
+    """All complex roots as floats, each as often as its multiplicity, by real then imaginary part."""
+    found = [
+        complex(float(root.real.mid()), float(root.imag.mid()))
+        for root, count in _complex_roots(polynomial)
+        for _ in range(count)
+    ]
+    return np.array(sorted(found, key=lambda z: (z.real, z.imag)))
+
+
+def _complex_roots(polynomial: fmpq_poly) -> list[tuple[acb, int]]:
+    return polynomial.numer().complex_roots()  # type: ignore[return-value]  # python-flint's stub has a plain list
 
 
 def value_at(polynomial: fmpq_poly, point: arb) -> arb:
@@ -79,13 +91,14 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
     coefficients = polynomial.numer().coeffs()
     if not coefficients:
         return False
-    upper, lower = coefficients[-1::-2], coefficients[-2::-2]
+    upper: list[fmpz] = coefficients[-1::-2]
+    lower: list[fmpz] = coefficients[-2::-2]
     sign = 1 if upper[0] > 0 else -1
     while lower:
         if sign * lower[0] <= 0:
             return False
         lead, next_lead = upper[0], lower[0]
-        padded = [*lower, *([0] * (len(upper) - len(lower)))]
+        padded = [*lower, *([fmpz(0)] * (len(upper) - len(lower)))]
         # next_lead * upper - lead * lower keeps the sign of the Routh row times sign, since next_lead has that sign.
         row = [sign * (next_lead * u - lead * w) for u, w in zip(upper[1:], padded[1:], strict=True)]
         upper, lower = lower, row
@@ -97,8 +110,8 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
     return True
 
 
-def _content(values: list) -> int:
-    divisor = 0
+def _content(values: Sequence[fmpz]) -> fmpz:
+    divisor = fmpz(0)
     for value in values:
-        divisor = value.gcd(divisor) if divisor else value
+        divisor = value.gcd(divisor)
     return divisor

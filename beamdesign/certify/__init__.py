@@ -1,1 +1,1 @@
-"""Proofs in rational arithmetic: stability and performance over a continuous range of masses, and their certificates."""
+"""Proofs in rational arithmetic: stability and performance over continuous ranges, and their certificates."""

@@ -52,6 +52,17 @@ def text(value: fmpq) -> str:
     return sign + (f"{digits[:-places]}.{digits[-places:]}" if places else digits)
 
 
+def shortened(value: fmpq, digits: int, up: bool = False) -> fmpq:
+    """A positive rational rounded down, or up, to a decimal of so many significant digits."""
+    step = fmpq(1)
+    while step * 10**digits <= value:
+        step *= 10
+    while step * 10 ** (digits - 1) > value:
+        step /= 10
+    steps = value / step
+    return (steps.ceil() if up else steps.floor()) * step
+
+
 def rounded_down(value: fmpq) -> float:
     """The largest float that is not above a rational."""
     near = nearest(value)
