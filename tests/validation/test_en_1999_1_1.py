@@ -1,0 +1,147 @@
+"""Local buckling of thin walls.
+
+EN 1999-1-1:2007, Eurocode 9: Design of aluminium structures, Part 1-1: General structural rules; clauses 6.1.4 and
+6.1.5 with Tables 6.2 and 6.3 (internal parts, without welds), and 6.2.5. The numbers are worked by hand from its
+formulas; the effective section is also summed fibre by fibre.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamdesign.design.local_buckling import (
+    CLASS_LIMITS,
+    LOCAL_BUCKLING_CONSTANTS,
+    bending_resistance,
+    buckling_curve,
+    effective_modulus,
+    local_buckling_factor,
+    relative_slenderness,
+    section_class,
+)
+from beamdesign.section import elastic_modulus
+
+FIBRES = 20_000
+
+
+def fibre_modulus(width: float, wall: float, flange_factor: float, web_factor: float) -> float:
+    """W_eff of a sharp square tube by summing horizontal fibres, in the steps of the standard.
+
+    Neutral axis with the thinned flange first; thinned webs from there up to the flange; neutral axis again.
+    """
+    half = width / 2
+    edges = np.linspace(-half, half, FIBRES + 1)
+    height, depth = (edges[1:] + edges[:-1]) / 2, width / FIBRES
+
+    def share(low: float, high: float) -> np.ndarray:
+        """How much of each fibre lies between two heights."""
+        return np.clip(np.minimum(edges[1:], high) - np.maximum(edges[:-1], low), 0.0, None) / depth
+
+    flat, middle = half - wall, half - wall / 2
+    breadth = 2 * wall + 2 * flat * share(-half, -flat)
+    # The flange is thinned about its mid-plane; its two corners stay.
+    breadth += 2 * flat * share(middle - flange_factor * wall / 2, middle + flange_factor * wall / 2)
+    axis = np.sum(breadth * height) / np.sum(breadth)
+    breadth -= 2 * wall * (1 - web_factor) * share(axis, flat)
+    axis = np.sum(breadth * height) / np.sum(breadth)
+    return float(np.sum(breadth * depth * (height - axis) ** 2) / (half - axis))
+
+
+def test_class_limits_and_constants_of_the_tables():
+    assert CLASS_LIMITS == {"A": (11, 16, 22), "B": (13, 16.5, 18)}
+    assert LOCAL_BUCKLING_CONSTANTS == {"A": (32, 220), "B": (29, 198)}
+
+
+@pytest.mark.parametrize(
+    ("slenderness", "buckling_class", "expected"),
+    [(11.0, "A", 1), (11.1, "A", 2), (16.1, "A", 3), (22.0, "A", 3), (22.1, "A", 4), (13.0, "B", 1), (18.1, "B", 4)],
+)
+def test_classification(slenderness, buckling_class, expected):
+    assert section_class(slenderness, buckling_class) == expected
+
+
+@pytest.mark.parametrize("buckling_class", ["A", "B"])
+def test_factor_is_one_up_to_the_class_3_limit_and_continuous_there(buckling_class):
+    limit = CLASS_LIMITS[buckling_class][2]
+    assert buckling_curve(limit, buckling_class) == pytest.approx(1.0, abs=1e-12)
+    for slenderness in (0.1, 5.0, limit / 2, 0.99 * limit):
+        assert local_buckling_factor(slenderness, buckling_class) == 1.0
+    assert 0.99 < local_buckling_factor(1.01 * limit, buckling_class) < 1.0
+
+
+def test_factor_by_hand():
+    # 32 / 44 - 220 / 44^2 and 29 / 36 - 198 / 36^2.
+    assert local_buckling_factor(44.0, "A") == pytest.approx(0.613636, abs=1e-6)
+    assert local_buckling_factor(36.0, "B") == pytest.approx(0.652778, abs=1e-6)
+
+
+@given(st.floats(0.5, 300.0), st.sampled_from(["A", "B"]))
+def test_factor_is_the_kinked_formula(slenderness, buckling_class):
+    first, second = LOCAL_BUCKLING_CONSTANTS[buckling_class]
+    formula = first / slenderness - second / slenderness**2
+    expected = 1.0 if slenderness <= CLASS_LIMITS[buckling_class][2] else formula
+    assert local_buckling_factor(slenderness, buckling_class) == pytest.approx(expected, rel=1e-12)
+
+
+def test_published_outer_tube_by_hand():
+    # 140 x 2.3 mm, f_o = 240 MPa: epsilon = sqrt(250/240) = 1.020621, b = 135.4 mm, b/t = 58.8696.
+    flange, web = relative_slenderness(0.140, 0.0023, 240e6)
+    assert flange == pytest.approx(57.6802, abs=1e-3)
+    assert web == pytest.approx(0.40 * 57.6802, abs=1e-3)
+    assert section_class(flange, "A") == 4
+    assert section_class(web, "A") == 4
+    # rho = 32/57.6802 - 220/57.6802^2 in the flange, 32/23.0721 - 220/23.0721^2 in the webs.
+    assert local_buckling_factor(flange, "A") == pytest.approx(0.48866, abs=1e-5)
+    assert local_buckling_factor(web, "A") == pytest.approx(0.97367, abs=1e-5)
+    # Gross A = 1266.84 mm2, I = 4.004604e6 mm4 about mid-depth. The flange loses 0.511342 x 2.3 x 135.4 = 159.242 mm2
+    # at 68.85 mm, so that the axis drops by 159.242 x 68.85 / 1107.598 = 9.8987 mm. The webs lose 0.026326 x 2.3 mm each
+    # over 67.7 + 9.8987 = 77.5987 mm, both together 9.3973 mm2 at 28.9006 mm. Axis: (159.242 x 68.85 + 9.3973 x 28.9006)
+    # / 1098.201 = 10.2307 mm down. About mid-depth: 4.004604e6 - 159.242 x 68.85^2 - 135.4 x 2.3^3 x (1 - 0.488658^3)
+    # / 12 - 9.3973 x (28.9006^2 + 77.5987^2 / 12) = 3.237059e6 mm4; less 1098.201 x 10.2307^2 = 3.122112e6 mm4;
+    # over 70 + 10.2307 mm: 38914.2 mm3; times 240 / 1.1 MPa: 8.49036 kN m.
+    assert bending_resistance(0.140, 0.0023, 240e6, "A") == pytest.approx(8490.36, rel=1e-5)
+
+
+def test_stocky_tube_keeps_its_elastic_resistance():
+    # 60 x 4 mm, f_o = 160 MPa: b/t = 13, epsilon = 1.25, beta/epsilon = 10.4, class 1.
+    assert section_class(relative_slenderness(0.06, 0.004, 160e6)[0], "A") == 1
+    modulus = (0.06**4 - 0.052**4) / 12 / 0.03
+    assert bending_resistance(0.06, 0.004, 160e6, "A") == pytest.approx(modulus * 160e6 / 1.1, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("width", "wall", "flange_factor", "web_factor"),
+    [(140.0, 2.3, 0.4887, 0.9737), (100.0, 3.2, 0.8487, 1.0), (80.0, 1.0, 0.35, 0.7), (50.0, 5.0, 0.6, 0.5)],
+)
+def test_effective_modulus_agrees_with_fibres(width, wall, flange_factor, web_factor):
+    expected = fibre_modulus(width, wall, flange_factor, web_factor)
+    assert effective_modulus(width, wall, flange_factor, web_factor) == pytest.approx(expected, rel=1e-6)
+
+
+@given(
+    st.floats(0.02, 0.4),
+    st.floats(0.008, 0.2),
+    st.floats(0.1, 0.98),
+    st.floats(0.1, 0.98),
+    st.booleans(),
+)
+def test_effective_modulus_grows_with_each_factor(width, share, flange_factor, web_factor, flange):
+    wall = share * width
+    larger = (flange_factor + 0.02, web_factor) if flange else (flange_factor, web_factor + 0.02)
+    assert effective_modulus(width, wall, *larger) > effective_modulus(width, wall, flange_factor, web_factor)
+
+
+@given(st.floats(0.02, 0.4), st.floats(0.008, 0.2), st.floats(0.0, 0.5))
+def test_whole_walls_give_the_gross_modulus(width, share, radius_share):
+    wall, radius = share * width, radius_share * width
+    found = effective_modulus(width, wall, 1.0, 1.0, radius)
+    assert found == pytest.approx(elastic_modulus(width, wall, radius), rel=1e-9)
+
+
+def test_rounded_corners_shorten_the_flat_part():
+    sharp, _ = relative_slenderness(0.1, 0.002, 240e6)
+    rounded, _ = relative_slenderness(0.1, 0.002, 240e6, 0.006)
+    inside_rounded, _ = relative_slenderness(0.1, 0.002, 240e6, 0.001)
+    assert rounded / sharp == pytest.approx(88 / 96)
+    assert inside_rounded == sharp
