@@ -37,6 +37,26 @@ _RELATIVE_STEP = 5e-5
 
 
 @dataclass(frozen=True)
+class Witness:
+    """Where a claim fails.
+
+    Attributes:
+        mass: outer end mass, kg.
+        squared_frequency: (rad/s)^2 at which an inequality fails; None for a loop that is not stable.
+        gain_factor: factor on the gain, for a gain margin.
+        frequency_Hz: frequency at the failure: of the inequality, or of the slowest or growing oscillation.
+        exact: whether these rationals themselves refute the claim; False where only a root on the axis at an
+            irrational figure does, which they then approximate.
+    """
+
+    mass: fmpq
+    squared_frequency: fmpq | None
+    gain_factor: fmpq | None
+    frequency_Hz: float
+    exact: bool = True
+
+
+@dataclass(frozen=True)
 class Claim:
     """One statement about every outer end mass of a range, decided exactly.
 
@@ -45,12 +65,9 @@ class Claim:
         limit: its figure: m/N, a plain number, 1/s or a factor.
         outer_end_mass_kg: the range.
         holds: whether it is proved; if not, it is refuted.
-        bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
+        bandwidth_Hz: for a compliance, the frequency up to which it is claimed; infinite for all frequencies.
         reason: in words, why it does not hold; empty where it does.
-        witness_outer_end_mass_kg: a mass that refutes it.
-        witness_frequency_Hz: the frequency that goes with that mass.
-        witness: mass and squared frequency (rad/s)^2 of an inequality's witness, exact.
-        witness_gain_factor: the factor on the gain that goes with it, for a gain margin.
+        witness: what refutes it; None where it holds.
     """
 
     kind: Kind
@@ -59,10 +76,23 @@ class Claim:
     holds: bool
     bandwidth_Hz: float | None = None
     reason: str = ""
-    witness_outer_end_mass_kg: float | None = None
-    witness_frequency_Hz: float | None = None
-    witness: tuple[fmpq, fmpq] | None = None
-    witness_gain_factor: float | None = None
+    witness: Witness | None = None
+
+    @property
+    def witness_outer_end_mass_kg(self) -> float | None:
+        """A mass that refutes the claim, as a float."""
+        return None if self.witness is None else nearest(self.witness.mass)
+
+    @property
+    def witness_frequency_Hz(self) -> float | None:
+        """The frequency that goes with that mass."""
+        return None if self.witness is None else self.witness.frequency_Hz
+
+    @property
+    def witness_gain_factor(self) -> float | None:
+        """The factor on the gain that goes with it, for a gain margin."""
+        factor = None if self.witness is None else self.witness.gain_factor
+        return None if factor is None else nearest(factor)
 
 
 def _rational(value: float | fmpq) -> fmpq:
@@ -86,26 +116,25 @@ def _positive(limit: float | fmpq) -> fmpq:
 def _refused(kind: Kind, limit: fmpq, masses: tuple[fmpq, fmpq], family: Affine) -> Claim:
     """A claim that fails because a family it needs is not stable over the range, with a mass that shows it."""
     found = stable_ranges(family, *masses)
-    mass = _unstable_at(found)
+    mass, settled = _unstable_at(found)
     return Claim(
         kind,
         nearest(limit),
         (nearest(masses[0]), nearest(masses[1])),
         False,
         reason=f"the loop is not stable for all of these masses: {found.reason}",
-        witness_outer_end_mass_kg=nearest(mass),
-        witness_frequency_Hz=abs(_rightmost(family.at(mass)).imag) / (2 * pi),
+        witness=Witness(mass, None, None, abs(_rightmost(family.at(mass)).imag) / (2 * pi), settled),
     )
 
 
-def _unstable_at(found: StabilityMap) -> fmpq:
-    """A parameter shown not to be stable: settled by a Routh test where there is one, else (nearly) a crossing."""
+def _unstable_at(found: StabilityMap) -> tuple[fmpq, bool]:
+    """A parameter that is not stable, and whether it is so itself or only next to one that is not rational."""
     settled = [part.sample for part in found.ranges if not part.stable]
+    settled += [crossing.rational for crossing in found.crossings if crossing.rational is not None]
     if settled:
-        return settled[0]
-    crossing = found.crossings[0]
-    least, most = bounds(crossing.parameter)
-    return crossing.rational if crossing.rational is not None else (least + most) / 2
+        return settled[0], True
+    least, most = bounds(found.crossings[0].parameter)
+    return (least + most) / 2, False
 
 
 def _rightmost(polynomial: fmpq_poly) -> complex:
@@ -119,24 +148,27 @@ def _inequality(
     ends = nearest(masses[0]), nearest(masses[1])
     if verdict.witness is None:
         return Claim(kind, nearest(limit), ends, True, bandwidth_Hz)
-    mass = nearest(verdict.witness[0])
-    frequency = sqrt(nearest(verdict.witness[1])) / (2 * pi)
-    reason = f"{words} at {frequency:.6g} Hz with an outer end mass of {mass:.6g} kg"
-    return Claim(kind, nearest(limit), ends, False, bandwidth_Hz, reason, mass, frequency, verdict.witness)
+    mass, square = verdict.witness
+    frequency = sqrt(nearest(square)) / (2 * pi)
+    reason = f"{words} at {frequency:.6g} Hz with an outer end mass of {nearest(mass):.6g} kg"
+    return Claim(kind, nearest(limit), ends, False, bandwidth_Hz, reason, Witness(mass, square, None, frequency))
 
 
 def prove_compliance(
     loop: Loop, limit_m_per_N: float | fmpq, bandwidth_Hz: float | fmpq, low: float | fmpq, high: float | fmpq
 ) -> Claim:
-    """Whether |x / F_d| is at most the limit at every frequency up to the bandwidth, for every mass in [low, high]."""
-    limit, bandwidth, masses = _positive(limit_m_per_N), _positive(bandwidth_Hz), _rationals(low, high)
+    """Whether |x / F_d| is at most the limit at every frequency up to the bandwidth, for every mass in [low, high].
+
+    An infinite bandwidth asks for every frequency.
+    """
+    limit, masses = _positive(limit_m_per_N), _rationals(low, high)
+    bandwidth = None if bandwidth_Hz == inf else _positive(bandwidth_Hz)
+    up_to = inf if bandwidth is None else nearest(bandwidth)
     if not is_stable_over(loop.characteristic, *masses):
-        refused = _refused("compliance", limit, masses, loop.characteristic)
-        return replace(refused, bandwidth_Hz=nearest(bandwidth))
-    verdict = quadratic_nonnegative(
-        *compliance_slack(loop, limit), *masses, fmpq(0), squared_frequency_above(bandwidth)
-    )
-    return _inequality("compliance", limit, masses, verdict, "|x/F_d| exceeds the limit", nearest(bandwidth))
+        return replace(_refused("compliance", limit, masses, loop.characteristic), bandwidth_Hz=up_to)
+    x_high = None if bandwidth is None else squared_frequency_above(bandwidth)
+    verdict = quadratic_nonnegative(*compliance_slack(loop, limit), *masses, fmpq(0), x_high)
+    return _inequality("compliance", limit, masses, verdict, "|x/F_d| exceeds the limit", up_to)
 
 
 def prove_peak_sensitivity(loop: Loop, limit: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
@@ -169,18 +201,18 @@ def prove_gain_margin(loop: Loop, factor: float | fmpq, low: float | fmpq, high:
     for edge in gain_edges(loop, limit, *masses):
         if is_stable_over(edge.family, edge.low, edge.high):
             continue
-        there = _unstable_at(stable_ranges(edge.family, edge.low, edge.high))
+        there, settled = _unstable_at(stable_ranges(edge.family, edge.low, edge.high))
         mass = there if edge.mass is None else edge.mass
         gain = there if edge.factor is None else edge.factor
+        frequency = abs(_rightmost(edge.family.at(there)).imag) / (2 * pi)
+        words = f"unstable at {nearest(gain):.6g} times the gain with an outer end mass of {nearest(mass):.6g} kg"
         return Claim(
             "gain_margin",
             nearest(limit),
             ends,
             False,
-            reason=f"unstable at {nearest(gain):.6g} times the gain with an outer end mass of {nearest(mass):.6g} kg",
-            witness_outer_end_mass_kg=nearest(mass),
-            witness_frequency_Hz=abs(_rightmost(edge.family.at(there)).imag) / (2 * pi),
-            witness_gain_factor=nearest(gain),
+            reason=words,
+            witness=Witness(mass, None, gain, frequency, settled),
         )
     return Claim("gain_margin", nearest(limit), ends, True)
 
