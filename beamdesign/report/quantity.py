@@ -1,0 +1,102 @@
+"""Figures for people: SI values in the units an engineer reads, to a sensible number of digits."""
+
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from math import isfinite
+from typing import NamedTuple
+
+
+class _Shown(NamedTuple):
+    """How values of an SI unit are shown."""
+
+    unit: str
+    factor: float
+
+
+_UNITS = {
+    "m": _Shown("mm", 1e3),
+    "m2": _Shown("mm²", 1e6),
+    "Pa": _Shown("MPa", 1e-6),
+    "N": _Shown("N", 1.0),
+    "N m": _Shown("N m", 1.0),
+    "N/m": _Shown("kN/m", 1e-3),
+    "N s/m": _Shown("N s/m", 1.0),
+    "m/N": _Shown("nm/N", 1e9),
+    "kg": _Shown("kg", 1.0),
+    "kg/m3": _Shown("kg/m³", 1.0),
+    "Hz": _Shown("Hz", 1.0),
+    "A/V": _Shown("mA/V", 1e3),
+    "V/m": _Shown("V/mm", 1e-3),
+    "m3/s/A": _Shown("cm³/s/mA", 1e3),
+    "m3/s/Pa": _Shown("cm³/s/MPa", 1e12),
+    "1": _Shown("", 1.0),
+}
+
+
+def decimal(value: float, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> str:
+    """A number to so many significant digits, without an exponent unless it is very small or large.
+
+    Digits before the decimal point are never rounded away; zeros at the end are left out.
+
+    Args:
+        value: the number.
+        digits: significant digits.
+        rounding: a rounding mode of the `decimal` module; what is guaranteed is to be rounded to the safe side.
+    """
+    if not isfinite(value):
+        return "∞" if value > 0 else "-∞" if value < 0 else "undefined"
+    if value == 0:
+        return "0"
+    written = Decimal(repr(float(value)))
+    magnitude = written.adjusted()
+    if not -5 <= magnitude <= 8:
+        return f"{value:.{digits - 1}e}"
+    step = Decimal(1).scaleb(min(magnitude - digits + 1, 0))
+    text = f"{written.quantize(step, rounding=rounding):f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> str:
+    """An SI value as text in the unit it is read in, such as "57.1 nm/N" for 5.71e-8 m/N.
+
+    Args:
+        value: in SI.
+        unit: its SI unit as the package writes units, such as "m3/s/A"; "1" for a pure number.
+        digits: significant digits.
+        rounding: see `decimal`.
+
+    Raises:
+        KeyError: for a unit that has no everyday form here.
+    """
+    shown = _UNITS[unit]
+    return f"{decimal(value * shown.factor, digits, rounding)} {shown.unit}".rstrip()
+
+
+def at_least(value: float, unit: str, digits: int = 4) -> str:
+    """A quantity rounded down: what is guaranteed to be at least this."""
+    return quantity(value, unit, digits, ROUND_FLOOR)
+
+
+def at_most(value: float, unit: str, digits: int = 4) -> str:
+    """A quantity rounded up: what is guaranteed to be at most this."""
+    return quantity(value, unit, digits, ROUND_CEILING)
+
+
+def per_cent(share: float) -> str:
+    """A share as a percentage to a tenth, never rounded to 100 % from below or above."""
+    if not isfinite(share):
+        return "∞"
+    text = f"{100 * share:.1f}"
+    if text == "100.0" and abs(share - 1) > 1e-9:
+        return "just under 100 %" if share < 1 else "just over 100 %"
+    return f"{text} %"
+
+
+def mass_range_text(bounds: tuple[float, float]) -> str:
+    """A range of masses, such as "0 to 6.8 kg"."""
+    return f"{bounds[0]:g} to {bounds[1]:g} kg"
+
+
+def tube_text(width_m: float, wall_m: float) -> str:
+    """A square tube by outside width and wall, to a hundredth of a millimetre."""
+    width, wall = (f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in (width_m, wall_m))
+    return f"{width} × {width} × {wall} mm"
