@@ -169,4 +169,6 @@ def _summary(prototype: Prototype, stability: StabilityMap, claims: Sequence[Cla
         lines.append(f"The closed loop is NOT stable over the whole range: {stability.reason}.")
         lines += [f"It is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
     lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
+    if prototype.effects:
+        lines.append(f"Not covered: the effects {', '.join(prototype.effects)} that the prototype also names.")
     return "\n".join(lines)

@@ -78,6 +78,11 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
     return "\n".join(head) + "\n" + body
 
 
+def states_figures_of(certificate: str, prototype: Prototype) -> bool:
+    """Whether the text of a certificate states the rig and the controller of a prototype, and nothing else."""
+    return "\n".join([*_rig(prototype), *_controller(prototype)]) in certificate
+
+
 def _quoted(value: str) -> str:
     import tomli_w
 

@@ -42,7 +42,7 @@ class Replay:
     Attributes:
         valid: whether every statement of the certificate was proved again.
         reasons: in words, every statement that was not.
-        claims: in words, every statement that was.
+        claims: in words, every statement that was checked or proved.
     """
 
     valid: bool
@@ -449,7 +449,7 @@ def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) 
         masses = ", ".join(_short(entry.mass[0]) for entry in left)
         yield False, f"no root crosses where it is said to, with an end mass of {masses} kg"
     else:
-        yield True, f"{len(listed)} crossings in the range, and no others"
+        yield True, f"crossings in the range: {len(listed)}, as listed"
 
 
 def _axis_crossings(
@@ -638,7 +638,7 @@ def main(arguments: Sequence[str]) -> int:
         print(f"{arguments[0]}: {error}", file=sys.stderr)
         return 2
     for words in outcome.claims:
-        print(f"proved: {words}")
+        print(f"checked: {words}")
     for words in outcome.reasons:
         print(f"FAILED: {words}")
     print("valid" if outcome.valid else "not valid")

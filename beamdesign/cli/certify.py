@@ -1,0 +1,223 @@
+"""`beamdesign certify`: stability and performance proved over a range of end masses, and proved again from text."""
+
+import os
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.output import JsonOption, RangeOption, mass_range, say, say_table, write_json
+
+if TYPE_CHECKING:
+    from beamdesign.certify.certificate import Asked, Certificate
+    from beamdesign.crossing import Crossing
+    from beamdesign.prototype import Prototype
+
+
+def certify(
+    prototype: Annotated[Path | None, typer.Argument(help="The prototype.toml to certify.")] = None,
+    outer_end_mass: RangeOption = None,
+    bandwidth_Hz: Annotated[
+        float | None, typer.Option("--bandwidth-Hz", help="Claim the goal's compliance up to this frequency.")
+    ] = None,
+    peak_sensitivity: Annotated[
+        float | None, typer.Option("--peak-sensitivity", help="Claim that max |1/(1+L)| is at most this.")
+    ] = None,
+    decay_rate_per_s: Annotated[
+        float | None, typer.Option("--decay-rate-per-s", help="Claim that every pole decays faster than this.")
+    ] = None,
+    gain_margin: Annotated[
+        float | None, typer.Option("--gain-margin", help="Claim stability with the gain times all from 1 to this.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File for the certificate; else STEM.certificate.toml in this folder.")
+    ] = None,
+    replay: Annotated[
+        Path | None,
+        typer.Option(metavar="CERTIFICATE", help="Prove this certificate again; with PROTOTYPE, also that it is its."),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Prove stability and performance of a prototype for every outer end mass of a range, and write the proof.
+
+    All decisions are exact, none is sampled. Exit status 0 if the loop is stable over the whole range and every claim
+    that was made holds, 1 otherwise.
+    """
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    figures = {
+        "--bandwidth-Hz": bandwidth_Hz,
+        "--peak-sensitivity": peak_sensitivity,
+        "--decay-rate-per-s": decay_rate_per_s,
+        "--gain-margin": gain_margin,
+    }
+    if replay is not None:
+        given = figures | {"--outer-end-mass": outer_end_mass, "--out": out}
+        if meaningless := [
+            (name, "has no meaning with --replay") for name, value in given.items() if value is not None
+        ]:
+            raise InputError("certify", meaningless)
+        _replay(replay, None if prototype is None else read_prototype(prototype), json)
+        return
+    if prototype is None:
+        raise InputError("certify", [("PROTOTYPE", "missing; or give --replay CERTIFICATE")])
+    record = read_prototype(prototype)
+    if record.controller is None:
+        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    asked = _asked(record, figures)
+    path = Path(f"{prototype.stem}.certificate.toml") if out is None else out
+    if path.is_dir():
+        raise InputError("--out", [(str(path), "is a folder; name a file for the certificate")])
+
+    from beamdesign.certify.certificate import certify as prove
+
+    certificate = prove(record, *masses, asked)
+    _write(path, certificate.text)
+    _say(record, certificate)
+    say(f"certificate: {path}")
+    write_json(json, _fields(certificate) | {"not_covered": list(record.effects), "certificate": path})
+    if not certificate.holds:
+        raise typer.Exit(1)
+
+
+def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked"]:
+    """The claims made on the command line."""
+    from beamdesign.certify.certificate import Asked
+    from beamdesign.records import InputError
+
+    problems = [
+        (name, f"must be a finite number above zero, is {value:g}")
+        for name, value in figures.items()
+        if value is not None and not (isfinite(value) and value > 0)
+    ]
+    if problems:
+        raise InputError("certify", problems)
+    asked = []
+    if (bandwidth := figures["--bandwidth-Hz"]) is not None:
+        asked.append(Asked("compliance", record.goal.compliance_m_per_N, bandwidth))
+    if (peak := figures["--peak-sensitivity"]) is not None:
+        asked.append(Asked("peak_sensitivity", peak))
+    if (rate := figures["--decay-rate-per-s"]) is not None:
+        asked.append(Asked("decay_rate", rate))
+    if (factor := figures["--gain-margin"]) is not None:
+        asked.append(Asked("gain_margin", factor))
+    return asked
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    from beamdesign.records import InputError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(path.name + ".part")
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, path)
+    except OSError as error:
+        raise InputError("--out", [(str(path), error.strerror or str(error))]) from error
+
+
+def _say(record: "Prototype", certificate: "Certificate") -> None:
+    from beamdesign.certify.certificate import describe
+
+    low, high = certificate.outer_end_mass_kg
+    if certificate.stable:
+        say(f"{record.name}: stable for every outer end mass from {low:g} to {high:g} kg")
+    else:
+        say(f"{record.name}: NOT stable from {low:g} to {high:g} kg: {certificate.stability.reason}")
+        for least, most in certificate.stable_ranges_kg:
+            say(f"  stable from {least:.7g} to {most:.7g} kg")
+    if certificate.crossings:
+        rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in certificate.crossings]
+        say_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
+    for side, crossing in _neighbours(certificate).items():
+        if crossing is not None:
+            say(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
+    if certificate.guaranteed is not None:
+        found, goal = certificate.guaranteed, record.goal
+        say(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {found.bandwidth_Hz:.6g} Hz")
+        met = "within" if found.peak_sensitivity <= goal.peak_sensitivity else "beyond"
+        say(
+            f"  guaranteed: peak sensitivity at most {found.peak_sensitivity:.6g}, {met} the goal of"
+            f" {goal.peak_sensitivity:g}"
+        )
+    for claim in certificate.claims:
+        say(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
+        if not claim.holds:
+            say(f"    {claim.reason}")
+    if record.effects:
+        say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
+    say(f"method: {certificate.method}")
+
+
+def _hertz(crossing: "Crossing") -> str:
+    return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
+
+
+def _neighbours(certificate: "Certificate") -> dict[str, "Crossing | None"]:
+    """The next crossings outside the range, as far as masses go."""
+    below, above = certificate.stability.below, certificate.stability.above
+    return {"below": below if below is not None and below.value >= 0 else None, "above": above}
+
+
+def _fields(certificate: "Certificate") -> dict[str, Any]:
+    return {
+        "stable": certificate.stable,
+        "stable_ranges_kg": certificate.stable_ranges_kg,
+        "crossings": [_crossing(crossing) for crossing in certificate.crossings],
+        "method": certificate.method,
+        "outer_end_mass_kg": certificate.outer_end_mass_kg,
+        "holds": certificate.holds,
+        "reason": certificate.reason,
+        "next_crossings": {side: _crossing(crossing) for side, crossing in _neighbours(certificate).items()},
+        "guaranteed": certificate.guaranteed,
+        "claims": [
+            {
+                "kind": claim.kind,
+                "limit": claim.limit,
+                "bandwidth_Hz": claim.bandwidth_Hz,
+                "holds": claim.holds,
+                "reason": claim.reason,
+                "witness": None
+                if claim.witness is None
+                else {
+                    "outer_end_mass_kg": claim.witness_outer_end_mass_kg,
+                    "frequency_Hz": claim.witness_frequency_Hz,
+                    "gain_factor": claim.witness_gain_factor,
+                },
+            }
+            for claim in certificate.claims
+        ],
+    }
+
+
+def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
+    if crossing is None:
+        return None
+    return {"outer_end_mass_kg": crossing.value, "frequency_Hz": crossing.frequency_Hz}
+
+
+def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
+    """Prove a certificate again from its text; exit status 1 where that fails."""
+    from beamdesign.certify.document import states_figures_of
+    from beamdesign.certify.replay import Malformed, replay
+    from beamdesign.records import InputError
+
+    try:
+        outcome = replay(path)
+    except Malformed as error:
+        raise InputError(path, [("(certificate)", str(error))]) from error
+    reasons = list(outcome.reasons)
+    if record is not None and not states_figures_of(path.read_text(encoding="utf-8"), record):
+        reasons.append(f"its figures are not those of {record.name}")
+    for words in outcome.claims:
+        say(f"checked: {words}")
+    for words in reasons:
+        say(f"FAILED: {words}")
+    say(f"{path}: {'valid' if not reasons else 'NOT valid'}")
+    write_json(json, {"valid": not reasons, "reasons": reasons, "checked": outcome.claims})
+    if reasons:
+        raise typer.Exit(1)
