@@ -1,0 +1,66 @@
+"""Linear models handed out as `control.StateSpace` with named signals, to go on with in python-control."""
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from beamdesign.controller import control_model
+from beamdesign.linear import linear_rig
+from beamdesign.prototype import Prototype
+from beamdesign.rig import twin_beam
+
+if TYPE_CHECKING:
+    import control
+
+OUTPUTS = ("displacement_m", "sensor_V", "current_A")
+"""Outputs of the open and the closed loop; the plant has the first two."""
+
+
+def state_space(
+    prototype: Prototype, outer_end_mass_kg: float = 0.0, loop: Literal["closed", "open", "plant"] = "closed"
+) -> "control.StateSpace":
+    """The linear rig at one outer end mass, equations (7) to (18), in SI.
+
+    - "plant": `disturbance_N` and `current_A` to `displacement_m` and `sensor_V`.
+    - "open": the controller before the plant, the sensor not fed back: `disturbance_N` and `command_V` to
+      `displacement_m`, `sensor_V` and `current_A`. The loop transfer function L is `sensor_V` over `command_V`.
+    - "closed": the same signals with the sensor subtracted from the command, equation (12).
+
+    States are named as in `beamdesign.rig.twin_beam.STATES`, then `filtered_V` where the sensor has a filter, then
+    `controller_1` and so on for a controller with dynamics.
+
+    Args:
+        prototype: its inner end mass is that of `payload.inner_end_mass_kg`.
+        outer_end_mass_kg: mass on the outer tip.
+        loop: which of the three.
+
+    Raises:
+        ValueError: for a loop where the prototype has no controller, or a name that is none of the three.
+    """
+    import control
+
+    if loop not in ("closed", "open", "plant"):
+        raise ValueError(f"loop is 'closed', 'open' or 'plant', not {loop!r}")
+    rig = linear_rig(prototype)
+    a, b, c = rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
+    states = [*twin_beam.STATES, *(["filtered_V"] if rig.filtered else [])]
+    if loop == "plant":
+        return control.ss(
+            a, b, c, np.zeros((2, 2)), states=states, inputs=twin_beam.INPUTS, outputs=twin_beam.OUTPUTS, name="plant"
+        )  # fmt: skip
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    law = control_model(prototype.controller)
+    n, k = len(states), law.nstates
+    # The error, in volts, is the command less what is fed back of the sensor.
+    fed_back = c[1:2] if loop == "closed" else np.zeros((1, n))
+    disturbance, current = b[:, :1], b[:, 1:]
+    dynamics = np.block([[a - current @ law.D @ fed_back, current @ law.C], [-law.B @ fed_back, law.A]])
+    inputs = np.block([[disturbance, current @ law.D], [np.zeros((k, 1)), law.B]])
+    outputs = np.block([[c, np.zeros((2, k))], [-law.D @ fed_back, law.C]])
+    through = np.block([[np.zeros((2, 2))], [np.zeros((1, 1)), law.D]])
+    return control.ss(
+        dynamics, inputs, outputs, through,
+        states=[*states, *(f"controller_{i + 1}" for i in range(k))], inputs=["disturbance_N", "command_V"],
+        outputs=OUTPUTS, name=f"{loop}_loop",
+    )  # fmt: skip
