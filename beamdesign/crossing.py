@@ -103,6 +103,7 @@ def crossings(family: Affine, precision_bits: int = 128) -> list[Crossing]:
 def _parameter(even0: fmpq_poly, odd0: fmpq_poly, even1: fmpq_poly, odd1: fmpq_poly, square: arb) -> arb:
     """The k that belongs to a root of the elimination polynomial, from the part of p1 that is known better there."""
     even, odd = value_at(even1, square), value_at(odd1, square)
-    if even.rel_accuracy_bits() >= odd.rel_accuracy_bits():
+    # An exact zero counts as perfectly accurate, so it is ruled out first.
+    if odd.contains(0) or (not even.contains(0) and even.rel_accuracy_bits() >= odd.rel_accuracy_bits()):
         return -value_at(even0, square) / even
     return -value_at(odd0, square) / odd

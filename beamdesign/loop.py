@@ -5,7 +5,7 @@ from functools import cached_property
 from math import atan2, degrees, inf, pi, sqrt
 
 import numpy as np
-from flint import fmpq_poly
+from flint import fmpq, fmpq_poly
 
 from beamdesign.controller import transfer_function
 from beamdesign.crossing import Crossing, crossings
@@ -141,9 +141,11 @@ class LoopAtMass:
             return inf
         top, bottom = squared_magnitude(self.opened), squared_magnitude(self.characteristic)
         stationary = top.derivative() * bottom - top * bottom.derivative()
-        candidates = [0.0] + [float(root.mid()) for root, _ in real_roots(stationary) if root > 0]
-        ends = [1.0] if self.opened.degree() > self.returned.degree() else []
-        return max([_magnitude_ratio(self.opened, self.characteristic, x) for x in candidates] + ends)
+        interior = [] if stationary.is_zero() else [root for root, _ in real_roots(stationary) if root > 0]
+        candidates = [0.0] + [float(root.mid()) for root in interior]
+        degree = self.characteristic.degree()
+        at_infinity = float(abs(self.opened[degree] / self.characteristic[degree]))
+        return max(at_infinity, *(_magnitude_ratio(self.opened, self.characteristic, x) for x in candidates))
 
     def bandwidth_Hz(self, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N) -> float:
         """Highest frequency up to which |x / F_d| is at or below the limit at every lower frequency.
@@ -155,9 +157,10 @@ class LoopAtMass:
             return 0.0
         squared_limit = exact(limit_m_per_N) ** 2
         slack = squared_limit * squared_magnitude(self.characteristic) - squared_magnitude(self.disturbance)
-        if slack(0) < 0:
+        # The sign just above zero frequency: that of the lowest coefficient that does not vanish.
+        if next((c for c in slack.coeffs() if c != 0), fmpq(0)) < 0:
             return 0.0
-        changes = [root for root, count in real_roots(slack) if root > 0 and count % 2]
+        changes = [] if slack.is_zero() else [root for root, count in real_roots(slack) if root > 0 and count % 2]
         return sqrt(float(changes[0].mid())) / (2 * pi) if changes else inf
 
     def margins(self) -> Margins:
