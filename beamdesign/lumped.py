@@ -1,11 +1,12 @@
 """Lumped figures of a prototype: measured where they stand, from the geometry otherwise."""
 
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import pi
 
 from beamdesign import beam, section
-from beamdesign.materials import material
-from beamdesign.prototype import Beam, Prototype
+from beamdesign.materials import Material, material
+from beamdesign.prototype import Actuator, Beam, Prototype, Sensor, Servovalve
+from beamdesign.section import Quantity
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,29 @@ class LumpedBeam:
     mass: float
     damping: float
     notes: tuple[str, ...] = ()
+
+
+def beam_figures(
+    alloy: Material, width: Quantity, wall: Quantity, corner_radius: Quantity, free_length: float, end_mass: Quantity
+) -> tuple[Quantity, Quantity]:
+    """Tip stiffness (N/m) and effective mass (kg) that a section's geometry gives; numbers and symbols alike.
+
+    Args:
+        alloy: material of the tube.
+        width: outside width, m.
+        wall: wall thickness, m.
+        corner_radius: outside corner radius, m.
+        free_length: from clamp to tip, m.
+        end_mass: M_end of equation (5), kg.
+    """
+    rigidity = section.flexural_rigidity(alloy.youngs_modulus_Pa, section.second_moment(width, wall, corner_radius))
+    per_length = section.mass_per_length(width, wall, alloy.density_kg_per_m3, corner_radius)
+    return beam.tip_stiffness(rigidity, free_length), beam.effective_mass(per_length, free_length, end_mass)
+
+
+def fixed_dashpot(damping_ratio: Quantity, stiffness: Quantity, mass: Quantity) -> Quantity:
+    """The damping b = 2 zeta sqrt(K M) of the bare beam, N s/m, which stays when end mass is added."""
+    return 2 * damping_ratio * (stiffness * mass) ** 0.5
 
 
 def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
@@ -52,24 +76,12 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
         mass = computed_mass if mass is None else mass
     if stiffness is None or mass is None:  # a Beam record is validated to have one or the other
         raise ValueError(f"{name} has neither lumped figures nor geometry")
-    return LumpedBeam(stiffness, mass, 2 * record.damping_ratio * sqrt(stiffness * mass), tuple(notes))
+    return LumpedBeam(stiffness, mass, fixed_dashpot(record.damping_ratio, stiffness, mass), tuple(notes))
 
 
-def figures(prototype: Prototype) -> dict[str, float]:
-    """Figures of the linear model, in the order of `beamdesign.rig.twin_beam.FIGURES` less the end masses.
-
-    SI units: N/m, kg, N s/m, m2, m3/s/A, m3/s/Pa, rad/s, V/m. Without a sensor filter its frequency is 0 and unused.
-    """
-    outer = lumped_beam(prototype.outer_beam, "outer_beam")
-    inner = lumped_beam(prototype.inner_beam, "inner_beam")
-    actuator, valve, sensor = prototype.actuator, prototype.servovalve, prototype.sensor
+def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> dict[str, float]:
+    """Figures of everything but the beams, named and ordered as in `beamdesign.rig.twin_beam.FIGURES`."""
     return {
-        "outer_stiffness": outer.stiffness,
-        "outer_mass": outer.mass,
-        "outer_damping": outer.damping,
-        "inner_stiffness": inner.stiffness,
-        "inner_mass": inner.mass,
-        "inner_damping": inner.damping,
         "oil_stiffness": actuator.oil_stiffness_N_per_m,
         "piston_area": actuator.piston_area_m2,
         "flow_gain": valve.flow_gain_m3_per_s_per_A,
@@ -79,6 +91,24 @@ def figures(prototype: Prototype) -> dict[str, float]:
         "sensor_gain": sensor.gain_V_per_m,
         "filter_frequency": 2 * pi * sensor.filter_Hz if sensor.filter_Hz else 0.0,
     }
+
+
+def figures(prototype: Prototype) -> dict[str, float]:
+    """Figures of the linear model, in the order of `beamdesign.rig.twin_beam.FIGURES` less the end masses.
+
+    SI units: N/m, kg, N s/m, m2, m3/s/A, m3/s/Pa, rad/s, V/m. Without a sensor filter its frequency is 0 and unused.
+    """
+    outer = lumped_beam(prototype.outer_beam, "outer_beam")
+    inner = lumped_beam(prototype.inner_beam, "inner_beam")
+    beams = {
+        "outer_stiffness": outer.stiffness,
+        "outer_mass": outer.mass,
+        "outer_damping": outer.damping,
+        "inner_stiffness": inner.stiffness,
+        "inner_mass": inner.mass,
+        "inner_damping": inner.damping,
+    }
+    return beams | hydraulic_figures(prototype.actuator, prototype.servovalve, prototype.sensor)
 
 
 def notes(prototype: Prototype) -> tuple[str, ...]:

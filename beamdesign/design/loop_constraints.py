@@ -25,20 +25,20 @@ class CheckPoints:
     compliance: np.ndarray
 
     def with_sensitivity(self, frequency_Hz: float, mass: float) -> "CheckPoints":
-        """Also enforce the peak sensitivity at a point where it was refuted, and close beside it."""
-        near = [[frequency_Hz * factor, mass] for factor in (0.98, 1.0, 1.02)]
-        return CheckPoints(np.vstack([self.sensitivity, near]), self.compliance)
+        """Also enforce the peak sensitivity at a point."""
+        return CheckPoints(np.vstack([self.sensitivity, [[frequency_Hz, mass]]]), self.compliance)
 
-    def with_compliance(self, share: float, mass: float) -> "CheckPoints":
-        """Also enforce the compliance at a share of the bandwidth where it was refuted."""
-        return CheckPoints(self.sensitivity, np.vstack([self.compliance, [[min(share, 1.0), mass]]]))
+    def with_compliance(self, share: float, masses: np.ndarray) -> "CheckPoints":
+        """Also enforce the compliance at a share of the bandwidth, for all of the masses."""
+        new = [[min(share, 1.0), mass] for mass in masses]
+        return CheckPoints(self.sensitivity, np.vstack([self.compliance, new]))
 
 
-def check_points(low: float, high: float, frequencies: int = 160) -> CheckPoints:
-    """Points to begin with: both ends of the mass range and its middle, frequencies from 1 to 500 Hz."""
-    masses = np.unique([low, (low + high) / 2, high])
-    frequency = np.geomspace(1.0, 500.0, frequencies)
-    share = np.array([0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0])
+def check_points(low: float, high: float, frequencies: int = 48) -> CheckPoints:
+    """Points to begin with: both ends of the mass range, frequencies from 2 to 300 Hz; proofs add the others."""
+    masses = np.unique([low, high])
+    frequency = np.geomspace(2.0, 300.0, frequencies)
+    share = np.array([0.02, 0.5, 0.8, 1.0])
 
     def pairs(values: np.ndarray) -> np.ndarray:
         return np.array([(value, mass) for mass in masses for value in values])
@@ -95,7 +95,8 @@ def guarantee(
     inner_end_mass: ca.MX,
     logarithms: ca.MX,
     log_bandwidth: ca.MX,
-    points: CheckPoints,
+    sensitivity_points: ca.MX,
+    compliance_points: ca.MX,
 ) -> tuple[ca.MX, ca.MX]:
     """Slacks at all check points, as expressions of the design variables.
 
@@ -106,18 +107,19 @@ def guarantee(
         inner_end_mass: kg.
         logarithms: of the controller's parameters.
         log_bandwidth: of the bandwidth in Hz.
-        points: where to enforce.
+        sensitivity_points: (n, 2) as in `CheckPoints`.
+        compliance_points: (k, 2) likewise.
 
     Returns:
         log(1 / |S|), one per sensitivity point, and log(|F_d / x|), one per compliance point.
     """
     slack = loop_slack(kind, filtered)
 
-    def at(frequency: ca.MX, masses: np.ndarray) -> list[ca.MX]:
-        n = len(masses)
-        everything = ca.vertcat(ca.repmat(figures, 1, n), ca.DM(masses).T, ca.repmat(inner_end_mass, 1, n))
-        return slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency)
+    def at(frequency: ca.MX, masses: ca.MX) -> list[ca.MX]:
+        n = masses.shape[1]
+        everything = ca.vertcat(ca.repmat(figures, 1, n), masses, ca.repmat(inner_end_mass, 1, n))
+        return list(slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency))
 
-    sensitivity, _ = at(ca.DM(points.sensitivity[:, 0]).T, points.sensitivity[:, 1])
-    _, stiffness = at(ca.exp(log_bandwidth) * ca.DM(points.compliance[:, 0]).T, points.compliance[:, 1])
+    sensitivity, _ = at(sensitivity_points[:, 0].T, sensitivity_points[:, 1].T)
+    _, stiffness = at(ca.exp(log_bandwidth) * compliance_points[:, 0].T, compliance_points[:, 1].T)
     return sensitivity.T, stiffness.T

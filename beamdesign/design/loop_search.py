@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from flint import fmpq_poly
 
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.linear import LinearRig
-from beamdesign.polynomial import Affine
+from beamdesign.rig.transfer import transfer_polynomials
 
 
 @dataclass(frozen=True)
@@ -47,24 +46,21 @@ class Candidate:
 
 
 def grid_plant(rig: LinearRig, frequency_Hz: np.ndarray) -> GridPlant:
-    """Evaluate a rig's plant on a grid; exact in both masses because each enters with rank one."""
+    """Evaluate a rig's plant on a grid, in floats; bilinear because each end mass enters with rank one."""
+    polynomials = transfer_polynomials(rig.filtered)
+    figures = list(rig.figures.values())
     s = 2j * pi * frequency_Hz
-    bare, loaded = rig.plant(0.0), rig.plant(1.0)
 
-    def respond(polynomial: fmpq_poly) -> np.ndarray:
-        return np.polyval([float(c) for c in reversed(polynomial.coeffs())], s)
+    def respond(outer: float, inner: float) -> list[np.ndarray]:
+        return [np.polyval(np.asarray(p).ravel()[::-1], s) for p in polynomials([*figures, outer, inner])]
 
-    def both(first: fmpq_poly, second: fmpq_poly) -> np.ndarray:
-        return np.array([respond(first), respond(second - first)])
-
-    low, high = bare.denominator, loaded.denominator
-    cross = Affine(high.constant - low.constant, high.slope - low.slope)
-    denominator = np.array(
-        [[respond(low.constant), respond(cross.constant)], [respond(low.slope), respond(cross.slope)]]
-    )
-    return GridPlant(
-        frequency_Hz, denominator, both(bare.control, loaded.control), both(bare.disturbance, loaded.disturbance)
-    )
+    bare, outer, inner, both = (respond(*masses) for masses in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)))
+    denominator = [
+        [bare[0], inner[0] - bare[0]],
+        [outer[0] - bare[0], both[0] - outer[0] - inner[0] + bare[0]],
+    ]
+    control, disturbance = (np.array([bare[i], inner[i] - bare[i]]) for i in (1, 2))
+    return GridPlant(frequency_Hz, np.array(denominator), control, disturbance)
 
 
 def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np.ndarray:

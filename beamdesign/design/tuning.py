@@ -10,38 +10,27 @@ from math import log
 
 import casadi as ca
 import numpy as np
-from beamdesign.certify.performance import (
-    Claim,
-    guaranteed_bandwidth,
-    guaranteed_peak_sensitivity,
-    prove_peak_sensitivity,
-)
-from beamdesign.certify.stability import is_stable_over
 from scipy.stats import qmc
 
+from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.controller_forms import FORMS, ControllerForm
-from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, Candidate, best_gain, grid_plant
+from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.loop import Loop, close_loop
+from beamdesign.loop import close_loop
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Goal, Lag, Payload, Proportional, Prototype
+from beamdesign.prototype import Goal, Payload, Prototype
 
 Progress = Callable[[float, str], None]
 
-SAMPLES = 256  # of the coarse search; a power of two, as Sobol's sequence wants
-STARTS = 4
-ROUNDS = 8  # of proof and refinement per start
+SAMPLES = 256
+"""Of the coarse search; a power of two, as Sobol's sequence wants."""
 
+STARTS = 3
+"""How many of the samples are refined."""
 
-@dataclass(frozen=True)
-class Proved:
-    """A loop that was proved stable and within the peak sensitivity for every outer end mass of the range."""
-
-    controller: Proportional | Lag
-    inner_end_mass_kg: float
-    bandwidth_Hz: float
-    peak_sensitivity: float
+BANDWIDTHS_HZ = (1e-3, 500.0)
+"""Bandwidths that may be guaranteed at all."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +42,7 @@ class Tuning:
         outer_end_mass_kg: the range of the guarantee.
         best: the proved loop, None where there is none.
         starts: bandwidth that each start of the refinement was proved to reach, 0 for a failed one.
+        failures: why starts failed.
         certificates: how many exact stability proofs were run.
         reason: why there is no answer, empty where there is one.
     """
@@ -61,137 +51,60 @@ class Tuning:
     outer_end_mass_kg: tuple[float, float]
     best: Proved | None
     starts: tuple[float, ...]
+    failures: tuple[str, ...]
     certificates: int
     reason: str = ""
 
 
-@dataclass
-class _Oracle:
-    """The exact proofs for one rig, range and limits, counting what it was asked."""
-
-    rig: LinearRig
-    low: float
-    high: float
-    goal: Goal
-    certificates: int = 0
-
-    def loop(self, controller: Proportional | Lag, inner_end_mass: float) -> Loop | None:
-        """The loop, if it is proved stable over the range."""
-        closed = close_loop(self.rig.plant(inner_end_mass), controller)
-        self.certificates += 1
-        stable = is_stable_over(closed.characteristic, exact(self.low), exact(self.high))
-        return closed if stable else None
-
-    def prove(self, loop: Loop, controller: Proportional | Lag, inner_end_mass: float) -> Proved | Claim:
-        """The proved figures, or the refuted claim of peak sensitivity."""
-        claim = prove_peak_sensitivity(loop, self.goal.peak_sensitivity, self.low, self.high)
-        if not claim.holds:
-            return claim
-        return Proved(
-            controller,
-            inner_end_mass,
-            guaranteed_bandwidth(loop, self.goal.compliance_m_per_N, self.low, self.high),
-            guaranteed_peak_sensitivity(loop, self.low, self.high),
-        )
-
-
-def _sampled_starts(oracle: _Oracle, form: ControllerForm, largest_inner: float) -> list[Candidate]:
-    """The best sampled loops that are proved stable, mutually distant in the space of shapes."""
+def _sampled_starts(
+    rig: LinearRig, form: ControllerForm, goal: Goal, masses_kg: tuple[float, float], largest_inner: float
+) -> tuple[list[Candidate], int]:
+    """The best sampled loops that are proved stable, mutually distant in the space of shapes; and the proofs run."""
+    low, high = masses_kg
     bounds = np.array([*form.log_bounds[1:], (0.0, largest_inner)])
-    unit = qmc.Sobol(len(bounds), scramble=True, seed=0).random(SAMPLES)
-    points = bounds[:, 0] + unit * (bounds[:, 1] - bounds[:, 0])
-    grid = grid_plant(oracle.rig, SEARCH_FREQUENCIES_HZ)
-    masses = np.linspace(oracle.low, oracle.high, 1 if oracle.low == oracle.high else 7)
-    goal = oracle.goal
+    unit = qmc.Sobol(len(bounds), scramble=True, rng=0).random(SAMPLES)
+    samples = bounds[:, 0] + unit * (bounds[:, 1] - bounds[:, 0])
+    grid = grid_plant(rig, SEARCH_FREQUENCIES_HZ)
+    masses = np.unique(np.linspace(low, high, 7))
     found = [
-        best_gain(grid, form, np.exp(point[:-1]), point[-1], masses, goal.peak_sensitivity, goal.compliance_m_per_N)
-        for point in points
+        best_gain(grid, form, np.exp(sample[:-1]), sample[-1], masses, goal.peak_sensitivity, goal.compliance_m_per_N)
+        for sample in samples
     ]
     chosen: list[int] = []
+    proofs = 0
     for i in sorted(range(SAMPLES), key=lambda i: -found[i].bandwidth_Hz):
         if len(chosen) == STARTS or found[i].bandwidth_Hz == 0.0:
             break
         if any(np.linalg.norm(unit[i] - unit[j]) < 0.1 for j in chosen):
             continue
-        if oracle.loop(form.record([found[i].gain, *found[i].shape]), found[i].inner_end_mass) is not None:
+        proofs += 1
+        loop = close_loop(rig.plant(found[i].inner_end_mass), form.record([found[i].gain, *found[i].shape]))
+        if is_stable_over(loop.characteristic, exact(low), exact(high)):
             chosen.append(i)
-    return [found[i] for i in chosen]
+    return [found[i] for i in chosen], proofs
 
 
-def _refine(
-    oracle: _Oracle, form: ControllerForm, start: np.ndarray, points: CheckPoints, largest_inner: float
-) -> np.ndarray:
-    """Maximise the bandwidth subject to both limits at the check points.
-
-    Args:
-        oracle: rig and limits.
-        form: kind of controller.
-        start: logarithms of the controller's parameters, inner end mass (kg), logarithm of the bandwidth (Hz).
-        points: where the limits are enforced.
-        largest_inner: bound on the inner end mass, kg.
-
-    Returns:
-        the same variables, refined; whatever the solver's status, only a proof counts.
-    """
-    count = len(form.names)
-    variables = ca.MX.sym("variables", count + 2)
-    logarithms, inner, log_bandwidth = variables[:count], variables[count], variables[count + 1]
-    figures = ca.MX(ca.DM(list(oracle.rig.figures.values())))
-    sensitivity, stiffness = guarantee(
-        form.kind, oracle.rig.filtered, figures, inner, logarithms, log_bandwidth, points
+def _program(
+    rig: LinearRig, form: ControllerForm, goal: Goal, masses_kg: tuple[float, float], largest_inner: float
+) -> LoopProgram:
+    """Largest bandwidth of a rig whose sections stand."""
+    figures = ca.MX(ca.DM(list(rig.figures.values())))
+    low, high = (np.log(bound) for bound in BANDWIDTHS_HZ)
+    bounds = np.array([*form.log_bounds, (0.0, largest_inner), (low, high)])
+    return LoopProgram(
+        form=form,
+        filtered=rig.filtered,
+        goal=goal,
+        outer_end_mass_kg=masses_kg,
+        figures=lambda sections: figures,
+        structure=lambda sections: ca.MX(0, 1),
+        objective=lambda variables: -variables[len(form.names) + 1],
+        lower=bounds[:, 0],
+        upper=bounds[:, 1],
+        reach=2.0,
+        rig=lambda sections: rig,
+        cost=lambda proved: -proved.bandwidth_Hz,
     )
-    # A hair inside both limits, so that rounding the figures does not break the proof.
-    floors = (1e-5 - log(oracle.goal.peak_sensitivity), 1e-7 - log(oracle.goal.compliance_m_per_N))
-    constraints = ca.vertcat(sensitivity - floors[0], stiffness - floors[1])
-    solver = ca.nlpsol(
-        "tuning",
-        "ipopt",
-        {"x": variables, "f": -log_bandwidth, "g": constraints},
-        {
-            "print_time": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "max_iter": 120,
-                "tol": 1e-9,
-                "mu_init": 1e-3,
-                "bound_relax_factor": 0,
-            },
-        },
-    )
-    lower = [low for low, _ in form.log_bounds] + [0.0, log(1e-3)]
-    upper = [high for _, high in form.log_bounds] + [largest_inner, log(500.0)]
-    result = solver(x0=start, lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
-    return np.clip(np.asarray(result["x"]).ravel(), lower, upper)
-
-
-def _from_start(oracle: _Oracle, form: ControllerForm, start: Candidate, largest_inner: float) -> Proved | None:
-    """Refine one start in rounds, each enforcing what the last proof refuted."""
-    points = check_points(oracle.low, oracle.high)
-    variables = np.array([log(start.gain), *np.log(start.shape), start.inner_end_mass, log(start.bandwidth_Hz)])
-    best: Proved | None = None
-    for _ in range(ROUNDS):
-        variables = _refine(oracle, form, variables, points, largest_inner)
-        controller = form.rounded(variables[: len(form.names)])
-        inner = round(float(variables[-2]), 6)
-        closed = oracle.loop(controller, inner)
-        if closed is None:
-            return best
-        proved = oracle.prove(closed, controller, inner)
-        if isinstance(proved, Claim):
-            points = points.with_sensitivity(proved.witness_frequency_Hz, proved.witness_outer_end_mass_kg)
-            continue
-        if best is None or proved.bandwidth_Hz > best.bandwidth_Hz:
-            best = proved
-        aimed = float(np.exp(variables[-1]))
-        if proved.bandwidth_Hz >= aimed * (1 - 1e-5):
-            return best
-        # Somewhere below the aimed bandwidth the compliance is too large between the check points.
-        share = proved.bandwidth_Hz / aimed
-        for mass in np.linspace(oracle.low, oracle.high, 5):
-            points = points.with_compliance(share, float(mass))
-        variables[-1] = log(max(proved.bandwidth_Hz, 1e-3))
-    return best
 
 
 def tune(
@@ -214,28 +127,34 @@ def tune(
         the tuned prototype with what was proved of it, or a reason why there is none.
     """
     told = progress or (lambda fraction, text: None)
-    low, high = outer_end_mass_kg
-    form = FORMS[kind]
-    oracle = _Oracle(linear_rig(prototype), low, high, prototype.goal)
+    form, goal, rig = FORMS[kind], prototype.goal, linear_rig(prototype)
     told(0.0, "coarse search")
-    starts = _sampled_starts(oracle, form, largest_inner_end_mass_kg)
-    proved: list[Proved | None] = []
+    starts, certificates = _sampled_starts(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg)
+    program = _program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg)
+    proved: list[Proved] = []
+    reached, failures = [], []
     for k, start in enumerate(starts):
         told((k + 1) / (len(starts) + 1), f"refining and proving start {k + 1} of {len(starts)}")
-        proved.append(_from_start(oracle, form, start, largest_inner_end_mass_kg))
-    reached = tuple(p.bandwidth_Hz if p else 0.0 for p in proved)
-    successes = [p for p in proved if p is not None]
-    if not successes:
+        variables = [log(start.gain), *np.log(start.shape), start.inner_end_mass, log(start.bandwidth_Hz)]
+        refined = refine(program, np.array(variables))
+        certificates += refined.certificates
+        reached.append(refined.proved.bandwidth_Hz if refined.proved else 0.0)
+        if refined.proved:
+            proved.append(refined.proved)
+        else:
+            failures.append(refined.reason)
+    low, high = outer_end_mass_kg
+    if not proved:
         reason = (
             f"no {kind} controller was found that is proved stable with peak sensitivity at most"
-            f" {prototype.goal.peak_sensitivity:g} for outer end masses of {low:g} to {high:g} kg;"
+            f" {goal.peak_sensitivity:g} for outer end masses of {low:g} to {high:g} kg;"
             " a narrower range, a larger peak sensitivity or more inner end mass may allow one"
         )
-        return Tuning(prototype, outer_end_mass_kg, None, reached, oracle.certificates, reason)
-    best = max(successes, key=lambda p: p.bandwidth_Hz)
+        return Tuning(prototype, outer_end_mass_kg, None, tuple(reached), tuple(failures), certificates, reason)
+    best = max(proved, key=lambda found: found.bandwidth_Hz)
     tuned = prototype.but(
         controller=best.controller,
         payload=Payload(outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=best.inner_end_mass_kg),
         guarantee=None,
     )
-    return Tuning(tuned, outer_end_mass_kg, best, reached, oracle.certificates)
+    return Tuning(tuned, outer_end_mass_kg, best, tuple(reached), tuple(failures), certificates)

@@ -1,0 +1,230 @@
+"""Refine a proposed loop by interior points on finitely many check points, and let exact proofs add what was missed.
+
+The variables of a program, in this order: logarithms of the controller's parameters, inner end mass (kg), logarithm
+of the guaranteed bandwidth (Hz), and whatever describes the sections.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp, log
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.certify.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
+from beamdesign.certify.stability import is_stable_over
+from beamdesign.design.controller_forms import ControllerForm
+from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
+from beamdesign.linear import LinearRig
+from beamdesign.loop import Loop, close_loop
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Goal, Lag, Proportional
+
+ROUNDS = 20
+"""Most rounds of refinement and proof from one start."""
+
+_SMALLEST_REACH = 0.02
+
+_INSIDE = 2e-6
+"""How far inside both limits to stay (in logarithms), so that rounding the figures keeps the proof."""
+
+_NEARLY = 3e-4
+"""Excess (in logarithms) below which a refuted limit is tightened by it; above it, further check points do better."""
+
+_STUCK = 1e-3
+"""A move so small that the last check point changed nothing: then too the limit is tightened."""
+
+_SHARES = np.linspace(0.0, 1.0, 5)
+"""Masses, as shares of the range, at which a compliance found too large is enforced."""
+
+
+@dataclass(frozen=True)
+class LoopProgram:
+    """What is optimised, over the variables named at the head of this file.
+
+    Attributes:
+        form: kind of controller.
+        filtered: whether a sensor filter is in the loop.
+        goal: limits of compliance and peak sensitivity.
+        outer_end_mass_kg: range of the guarantee.
+        figures: the section variables to the (14,) lumped figures.
+        structure: the section variables to slacks that must not be negative.
+        objective: all variables to what is minimised.
+        lower: (n,) bounds of all variables.
+        upper: (n,)
+        reach: how far the variables may move in the first round. Beyond a stability boundary the sensitivity is
+            finite again, so that a long step can end in an unstable loop that meets every constraint.
+        rig: section variables to the rig they stand for, rounded as it will be written down.
+        cost: of a proved loop, to choose the best one by.
+    """
+
+    form: ControllerForm
+    filtered: bool
+    goal: Goal
+    outer_end_mass_kg: tuple[float, float]
+    figures: Callable[[ca.MX], ca.MX]
+    structure: Callable[[ca.MX], ca.MX]
+    objective: Callable[[ca.MX], ca.MX]
+    lower: np.ndarray
+    upper: np.ndarray
+    reach: float
+    rig: Callable[[np.ndarray], LinearRig]
+    cost: Callable[["Proved"], float]
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A loop proved stable and within the peak sensitivity for every outer end mass of the range.
+
+    Attributes:
+        controller: with rounded figures, as it was proved.
+        inner_end_mass_kg: mass added inside.
+        bandwidth_Hz: proved, for every mass of the range.
+        peak_sensitivity: proved bound.
+        variables: of the program, where it was found.
+    """
+
+    controller: Proportional | Lag
+    inner_end_mass_kg: float
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    variables: np.ndarray
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Outcome of one start: what was proved, or why nothing was; and how many stability proofs it took."""
+
+    proved: Proved | None
+    certificates: int
+    reason: str = ""
+
+
+class _Solver:
+    """IPOPT for one program, built once: the check points are parameters, in slots that repeat a point where unused."""
+
+    def __init__(self, program: LoopProgram, points: CheckPoints):
+        self._slots = (len(points.sensitivity) + ROUNDS, len(points.compliance) + len(_SHARES) * ROUNDS)
+        self._program = program
+        count, n = len(program.form.names), len(program.lower)
+        variables = ca.MX.sym("variables", n)
+        logarithms, inner, log_bandwidth, sections = ca.vertsplit(variables, [0, count, count + 1, count + 2, n])
+        sensitivity_points, compliance_points = (
+            ca.MX.sym(name, k, 2) for name, k in zip("sc", self._slots, strict=True)
+        )
+        inside = ca.MX.sym("inside")
+        sensitivity, stiffness = guarantee(
+            program.form.kind,
+            program.filtered,
+            program.figures(sections),
+            inner,
+            logarithms,
+            log_bandwidth,
+            sensitivity_points,
+            compliance_points,
+        )
+        constraints = ca.vertcat(
+            sensitivity + log(program.goal.peak_sensitivity) - inside,
+            stiffness + log(program.goal.compliance_m_per_N) - _INSIDE,
+            program.structure(sections),
+        )
+        self._solver = ca.nlpsol(
+            "loop",
+            "ipopt",
+            {
+                "x": variables,
+                "p": ca.vertcat(ca.vec(sensitivity_points), ca.vec(compliance_points), inside),
+                "f": program.objective(variables),
+                "g": constraints,
+            },
+            {
+                "print_time": False,
+                "ipopt.print_level": 0,
+                "ipopt.sb": "yes",
+                "ipopt.max_iter": 150,
+                "ipopt.tol": 1e-8,
+                "ipopt.mu_init": 1e-3,
+                "ipopt.bound_relax_factor": 0.0,
+            },
+        )
+
+    def __call__(self, start: np.ndarray, points: CheckPoints, inside: float, reach: float) -> np.ndarray:
+        """Minimise the objective with the guarantee enforced at the points.
+
+        Args:
+            start: variables to begin from.
+            points: where both limits are enforced.
+            inside: how far inside the limit of sensitivity, in logarithms.
+            reach: how far each variable may move.
+
+        Returns:
+            The variables where IPOPT stopped, whatever its status: only a proof of the result counts.
+        """
+        slots = [
+            np.vstack([given, np.repeat(given[:1], count - len(given), axis=0)]).ravel(order="F")
+            for given, count in zip((points.sensitivity, points.compliance), self._slots, strict=True)
+        ]
+        lower, upper = np.maximum(self._program.lower, start - reach), np.minimum(self._program.upper, start + reach)
+        found = self._solver(x0=start, p=np.concatenate([*slots, [inside]]), lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
+        return np.clip(np.asarray(found["x"]).ravel(), lower, upper)
+
+
+def _peak_near(loop: Loop, frequency_Hz: float, mass: float, low: float, high: float) -> tuple[float, float]:
+    """Frequency and mass of the peak of |S| that a point lies on, by small grids that climb and zoom in."""
+    for spread in (0.03, 0.03, 0.03, 0.01, 0.003):
+        frequencies = frequency_Hz * np.geomspace(1 / (1 + spread), 1 + spread, 21)
+        masses = np.unique(np.clip(mass + spread * (high - low) * np.linspace(-3, 3, 7), low, high))
+        peaks = np.array([np.abs(loop.at(float(value)).sensitivity_response(frequencies)) for value in masses])
+        i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
+        frequency_Hz, mass = float(frequencies[j]), float(masses[i])
+    return frequency_Hz, mass
+
+
+def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> Refinement:
+    """Refine one start in rounds; each enforces what the last proof refuted.
+
+    Args:
+        program: what is optimised.
+        start: variables to begin from.
+        needed_Hz: bandwidth below which a proved loop is no answer.
+    """
+    count = len(program.form.names)
+    low, high = program.outer_end_mass_kg
+    points, inside, reach = check_points(low, high), _INSIDE, program.reach
+    solver = _Solver(program, points)
+    anchor, best = np.clip(start, program.lower, program.upper), None
+    reason, certificates = "no round of refinement was proved", 0
+    while certificates < ROUNDS and reach > _SMALLEST_REACH:
+        variables = solver(anchor, points, inside, reach)
+        controller = program.form.rounded([float(value) for value in variables[:count]])
+        inner = round(float(variables[count]), 6)
+        loop = close_loop(program.rig(variables[count + 2 :]).plant(inner), controller)
+        certificates += 1
+        if not is_stable_over(loop.characteristic, exact(low), exact(high)):
+            reason = "the refined loop is not stable over the whole range"
+            reach *= 0.4
+            continue
+        moved, anchor = float(np.abs(variables - anchor).max()), variables
+        claim = prove_peak_sensitivity(loop, program.goal.peak_sensitivity, low, high)
+        if not claim.holds:
+            reason = f"peak sensitivity refuted: {claim.reason}"
+            assert claim.witness_frequency_Hz is not None
+            assert claim.witness_outer_end_mass_kg is not None
+            witness = (claim.witness_frequency_Hz, claim.witness_outer_end_mass_kg)
+            points = points.with_sensitivity(*_peak_near(loop, *witness, low, high))
+            excess = log(guaranteed_peak_sensitivity(loop, low, high) / program.goal.peak_sensitivity)
+            inside += excess if excess < _NEARLY or moved < _STUCK else 0.0
+            continue
+        bandwidth = guaranteed_bandwidth(loop, program.goal.compliance_m_per_N, low, high)
+        if bandwidth >= needed_Hz:
+            peak = min(guaranteed_peak_sensitivity(loop, low, high), program.goal.peak_sensitivity)
+            found = Proved(controller, inner, bandwidth, peak, variables)
+            best = found if best is None else min(best, found, key=program.cost)
+        else:
+            reason = f"guarantees {bandwidth:.4g} Hz, {needed_Hz:.4g} Hz are needed"
+        aimed = exp(variables[count + 1])
+        if bandwidth < max(needed_Hz, aimed * (1 - 1e-4)):  # the compliance is too large between the check points
+            points = points.with_compliance(bandwidth / aimed, low + _SHARES * (high - low))
+        elif moved < 0.99 * reach:
+            break
+    return Refinement(best, certificates, "" if best else reason)
