@@ -54,8 +54,8 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
     """Draw the lengthwise section of the rig under the tip load, all of it to one scale, deflections too.
 
     The tips lie in one plane; each beam is clamped from the end of its free length back to the end of its tube. With
-    the servo on the outer beam is held straight and the inner one bends under the whole load; with the servo off the outer
-    one carries it alone.
+    the servo on the outer beam is held straight and the inner one bends under the whole load; with the servo off the
+    outer one carries it alone.
 
     Args:
         prototype: with the geometry of both beams, lengths included.

@@ -1,5 +1,6 @@
 """What a design run claims, and how well each claim is founded: proved, verified numerically, or sampled."""
 
+from math import isfinite
 from typing import Literal, NamedTuple
 
 from beamdesign.certify.certificate import Certificate
@@ -18,15 +19,26 @@ class Statement(NamedTuple):
     how: str
 
 
-def proved_statements(certificate: Certificate, outer_end_mass_kg: tuple[float, float]) -> list[Statement]:
-    """Stability over a range of masses and the further claims of its certificate."""
-    masses = mass_range_text(outer_end_mass_kg)
+def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> list[Statement]:
+    """Stability, the guaranteed figures and the further claims of a certificate.
+
+    Args:
+        certificate: of a range of outer end masses.
+        compliance_m_per_N: the limit that its guaranteed bandwidth refers to.
+    """
+    masses = certificate.outer_end_mass_kg
     stability = Statement(
-        f"stable for every outer end mass of {masses}",
+        f"stable for every outer end mass of {mass_range_text(masses)}",
         "proved" if certificate.stable else "refuted",
         "roots of one polynomial isolated in rational arithmetic, one exact Routh test per range",
     )
-    return [stability, *(_of_claim(claim) for claim in certificate.claims)]
+    claims = list(certificate.claims)
+    if best := certificate.guaranteed:
+        claims += [
+            Claim("compliance", compliance_m_per_N, masses, best.bandwidth_Hz > 0, best.bandwidth_Hz),
+            Claim("peak_sensitivity", best.peak_sensitivity, masses, isfinite(best.peak_sensitivity)),
+        ]
+    return [stability, *(_of_claim(claim) for claim in claims)]
 
 
 def _of_claim(claim: Claim) -> Statement:
@@ -51,8 +63,7 @@ def _of_claim(claim: Claim) -> Statement:
 
 def statements(run: DesignRun) -> list[Statement]:
     """Everything the report of a run claims, the best founded first."""
-    masses = run.problem.payload.outer_end_mass_kg
-    found = proved_statements(run.certificate, masses) if run.certificate and masses else []
+    found = proved_statements(run.certificate, run.problem.goal.compliance_m_per_N) if run.certificate else []
     sizing = run.sizing
     found.append(
         Statement(

@@ -77,7 +77,7 @@ def specification_markdown(run: DesignRun, files: dict[str, str]) -> str:
             controller=controller,
             controller_rows=controller_rows(controller),
             network=network,
-            statements=proved_statements(certificate, prototype.guarantee.outer_end_mass_kg),
+            statements=proved_statements(certificate, prototype.goal.compliance_m_per_N),
             expected=acceptance(prototype),
         )
     )

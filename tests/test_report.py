@@ -1,0 +1,331 @@
+"""The result folder and its report: what a reader sees equals the record, and the page needs nothing from outside."""
+
+import hashlib
+import re
+import xml.etree.ElementTree as ElementTree
+from decimal import Decimal
+from html.parser import HTMLParser
+from math import inf, pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from finished_run import finished_run
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamdesign.certify.replay import replay
+from beamdesign.linear import linear_rig
+from beamdesign.loop import critical_gain, loop
+from beamdesign.lumped import lumped_beam
+from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.report.acceptance import acceptance
+from beamdesign.report.canvas import new_figure
+from beamdesign.report.drawing import draw_section, draw_side
+from beamdesign.report.html import check_row
+from beamdesign.report.price_words import price_words
+from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
+from beamdesign.report.result_folder import FILES, write_result_folder
+from beamdesign.report.stability_chart import stable_gains, wider_map
+from beamdesign.report.svg import inline_svg
+from beamdesign.study.design_run import DesignRun
+
+
+class Page(HTMLParser):
+    """The parts of an HTML page that the tests look at."""
+
+    def __init__(self, text: str):
+        super().__init__(convert_charrefs=True)
+        self.attributes: list[tuple[str, str, str]] = []
+        self.words: list[str] = []
+        self.tags: list[str] = []
+        self.open: list[str] = []
+        self.rows: list[list[str]] = []
+        self.headings: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.open.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in self.open:
+            while self.open.pop() != tag:
+                pass
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.words.append(data)
+        if {"td", "th"} & set(self.open):
+            self.rows[-1][-1] += data
+        if "h1" in self.open:
+            self.headings.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def run() -> DesignRun:
+    return finished_run()
+
+
+@pytest.fixture(scope="module")
+def folder(run: DesignRun, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return write_result_folder(run, tmp_path_factory.mktemp("result") / "new" / "folder")
+
+
+@pytest.fixture(scope="module")
+def html(folder: dict[str, Path]) -> str:
+    return folder["report"].read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(html: str) -> Page:
+    return Page(html)
+
+
+def designed(run: DesignRun) -> Prototype:
+    assert run.prototype is not None
+    return run.prototype
+
+
+def test_the_folder_holds_the_record_and_a_certificate_that_proves_it_again(
+    run: DesignRun, folder: dict[str, Path]
+) -> None:
+    assert {kind: path.name for kind, path in folder.items()} == FILES
+    assert sorted(path.name for path in folder["report"].parent.iterdir()) == sorted(FILES.values())
+    prototype = read_prototype(folder["prototype"])
+    assert prototype == run.prototype
+    assert prototype.guarantee is not None
+    assert prototype.guarantee.certificate == folder["certificate"].name
+    assert prototype.guarantee.certificate_sha256 == hashlib.sha256(folder["certificate"].read_bytes()).hexdigest()
+    assert replay(folder["certificate"]).valid
+
+
+def test_a_run_without_a_result_writes_nothing(run: DesignRun, tmp_path: Path) -> None:
+    nothing = DesignRun(run.problem, run.sizing, None, None, None, "nothing fits")
+    with pytest.raises(ValueError, match="nothing fits"):
+        write_result_folder(nothing, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_the_page_requests_nothing(html: str, page: Page) -> None:
+    loading = {"src", "srcset", "data", "action", "poster", "background", "xlink:href", "href"}
+    targets = [(tag, value) for tag, name, value in page.attributes if name in loading]
+    assert targets
+    for tag, value in targets:
+        beside = tag == "a" and value in FILES.values()
+        assert value.startswith(("#", "data:")) or beside, (tag, value)
+    assert not {"script", "iframe", "object", "embed", "img"} & set(page.tags)
+    assert "@import" not in html
+    assert set(re.findall(r"url\(\s*['\"]?(.)", html)) <= {"#"}
+    addresses = set(re.findall(r"https?://[^\s\"'<]+", html))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+
+
+def test_every_reference_inside_the_page_has_one_target(html: str, page: Page) -> None:
+    names = [value for _, name, value in page.attributes if name == "id"]
+    assert len(names) == len(set(names))
+    links = {value for _, name, value in page.attributes if name in ("href", "xlink:href") and value.startswith("#")}
+    assert {link[1:] for link in links} | set(re.findall(r"url\(#([^)]+)\)", html)) <= set(names)
+
+
+def test_every_figure_is_valid_xml_with_a_description_and_no_colour_of_one_theme(html: str) -> None:
+    figures = re.findall(r"<svg.*?</svg>", html, flags=re.DOTALL)
+    assert len(figures) == html.count("<figure")
+    assert len(figures) >= 6
+    for text in figures:
+        root = ElementTree.fromstring(text)
+        assert root.get("role") == "img"
+        assert root.get("aria-label")
+        assert root.get("viewBox")
+        assert not re.search(r"#(000000|ffffff)\b", text)
+    assert "prefers-color-scheme: dark" in html
+    assert "@media print" in html
+
+
+def test_every_check_stands_in_the_page_and_the_governing_one_is_named(run: DesignRun, page: Page) -> None:
+    rows = {row[0]: row for row in page.rows if len(row) == 5}
+    for check in run.sizing.checks:
+        name, value, limit, used, *_ = check_row(check)
+        shown = f"{name} (governing)" if name == run.sizing.governing else name
+        assert rows[shown][1:3] == [value, limit]
+        assert rows[shown][3].startswith(used)
+    assert f"{run.sizing.governing} (governing)" in rows
+
+
+def test_every_guarantee_stands_in_the_page(run: DesignRun, page: Page) -> None:
+    guarantee = designed(run).guarantee
+    assert guarantee is not None
+    shown = [Decimal(found) for found in re.findall(r"up to ([\d.]+) Hz", page.text)]
+    assert shown
+    for bandwidth in shown:
+        assert 0.999 * guarantee.bandwidth_Hz < bandwidth <= Decimal(repr(guarantee.bandwidth_Hz))
+    proved = [row for row in page.rows if len(row) == 3 and row[1] == "proved"]
+    assert len(proved) == 3  # stability, compliance, peak sensitivity
+    assert all("0 to 6.8 kg" in row[0] for row in proved)
+    assert guarantee.certificate_sha256 in page.text
+    assert run.certificate is not None
+    assert " ".join(run.certificate.text.split()) in page.text
+
+
+def test_what_is_not_proved_is_not_called_proved(page: Page) -> None:
+    foundations = {row[0]: row[1] for row in page.rows if len(row) == 3}
+    assert foundations["no lighter pair of free sizes exists"] == "sampled"
+    assert foundations["no other controller of this kind guarantees more"] == "sampled"
+    assert foundations["no lighter pair of the stock list passes"] == "verified numerically"
+
+
+def test_names_are_escaped(run: DesignRun, html: str, page: Page) -> None:
+    assert "<rig>" in run.problem.name
+    assert "<rig>" not in html
+    assert "".join(page.headings) == run.problem.name
+
+
+@given(
+    st.floats(min_value=-1e6, max_value=1e6, allow_subnormal=False).filter(lambda x: x == 0 or abs(x) > 1e-9),
+    st.integers(min_value=1, max_value=9),
+)
+def test_decimals_are_rounded_to_their_digits_and_guarantees_to_the_safe_side(value: float, digits: int) -> None:
+    exact = Decimal(repr(value))
+    unit = Decimal(1).scaleb(min(exact.adjusted() - digits + 1, 0)) if value else Decimal(0)
+    assert abs(Decimal(decimal(value, digits)) - exact) <= unit / 2 + abs(exact) * Decimal("1e-12")
+    low, high = (Decimal(shown(value, "N", digits).split()[0]) for shown in (at_least, at_most))
+    assert high - low <= unit
+    if abs(value) >= 1e-5:
+        assert low <= exact <= high
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [
+        (5.71e-8, "m/N", "57.1 nm/N"),
+        (1.13e-2, "m3/s/A", "11.3 cm³/s/mA"),
+        (3.8e-13, "m3/s/Pa", "0.38 cm³/s/MPa"),
+        (0.15, "A/V", "150 mA/V"),
+        (486_800.0, "N/m", "486.8 kN/m"),
+        (20e6, "Pa", "20 MPa"),
+        (0.0023, "m", "2.3 mm"),
+        (inf, "A/V", "∞ mA/V"),
+    ],
+)
+def test_published_figures_in_the_units_they_were_published_in(value: float, unit: str, shown: str) -> None:
+    assert quantity(value, unit) == shown
+
+
+def test_a_missed_check_never_reads_as_full_use() -> None:
+    assert per_cent(1.0) == "100.0 %"
+    assert per_cent(1.0000001) == "just over 100 %"
+    assert per_cent(0.99996) == "just under 100 %"
+
+
+def test_prices_in_words() -> None:
+    words = price_words(
+        {"least_wall_kg_per_mm": 2.4, "tip_force_kg_per_percent": 0.0275, "largest_width_kg_per_mm": -0.01}
+        | {"clearance_assembly_kg_per_mm": 0.0}
+    )
+    assert words == [
+        "0.1 mm more least wall costs 0.24 kg of beam mass.",
+        "1 % more tip force costs 0.0275 kg of beam mass.",
+        "0.1 mm more largest width saves 0.001 kg of beam mass.",
+        "A little more or less of these changes nothing: clearance at assembly.",
+    ]
+
+
+def test_expected_compliance_agrees_with_the_state_space_matrices(run: DesignRun) -> None:
+    prototype = designed(run)
+    controller = prototype.controller
+    assert controller is not None
+    assert controller.kind == "lag"
+    expected = acceptance(prototype)
+    for row in expected.at_mass:
+        a, b, c = linear_rig(prototype).matrices(row.outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
+        for frequency, compliance in zip(expected.frequencies_Hz, row.compliance_m_per_N, strict=True):
+            s = 2j * pi * frequency
+            g = c @ np.linalg.solve(s * np.eye(len(a)) - a, b)
+            k = controller.gain_A_per_V * (1 + 1j * frequency / controller.zero_Hz)
+            k /= 1 + 1j * frequency / controller.pole_Hz
+            closed = g[0, 0] - g[0, 1] * k * g[1, 0] / (1 + k * g[1, 1])
+            assert compliance == pytest.approx(abs(closed), rel=1e-8)
+
+
+def test_stable_gains_agree_with_the_poles_and_with_the_published_critical_gain(paper: Prototype) -> None:
+    from beamdesign.prototype import Proportional
+
+    loaded = paper.but(controller=Proportional(gain_A_per_V=0.01))
+    intervals = stable_gains(loop(loaded), 0.0)
+    assert intervals[0] == (0.0, pytest.approx(critical_gain(loaded).gain_A_per_V / 0.01))
+    assert 0.01 * intervals[0][1] == pytest.approx(0.024, rel=0.03)  # Zalucky and Hardt's prediction, 24 mA/V
+
+
+@pytest.mark.parametrize("mass", [0.0, 6.8, 18.0])
+def test_stable_gain_intervals_are_those_without_poles_on_the_right(remedy: Prototype, mass: float) -> None:
+    closed = loop(remedy)
+    here = closed.at(mass)
+    opened, returned = (
+        np.array([float(value) for value in reversed(p.coeffs())]) for p in (here.opened, here.returned)
+    )
+    intervals = stable_gains(closed, mass)
+    for factor in np.geomspace(0.02, 30.0, 60):
+        poles = np.roots(np.polyadd(opened, factor * returned))
+        assert (poles.real.max() < 0) == any(low < factor < high for low, high in intervals)
+
+
+def test_the_chart_of_the_remedy_shows_both_crossings(remedy: Prototype) -> None:
+    found = wider_map(loop(remedy), 0.0, 6.8)
+    assert [crossing.value for crossing in found.crossings] == pytest.approx([1.968442, 17.79211], rel=1e-6)
+    assert [part.stable for part in found.ranges] == [False, True, False]
+
+
+def test_drawings_are_to_scale(run: DesignRun) -> None:
+    prototype = designed(run)
+    outer, inner = prototype.outer_beam, prototype.inner_beam
+    assert None not in (outer.width_m, inner.width_m, outer.wall_m, outer.length_m)
+    axes = draw_section(prototype, new_figure().subplots())
+    rings = [patch.get_extents().width for patch in axes.patches]
+    assert rings[1] / rings[0] == pytest.approx(inner.width_m / outer.width_m, rel=1e-6)
+    assert axes.get_aspect() == 1.0
+
+    force = run.problem.load.tip_force_N
+    axes = draw_side(prototype, force, new_figure().subplots(), servo_on=True)
+    assert axes.get_aspect() == 1.0
+    strips = [walls.get_paths()[0].vertices for walls in axes.collections]
+    outer_top, inner_top = strips[1], strips[3]
+    assert np.ptp(outer_top[:, 1]) == pytest.approx(1e3 * outer.wall_m)
+    assert np.ptp(outer_top[:, 0]) == pytest.approx(1e3 * outer.length_m)
+    at_tip = inner_top[inner_top[:, 0] == 0.0][:, 1].max()
+    sag = 1e3 * force / lumped_beam(inner).stiffness
+    assert at_tip == pytest.approx(1e3 * inner.width_m / 2 - sag)
+
+
+def test_a_beam_without_geometry_cannot_be_drawn(paper: Prototype) -> None:
+    with pytest.raises(ValueError, match="width and the wall"):
+        draw_section(paper, new_figure().subplots())
+
+
+def test_two_pictures_on_one_page_share_no_identifier() -> None:
+    def names(name: str) -> set[str]:
+        figure = new_figure(60, 40)
+        figure.subplots().plot([0, 1], [0, 1], "o-")
+        root = ElementTree.fromstring(inline_svg(figure, name, "a <line> & dots"))
+        assert root.get("aria-label") == "a <line> & dots"
+        return {str(part.get("id")) for part in root.iter() if part.get("id")}
+
+    assert names("one")
+    assert not names("one") & names("two")
+
+
+def test_the_picture_of_the_readme_is_drawn_from_prototypes(remedy: Prototype, run: DesignRun, tmp_path: Path) -> None:
+    import runpy
+
+    script = Path(__file__).parent.parent / "studies" / "remedy_picture.py"
+    picture = runpy.run_path(str(script))["draw"](remedy, designed(run), tmp_path / "picture.svg")
+    words = {text.strip() for text in ElementTree.parse(picture).getroot().itertext() if text.strip()}
+    assert {"gain 150 mA/V", "stable", "outer end mass, kg"} <= words

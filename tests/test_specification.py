@@ -1,0 +1,178 @@
+"""The specification: its figures are those of the record, in the units a workshop reads."""
+
+import re
+from math import pi
+
+import numpy as np
+import pytest
+from finished_run import finished_run
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamdesign import section
+from beamdesign.loop import loop
+from beamdesign.lumped import lumped_beam
+from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.report.acceptance import representative_masses
+from beamdesign.report.lag_network import lag_network
+from beamdesign.report.result_folder import FILES
+from beamdesign.report.specification import held_loads, markdown_text, nearest_stock_tube, specification_markdown
+from beamdesign.stock import stock_tubes
+from beamdesign.study.design_run import DesignRun
+
+
+@pytest.fixture(scope="module")
+def run() -> DesignRun:
+    return finished_run()
+
+
+@pytest.fixture(scope="module")
+def prototype(run: DesignRun) -> Prototype:
+    assert run.prototype is not None
+    return run.prototype
+
+
+@pytest.fixture(scope="module")
+def text(run: DesignRun) -> str:
+    return specification_markdown(run, FILES)
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Cells of every table row by its first cell."""
+    found = [re.split(r"(?<!\\)\|", line)[1:-1] for line in text.splitlines() if line.startswith("|")]
+    return {cells[0].strip(): [cell.strip(" *") for cell in cells[1:]] for cells in found}
+
+
+def number(cell: str) -> float:
+    return float(cell.split()[0])
+
+
+def test_tubes_and_masses_are_the_records(text: str, prototype: Prototype) -> None:
+    table = rows(text)
+    beams = (prototype.outer_beam, prototype.inner_beam)
+    for column, beam in enumerate(beams):
+        assert None not in (beam.width_m, beam.wall_m, beam.length_m, beam.free_length_m)
+        width, _, wall = (float(size) for size in re.findall(r"[\d.]+", table["outside width × width × wall"][column]))
+        assert (width, wall) == pytest.approx((1e3 * beam.width_m, 1e3 * beam.wall_m))
+        assert number(table["cut length"][column]) == pytest.approx(1e3 * beam.length_m)
+        assert number(table["free, clamp to tip"][column]) == pytest.approx(1e3 * beam.free_length_m)
+        assert number(table["clamped"][column]) == pytest.approx(1e3 * (beam.length_m - beam.free_length_m))
+        assert table["material"][column] == beam.material
+        assert number(table["always fixed to the tip (actuator module)"][column]) == beam.end_mass_kg
+        # A sharp-cornered square tube of 6061 by hand: 2700 kg/m3, four walls less their corners.
+        by_hand = 2700 * beam.length_m * (beam.width_m**2 - (beam.width_m - 2 * beam.wall_m) ** 2)
+        assert number(table["mass of the tube"][column]) == pytest.approx(by_hand, rel=1e-3)
+    assert number(table["to be added"][1]) == prototype.payload.inner_end_mass_kg
+
+
+def test_controller_is_given_in_full(text: str, prototype: Prototype) -> None:
+    table, controller = rows(text), prototype.controller
+    assert isinstance(controller, Lag)
+    assert 1e-3 * number(table["gain"][0]) == pytest.approx(controller.gain_A_per_V, rel=1e-9)
+    assert number(table["pole"][0]) == pytest.approx(controller.pole_Hz, rel=1e-9)
+    assert number(table["zero"][0]) == pytest.approx(controller.zero_Hz, rel=1e-9)
+
+
+def test_guarantees_are_stated_with_their_certificate(text: str, prototype: Prototype) -> None:
+    guarantee = prototype.guarantee
+    assert guarantee is not None
+    assert guarantee.certificate_sha256 in text
+    assert f"beamdesign certify --replay {FILES['certificate']}" in text
+    bandwidth = float(re.search(r"every frequency up to ([\d.]+) Hz", text)[1])
+    assert bandwidth == pytest.approx(guarantee.bandwidth_Hz, rel=1e-6)
+    assert bandwidth <= guarantee.bandwidth_Hz
+    peak = float(re.search(r"1/\(1\+L\)\\\| at most ([\d.]+)", text)[1])
+    assert guarantee.peak_sensitivity <= peak < 1.001 * guarantee.peak_sensitivity
+    assert text.count("**proved**") == 3
+    assert "refuted" not in text
+
+
+def test_deflections_are_force_over_stiffness(text: str, run: DesignRun, prototype: Prototype) -> None:
+    force, table = run.problem.load.tip_force_N, rows(text)
+    inner, outer = (lumped_beam(beam) for beam in (prototype.inner_beam, prototype.outer_beam))
+    on, off = (cells for name, cells in table.items() if name.startswith("servo o"))
+    assert number(on[0]) == pytest.approx(1e3 * force / inner.stiffness, rel=1e-3)
+    assert number(off[0]) == pytest.approx(1e3 * force / outer.stiffness, rel=1e-3)
+    for load in held_loads(prototype, force):  # the published pair leaves 17.7 mm each side at assembly
+        assert load.deflection_m + load.gap_left_m == pytest.approx(0.0177)
+    assert number(on[1]) == pytest.approx(17.7 - number(on[0]), abs=2e-2)
+
+
+def test_load_pressure_is_the_papers(text: str) -> None:
+    # 2000 N on 1.13 cm2 is 17.7 MPa, below the 20 MPa supply of Zalucky and Hardt (1984).
+    assert number(rows(text)["load pressure to hold the tip force, F/A"][1]) == pytest.approx(17.7, abs=0.05)
+
+
+def test_acceptance_gains_make_the_loop_oscillate(text: str, prototype: Prototype) -> None:
+    controller, masses = prototype.controller, prototype.payload.outer_end_mass_kg
+    assert controller is not None
+    assert masses is not None
+    table = {name: cells for name, cells in rows(text).items() if name.endswith("kg")}
+    assert [number(name) for name in table] == pytest.approx(list(representative_masses(masses)))
+    lines = [line for line in text.splitlines() if re.match(r"\| [\d.]+ kg \| [\d.]+ mA/V", line)]
+    assert len(lines) == len(table)
+    for line in lines:
+        mass, gain, frequency = (float(figure) for figure in re.findall(r"\| ([\d.]+) (?:kg|mA/V|Hz)", line)[:3])
+        raised = prototype.but(controller=controller.but(gain_A_per_V=1e-3 * gain))
+        poles = loop(raised).at(mass).poles()
+        critical = poles[np.argmin(abs(abs(poles.imag) - 2 * pi * frequency))]
+        assert abs(critical.real) < 2e-3 * abs(critical.imag)  # four digits of gain are shown
+        assert abs(critical.imag) == pytest.approx(2 * pi * frequency, rel=1e-3)
+
+
+def test_names_stay_one_line_of_text(text: str, run: DesignRun) -> None:
+    title = text.splitlines()[0]
+    assert re.sub(r"\\(.)", r"\1", title) == f"# Specification: {run.problem.name}"
+    assert re.search(r"(?<!\\)[<*|]", title) is None
+
+
+@given(st.text(alphabet="ab9 .\n\r\t\x1c\x85\u2028\\`*_{}[]<>#|!~&", max_size=30))
+def test_escaped_text_has_no_live_marks(name: str) -> None:
+    escaped = markdown_text(name)
+    assert re.sub(r"\\(.)", r"\1", escaped) == " ".join(name.split())
+    assert re.search(r"(?<!\\)(?:\\\\)*[`*_<>|]", escaped) is None
+    assert len(escaped.splitlines()) <= 1
+
+
+@given(pole=st.floats(0.01, 10.0), ratio=st.floats(1.001, 500.0), capacitance=st.floats(1e-9, 1e-4))
+def test_the_network_divides_as_the_controller_does(pole: float, ratio: float, capacitance: float) -> None:
+    network = lag_network(Lag(gain_A_per_V=1.0, pole_Hz=pole, zero_Hz=ratio * pole), capacitance)
+    for frequency in (0.1 * pole, pole, ratio * pole, 10 * ratio * pole):
+        shunt = network.shunt_ohm + 1 / (2j * pi * frequency * network.capacitance_F)
+        divided = shunt / (network.series_ohm + shunt)
+        wanted = (1 + 1j * frequency / (ratio * pole)) / (1 + 1j * frequency / pole)
+        assert divided == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_lead_has_no_lag_network() -> None:
+    with pytest.raises(ValueError, match="pole below its zero"):
+        lag_network(Lag(gain_A_per_V=1.0, pole_Hz=20.0, zero_Hz=2.0))
+
+
+@given(width=st.floats(0.02, 0.3), share=st.floats(0.01, 0.3))
+def test_nearest_stock_is_stiff_enough_and_no_heavier_than_need_be(width: float, share: float) -> None:
+    wall = share * width
+    found, needed = nearest_stock_tube(width, wall), section.second_moment(width, wall)
+    enough = [tube for tube in stock_tubes() if tube.wall_m >= wall and section.second_moment(*tube) >= needed]
+    if enough:
+        assert section.area(*found) == pytest.approx(min(section.area(*tube) for tube in enough))
+        assert section.second_moment(*found) >= needed * (1 - 1e-6)
+    else:
+        assert section.second_moment(*found) == max(section.second_moment(*tube) for tube in stock_tubes())
+
+
+def test_a_stock_size_is_its_own_nearest() -> None:
+    assert all(nearest_stock_tube(*tube) == tube for tube in stock_tubes())
+
+
+def test_proportional_control_has_no_network(run: DesignRun, prototype: Prototype) -> None:
+    plain = prototype.but(controller=Proportional(gain_A_per_V=0.002))
+    text = specification_markdown(DesignRun(run.problem, run.sizing, run.tuning, run.certificate, plain), FILES)
+    assert "C(s) = 1." in text
+    assert "network" not in text
+    assert number(rows(text)["gain"][0]) == 2.0
+
+
+def test_nothing_is_specified_without_a_result(run: DesignRun) -> None:
+    with pytest.raises(ValueError, match="nothing fits"):
+        specification_markdown(DesignRun(run.problem, run.sizing, None, None, None, "nothing fits"), FILES)
