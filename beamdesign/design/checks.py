@@ -20,7 +20,10 @@ from beamdesign.problem import DesignProblem
 from beamdesign.section import Quantity
 
 ROUNDING = 1e-9
-"""Share of its limit by which a check may be missed and still count: sums of decimal sizes are not exact in binary."""
+"""Share of its limit (plus a thousandth of its unit) by which a check may be missed and still count.
+
+Sums of decimal sizes are not exact in binary.
+"""
 
 
 class Requirements(NamedTuple):
@@ -74,7 +77,7 @@ class Check(NamedTuple):
     @property
     def satisfied(self) -> Any:
         """Whether the check holds, up to `ROUNDING`; numbers and arrays only."""
-        return self.slack >= -ROUNDING * abs(self.limit)
+        return self.slack >= -ROUNDING * (abs(self.limit) + 1e-3)
 
     @property
     def utilisation(self) -> float:

@@ -67,7 +67,9 @@ def tubes(variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
     return SquareTube(outer_width, outer_wall), SquareTube(inner_width, inner_wall)
 
 
-def free_optimum(problem: DesignProblem, known: Sequence[tuple[SquareTube, SquareTube]] = ()) -> FreeOptimum | None:
+def free_optimum(
+    problem: DesignProblem, known: Sequence[tuple[SquareTube, SquareTube]] = (), grid: bool = True
+) -> FreeOptimum | None:
     """Search the lightest pair of tubes of free sizes.
 
     IPOPT with exact derivatives from a grid of starts and from pairs already known. It is a local method: that no
@@ -76,13 +78,17 @@ def free_optimum(problem: DesignProblem, known: Sequence[tuple[SquareTube, Squar
     Args:
         problem: what is asked.
         known: pairs to start from as well, such as the best stock pair.
+        grid: whether to start from the grid at all; without it, the optimum is one beside the known pairs.
 
     Returns:
         The optimum, or None where no start ended at a feasible pair.
     """
     program = sizing_program(problem)
     conditions, ready = Conditions(program), solver(program, program.mass, program.constraints)
-    ends = [solve(ready, start_variables(problem, sizes), program.figures) for sizes in start_points(problem, known)]
+    ends = [
+        solve(ready, start_variables(problem, sizes), program.figures)
+        for sizes in start_points(problem, known)[: None if grid else len(known)]
+    ]
     feasible = [end for end in ends if conditions.violation(end, program.figures) <= FEASIBLE]
     if not feasible:
         return None

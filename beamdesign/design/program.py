@@ -15,7 +15,7 @@ import numpy as np
 from beamdesign.design.checks import Requirements, beam_mass, checks, materials, requirements
 from beamdesign.design.local_buckling import buckling_curve, relative_slenderness
 from beamdesign.problem import DesignProblem
-from beamdesign.section import SquareTube
+from beamdesign.section import SquareTube, clearance
 
 SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
 """Widths count in tenths of a metre and walls in millimetres, so that all variables are near 1."""
@@ -23,23 +23,27 @@ SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
 THICKEST_SHARE = 0.49
 """Largest wall over width: a tube stays a tube."""
 
-_WIDTHS_M, _WALLS_M = (0.005, 5.0), (0.00005, 0.5)
+LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
+"""Smallest tube that is looked at, unless more is asked."""
+
+_WIDEST_START_M = 2.0
 _ACTIVE = 1e-6
 _IPOPT: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "print_time": False,
+    "show_eval_warnings": False,
     "ipopt.tol": 1e-11,
     "ipopt.constr_viol_tol": 1e-11,
     "ipopt.compl_inf_tol": 1e-11,
     "ipopt.bound_relax_factor": 0.0,
-    "ipopt.max_iter": 400,
+    "ipopt.max_iter": 250,
 }
 
 
 @dataclass(frozen=True)
 class Program:
-    """Symbols of the sizing problem; every constraint reads g <= 0 and is relative to its limit.
+    """Symbols of the sizing problem; every constraint reads g <= 0 and is relative to what is needed.
 
     Attributes:
         variables: sizes in `SIZE_UNITS`, then the four local buckling factors, (8, 1).
@@ -91,10 +95,14 @@ def sizing_program(problem: DesignProblem) -> Program:
 
     pairs = ((factors[0], factors[1]), (factors[2], factors[3]))
     found = checks(problem, *outer, *inner, asked=symbols, factors=pairs)
-    # The limits at some ordinary pair give each constraint its scale.
-    reference = checks(problem, *_reference(problem))
-    scales = [max(abs(float(check.limit)), 1e-3) for check in reference]
-    constraints = [-check.slack / scale for check, scale in zip(found, scales, strict=True)]
+    # What must be at least its limit is taken over that limit, which no size enters (so any pair gives it), but over
+    # 1 mm at least, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances over demands, which
+    # are polynomial in the sizes where their inverses are not.
+    limits = [float(check.limit) for check in checks(problem, 0.1, 0.01, 0.05, 0.005)]
+    constraints = [
+        (check.limit - check.value) / max(limit, 1e-3) if check.at_least else 1 - check.limit / check.value
+        for check, limit in zip(found, limits, strict=True)
+    ]
     labels = [check.name for check in found]
 
     named = zip(("outer", "inner"), (outer, inner), materials(problem), pairs, strict=True)
@@ -103,8 +111,10 @@ def sizing_program(problem: DesignProblem) -> Program:
         for part, factor, value in zip(("flange", "web"), pair, slenderness, strict=True):
             constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_class)]
             labels += [f"{beam_name} {part} whole", f"{beam_name} {part} buckling curve"]
-        constraints.append(wall / width - THICKEST_SHARE)
-        labels.append(f"{beam_name} wall below half the width")
+        constraints += [wall / width - THICKEST_SHARE, 1 - width / LEAST_WIDTH_M, 1 - wall / LEAST_WALL_M]
+        labels += [f"{beam_name} wall below half the width", f"{beam_name} domain: width", f"{beam_name} domain: wall"]
+    constraints.append(-clearance(*outer, inner[0]) / 0.01)
+    labels.append("inner tube enters the outer one")
     return Program(
         variables=ca.vertcat(sizes, factors),
         asked=asked,
@@ -117,17 +127,12 @@ def sizing_program(problem: DesignProblem) -> Program:
     )
 
 
-def _reference(problem: DesignProblem) -> tuple[float, float, float, float]:
-    width, wall = problem.sections.largest_width_m, problem.sections.least_wall_m
-    return (0.7 * width, min(1.5 * wall, 0.1 * width), 0.5 * width, min(1.5 * wall, 0.1 * width))
-
-
 def start_points(problem: DesignProblem, pairs: Sequence[tuple[SquareTube, SquareTube]] = ()) -> list[np.ndarray]:
     """Sizes in m to start from, each (4,): a coarse grid over the allowed widths, and the pairs given."""
-    widest, least = problem.sections.largest_width_m, problem.sections.least_wall_m
+    widest, least = min(problem.sections.largest_width_m, _WIDEST_START_M), problem.sections.least_wall_m
     grid = [
         np.array([share * widest, wall(share * widest), ratio * share * widest, wall(ratio * share * widest)])
-        for share in (0.9, 0.6, 0.35)
+        for share in (0.9, 0.6, 0.35, 0.12)
         for ratio in (0.5, 0.75)
         for wall in (lambda width: min(1.2 * least, width / 5), lambda width: max(width / 25, least))
     ]
@@ -157,10 +162,10 @@ def solve(
     ready: Any, start: np.ndarray, figures: np.ndarray, extra_bounds: Sequence[tuple[float, float]] = ()
 ) -> np.ndarray:
     """Run a `solver` and give back where it ended, whatever it says of that point."""
-    sizes = [_WIDTHS_M, _WALLS_M, _WIDTHS_M, _WALLS_M]
-    bounds = [(low / unit, high / unit) for (low, high), unit in zip(sizes, SIZE_UNITS, strict=True)]
-    bounds += [(1e-4, 2.0)] * 4 + list(extra_bounds)
-    lower, upper = zip(*bounds, strict=True)
+    # These only keep the iterates where the formulas have a meaning; the constraints lie inside them.
+    least = np.array([LEAST_WIDTH_M, LEAST_WALL_M, LEAST_WIDTH_M, LEAST_WALL_M]) / SIZE_UNITS / 2
+    lower = [*least, *[1e-4] * 4, *(low for low, _ in extra_bounds)]
+    upper = [*[np.inf] * 4, *[2.0] * 4, *(high for _, high in extra_bounds)]
     found = ready(x0=start, p=figures, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
     return np.asarray(found["x"].full()).ravel()
 

@@ -1,0 +1,129 @@
+"""`beamdesign size` as a user runs it: fields, exit statuses, and what is said on bad input."""
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from beamdesign.cli.size import size
+from beamdesign.design.pair import check_sections
+from beamdesign.problem import read_problem
+from beamdesign.prototype import Beam, write_prototype
+from beamdesign.records import InputError
+from beamdesign.section import SquareTube
+
+STUDY = Path(__file__).parents[1] / "studies" / "prototype.toml"
+PUBLISHED = (0.140, 0.0023), (0.100, 0.0032)
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Runs the command and gives its exit status, its output, and the fields it wrote (None if it wrote none)."""
+    app = typer.Typer()
+    app.command()(size)
+
+    def invoke(*arguments):
+        target = tmp_path / "result.json"
+        done = CliRunner().invoke(app, [*map(str, arguments), "--json", str(target)])
+        if isinstance(done.exception, InputError):
+            raise done.exception
+        assert isinstance(done.exception, SystemExit | None)
+        return done.exit_code, done.output, json.loads(target.read_text()) if target.exists() else None
+
+    return invoke
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """Writes the published study with one piece of text replaced."""
+
+    def write(old, new):
+        text = STUDY.read_text(encoding="utf-8")
+        assert old in text
+        path = tmp_path / "study.toml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_study_gives_the_fields_of_the_contract(run):
+    status, output, fields = run(STUDY)
+    assert status == 0
+    tubes = SquareTube(**fields["outer"]), SquareTube(**fields["inner"])
+    pair = check_sections(read_problem(STUDY), *tubes)
+    assert fields["feasible"]
+    assert fields["beam_mass_kg"] == pytest.approx(pair.beam_mass_kg)
+    assert fields["governing"] == pair.governing
+    for written, check in zip(fields["checks"], pair.checks, strict=True):
+        assert (written["name"], written["unit"]) == (check.name, check.unit)
+        assert written["value"] == pytest.approx(check.value)
+        assert written["limit"] == pytest.approx(check.limit)
+        assert written["utilisation"] == pytest.approx(check.utilisation)
+        assert check.name.split(",")[0] in output
+    assert fields["given"]["feasible"]
+    assert (fields["given"]["outer"]["width_m"], fields["given"]["outer"]["wall_m"]) == PUBLISHED[0]
+    assert fields["price_of_rounding_kg"] == pytest.approx(fields["beam_mass_kg"] - fields["free"]["beam_mass_kg"])
+    assert fields["kkt_residual"] < 1e-8
+    assert fields["shadow_prices"]["clearance_under_load_kg_per_mm"] > 0
+
+
+def test_where_nothing_fits_the_answer_is_no_and_says_what_to_relax(run, edited):
+    status, output, fields = run(edited("largest_width_m = 0.2", "largest_width_m = 0.1"))
+    assert status == 1
+    assert fields["feasible"] is False
+    assert fields["relaxations"][0]["key"] == "sections.largest_width_m"
+    assert "sections.largest_width_m from 0.1 to 0.14" in output
+    assert "NOT FEASIBLE" in output
+
+
+def test_bad_study_is_refused_and_nothing_is_written(run, edited, tmp_path):
+    with pytest.raises(InputError) as refused:
+        run(edited('material = "6061-T6"', 'material = "6061"'))
+    assert "outer_beam.material" in str(refused.value)
+    assert "inner_beam.material" in str(refused.value)
+    assert not (tmp_path / "result.json").exists()
+
+
+def test_a_study_states_its_own_load(run):
+    with pytest.raises(InputError, match="states its own load"):
+        run(STUDY, "--tip-force-N", 1000)
+
+
+def test_prototype_is_checked_for_the_default_load_and_says_so(run, tmp_path):
+    write_prototype(read_problem(STUDY).prototype(*PUBLISHED), tmp_path / "prototype.toml")
+    status, output, fields = run(tmp_path / "prototype.toml")
+    assert status == 0
+    assert "2000 N (default)" in output
+    assert fields["assumed"]["load"] == {"tip_force_N": 2000.0}
+    assert fields["outer"] == {"width_m": 0.14, "wall_m": 0.0023}
+    assert fields["governing"] == "outer least wall"
+
+
+def test_prototype_that_fails_a_check_is_a_no(run, tmp_path):
+    write_prototype(read_problem(STUDY).prototype(*PUBLISHED), tmp_path / "prototype.toml")
+    status, output, fields = run(tmp_path / "prototype.toml", "--tip-force-N", 2500)
+    assert status == 1
+    assert not fields["feasible"]
+    assert [check["name"] for check in fields["checks"] if not check["satisfied"]] == ["clearance under load, servo on"]
+    assert "FAILS" in output
+
+
+@pytest.mark.parametrize("force", ["0", "-5", "nan", "inf"])
+def test_load_must_be_a_force(run, tmp_path, force):
+    write_prototype(read_problem(STUDY).prototype(*PUBLISHED), tmp_path / "prototype.toml")
+    with pytest.raises(InputError, match="finite force"):
+        run(tmp_path / "prototype.toml", f"--tip-force-N={force}")
+
+
+def test_prototype_of_lumped_figures_names_the_missing_geometry(run, tmp_path):
+    lumped = Beam(stiffness_N_per_m=486_800.0, effective_mass_kg=3.9)
+    prototype = read_problem(STUDY).prototype(*PUBLISHED).but(outer_beam=lumped)
+    write_prototype(prototype, tmp_path / "rig.toml")
+    with pytest.raises(InputError) as refused:
+        run(tmp_path / "rig.toml")
+    assert {key for key, _ in refused.value.problems} == {
+        f"outer_beam.{key}" for key in ("width_m", "wall_m", "length_m", "free_length_m", "material")
+    }

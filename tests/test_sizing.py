@@ -1,0 +1,388 @@
+"""Sizing against independent optimisers, plain loops, finite differences, and problems that have no answer."""
+
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from beamdesign.design.checks import KEYS, Check, beam_mass, checks, requirements
+from beamdesign.design.free_search import PRICE_UNITS, free_optimum
+from beamdesign.design.pair import check_sections
+from beamdesign.design.program import Conditions, sizing_program, start_variables
+from beamdesign.design.sizing import check_prototype, problem_of, size
+from beamdesign.design.stock_search import stock_optimum
+from beamdesign.problem import DesignProblem, read_problem
+from beamdesign.prototype import Beam, Prototype
+from beamdesign.records import InputError
+from beamdesign.section import SquareTube
+from beamdesign.stock import stock_tubes
+
+PUBLISHED = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)
+
+
+@pytest.fixture(scope="module")
+def problem() -> DesignProblem:
+    return read_problem(Path(__file__).parents[1] / "studies" / "prototype.toml")
+
+
+def asking(problem: DesignProblem, **figures: Any) -> DesignProblem:
+    """The problem with other requirements, by their field names in `Requirements`, or another `choose`."""
+    tables: dict[str, dict[str, Any]] = {}
+    for name, figure in figures.items():
+        table, key = KEYS.get(name, f"sections.{name}").split(".")
+        tables.setdefault(table, {})[key] = figure
+    return problem.but(**{table: getattr(problem, table).but(**changes) for table, changes in tables.items()})
+
+
+def by_slsqp(problem: DesignProblem, without: str = "") -> tuple[float, np.ndarray]:
+    """Least mass by scipy's SLSQP on the four sizes with the kinked checks and finite differences."""
+    units = np.array([0.1, 0.001, 0.1, 0.001])
+
+    def slacks(scaled: np.ndarray) -> np.ndarray:
+        found = checks(problem, *(scaled * units).tolist())
+        return np.array([check.slack / abs(check.limit) for check in found if not (without and without in check.name)])
+
+    best, least = np.zeros(4), np.inf
+    for start in ([1.9, 3.0, 1.1, 3.0], [1.5, 2.5, 0.9, 4.0], [1.2, 5.0, 0.8, 8.0]):
+        found = minimize(
+            lambda scaled: float(beam_mass(problem, *(scaled * units).tolist())),
+            start,
+            method="SLSQP",
+            bounds=[(0.1, 20.0), (0.1, 40.0), (0.1, 20.0), (0.1, 40.0)],
+            constraints={"type": "ineq", "fun": slacks},
+            options={"ftol": 1e-13, "maxiter": 400},
+        )
+        if slacks(found.x).min() > -1e-7 and found.fun < least:
+            best, least = found.x * units, float(found.fun)
+    return least, best
+
+
+# The requirement that each variant brings into play, beside the clearance and the walls of the plain problem.
+VARIANTS: dict[str, dict[str, Any]] = {
+    "published": {},
+    "light load": {"tip_force_N": 20.0},
+    "strength": {"strength": 4.0},
+    "narrow": {"largest_width_m": 0.125},
+    "stocky": {"width_to_wall_at_most": 40.0},
+    "thin walls": {"least_wall_m": 0.0005},
+    "thick walls": {"least_wall_m": 0.005},
+}
+
+
+def test_checks_cover_what_is_asked(problem):
+    names = [check.name for check in checks(asking(problem, width_to_wall_at_most=61.0), 0.14, 0.0023, 0.1, 0.0032)]
+    for needed in (
+        "outer strength, servo off",
+        "inner strength, servo on",
+        "outer local buckling, servo off",
+        "inner local buckling, servo on",
+        "clearance at assembly",
+        "clearance under load, servo on",
+        "clearance under load, servo off",
+        "outer least wall",
+        "inner least wall",
+        "outer largest width",
+        "outer width to wall",
+        "inner width to wall",
+    ):
+        assert names.count(needed) == 1
+
+
+def test_checks_by_hand(problem):
+    found = {check.name: check for check in checks(problem, 0.15, 0.0025, 0.09, 0.0025)}
+    outer_modulus = (0.15**4 - 0.145**4) / 12 / 0.075
+    inner_moment = (0.09**4 - 0.085**4) / 12
+    assert found["outer strength, servo off"].value == pytest.approx(2000 * 1.195 / outer_modulus)
+    assert found["inner strength, servo on"].value == pytest.approx(2000 * 1.365 / (inner_moment / 0.045))
+    assert found["inner strength, servo on"].limit == pytest.approx(240e6 / 2)
+    deflection = 2000 * 1.365**3 / (3 * 69e9 * inner_moment)
+    assert found["clearance at assembly"].value == pytest.approx(0.0275)
+    assert found["clearance under load, servo on"].value == pytest.approx(0.0275 - deflection)
+
+
+def test_checks_on_arrays_and_symbols(problem):
+    outer = np.array([[0.14, 0.0023], [0.15, 0.0025]]).T
+    inner = np.array([[0.1, 0.0032], [0.09, 0.0025]]).T
+    symbols = [ca.SX.sym(name) for name in ("ow", "ot", "iw", "it")]
+    symbolic = [ca.Function("check", symbols, [c.value, c.limit]) for c in checks(problem, *symbols)]
+    both = checks(problem, *outer, *inner)
+    for place in range(2):
+        sizes = [*outer[:, place].tolist(), *inner[:, place].tolist()]
+        for alone, array, function in zip(checks(problem, *sizes), both, symbolic, strict=True):
+            assert np.broadcast_to(array.value, 2)[place] == pytest.approx(alone.value, rel=1e-13)
+            assert np.broadcast_to(array.limit, 2)[place] == pytest.approx(alone.limit, rel=1e-13)
+            value, limit = (float(figure) for figure in function(*sizes))
+            assert value == pytest.approx(alone.value, rel=1e-13)
+            assert limit == pytest.approx(alone.limit, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("check", "satisfied", "utilisation"),
+    [
+        (Check("", 50.0, 100.0, "Pa"), True, 0.5),
+        (Check("", 150.0, 100.0, "Pa"), False, 1.5),
+        (Check("", 0.004, 0.002, "m", at_least=True), True, 0.5),
+        (Check("", 0.001, 0.002, "m", at_least=True), False, 2.0),
+        (Check("", -0.001, 0.002, "m", at_least=True), False, float("inf")),
+        (Check("", 0.001, 0.0, "m", at_least=True), True, 0.0),
+        (Check("", 0.0, 0.0, "m", at_least=True), True, 1.0),
+        (Check("", (0.11 - 0.004 - 0.096) / 2, 0.005, "m", at_least=True), True, 1.0),
+    ],
+)
+def test_verdict_of_one_check(check, satisfied, utilisation):
+    assert bool(check.satisfied) is satisfied
+    assert check.utilisation == pytest.approx(utilisation)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_free_optimum_agrees_with_slsqp(problem, variant):
+    asked = asking(problem, **VARIANTS[variant])
+    free = free_optimum(asked)
+    mass, sizes = by_slsqp(asked)
+    assert free.pair.feasible
+    assert free.pair.beam_mass_kg == pytest.approx(mass, rel=1e-5)
+    assert [*free.pair.outer, *free.pair.inner] == pytest.approx(sizes.tolist(), rel=1e-3)
+
+
+def test_no_pair_of_a_fine_grid_is_lighter_than_the_free_optimum(problem):
+    free = free_optimum(problem).pair
+    outer_width = np.linspace(0.12, 0.17, 41)[:, None, None]
+    inner_width = np.linspace(0.075, 0.115, 41)[None, :, None]
+    inner_wall = np.linspace(0.002, 0.004, 81)[None, None, :]
+    sizes = (outer_width, 0.002, inner_width, inner_wall)
+    passes = np.logical_and.reduce(np.broadcast_arrays(*(check.satisfied for check in checks(problem, *sizes))))
+    mass = np.where(passes, beam_mass(problem, *sizes), np.inf)
+    assert free.beam_mass_kg < mass.min() < 1.02 * free.beam_mass_kg
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_first_order_conditions_hold_at_the_optimum(problem, variant):
+    free = free_optimum(asking(problem, **VARIANTS[variant]))
+    assert free.kkt_residual < 1e-8
+    assert free.starts_agreeing > free.starts / 2
+    by_name = {check.name: check for check in free.pair.checks}
+    assert free.governing == free.active[0]
+    assert [by_name[name].utilisation for name in free.active] == pytest.approx([1.0] * len(free.active), abs=1e-6)
+
+
+def test_residual_is_large_where_the_conditions_do_not_hold(problem):
+    program = sizing_program(problem)
+    conditions = Conditions(program)
+    published = start_variables(problem, np.array([*PUBLISHED[0], *PUBLISHED[1]]))
+    assert conditions.optimality(published, program.figures).residual > 0.1
+    thin = start_variables(problem, np.array([0.14, 0.001, 0.1, 0.0032]))
+    assert conditions.optimality(thin, program.figures).violation == pytest.approx(0.5)
+
+
+def test_gradients_are_those_of_finite_differences(problem):
+    program = sizing_program(problem)
+    point = start_variables(problem, np.array([*PUBLISHED[0], *PUBLISHED[1]]))
+    evaluate = ca.Function("g", [program.variables, program.asked], [program.constraints])
+    slope = ca.Function("dg", [program.variables, program.asked], [ca.jacobian(program.constraints, program.variables)])
+    found, step = np.asarray(slope(point, program.figures)), 1e-6
+    for place in range(8):
+        ahead, behind = point.copy(), point.copy()
+        ahead[place] += step
+        behind[place] -= step
+        difference = (evaluate(ahead, program.figures) - evaluate(behind, program.figures)).full().ravel() / (2 * step)
+        assert found[:, place] == pytest.approx(difference, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize("variant", ["published", "light load", "strength", "narrow", "stocky"])
+def test_shadow_prices_are_those_of_resolved_problems(problem, variant):
+    asked = asking(problem, **VARIANTS[variant])
+    free = free_optimum(asked)
+    for name, figure in requirements(asked)._asdict().items():
+        if figure is None:
+            continue
+        label, share = PRICE_UNITS[name]
+        unit = 0.001 if share is None else share * figure
+        step = 0.01 * unit
+        masses = [free_optimum(asking(asked, **{name: figure + sign * step})).pair.beam_mass_kg for sign in (1, -1)]
+        difference = (masses[0] - masses[1]) / (2 * step) * unit
+        assert free.shadow_prices[label] == pytest.approx(difference, rel=0.01, abs=1e-5), label
+
+
+def test_stock_optimum_is_that_of_a_plain_loop(problem):
+    best, least, passing = None, float("inf"), 0
+    for outer in stock_tubes():
+        for inner in stock_tubes():
+            if inner.width_m >= outer.width_m - 2 * outer.wall_m:
+                continue
+            if not all(check.satisfied for check in checks(problem, *outer, *inner)):
+                continue
+            passing += 1
+            mass = 1.5 * 2700 * sum(4 * tube.wall_m * (tube.width_m - tube.wall_m) for tube in (outer, inner))
+            if mass < least - 1e-12:
+                best, least = (outer, inner), mass
+    stock = stock_optimum(problem)
+    assert (stock.pair.outer, stock.pair.inner) == best
+    assert stock.pair.beam_mass_kg == pytest.approx(least, rel=1e-12)
+    assert stock.pairs_feasible == passing
+    assert stock.pairs == len(stock_tubes()) ** 2
+
+
+def test_stock_may_be_the_users_own(problem):
+    shelf = [*PUBLISHED, SquareTube(0.2, 0.01)]
+    stock = stock_optimum(problem, shelf)
+    assert (stock.pair.outer, stock.pair.inner) == PUBLISHED
+    assert stock_optimum(problem, [PUBLISHED[0]]) is None
+
+
+def test_sizing_compares_free_stock_and_given(problem):
+    found = size(problem)
+    assert found.feasible
+    assert found.chosen == found.stock.pair
+    assert (found.given.outer, found.given.inner) == PUBLISHED
+    assert found.given.feasible
+    assert found.free.pair.beam_mass_kg < found.beam_mass_kg < found.given.beam_mass_kg
+    assert found.price_of_rounding_kg == pytest.approx(found.beam_mass_kg - found.free.pair.beam_mass_kg)
+    assert found.governing in found.reason
+    assert found.governing == max(found.checks, key=lambda check: check.utilisation).name
+
+
+@pytest.mark.parametrize(("choose", "field"), [("free", "free"), ("stock", "stock"), ("fixed", "given")])
+def test_choose_is_honoured(problem, choose, field):
+    found = size(asking(problem, choose=choose))
+    compared = getattr(found, field)
+    assert found.feasible
+    assert found.choose == choose
+    assert found.chosen == (compared if choose == "fixed" else compared.pair)
+    assert found.kkt_residual == found.free.kkt_residual
+    assert found.shadow_prices == found.free.shadow_prices
+
+
+def test_progress_runs_from_zero_to_one(problem):
+    told: list[float] = []
+    size(problem, lambda share, text: told.append(share))
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, 1.0)
+
+
+def test_an_optimum_for_yield_alone_would_buckle(problem):
+    thin = asking(problem, least_wall_m=0.0005)
+    mass, sizes = by_slsqp(thin, without="local buckling")
+    yield_only = check_sections(thin, SquareTube(*sizes[:2]), SquareTube(*sizes[2:]))
+    honest = free_optimum(thin)
+    assert mass < 0.8 * honest.pair.beam_mass_kg
+    assert any("local buckling" in check.name for check in yield_only.failing)
+    assert any("local buckling" in name for name in honest.active)
+
+
+IMPOSSIBLE: dict[str, dict[str, Any]] = {
+    "too narrow": {"largest_width_m": 0.1},
+    "too weak": {"strength": 30.0, "largest_width_m": 0.12},
+    "too close": {"assembly_m": 0.09, "tip_force_N": 100.0},
+}
+
+
+@pytest.mark.parametrize("choose", ["free", "stock"])
+@pytest.mark.parametrize("case", IMPOSSIBLE)
+def test_where_nothing_fits_the_answer_names_what_to_relax(problem, case, choose):
+    asked = asking(problem, choose=choose, **IMPOSSIBLE[case])
+    found = size(asked)
+    assert not found.feasible
+    assert found.chosen.failing
+    assert all(check.name in found.reason for check in found.chosen.failing)
+    assert found.relaxations
+    names = {key: name for name, key in KEYS.items()}
+    for item in found.relaxations:
+        assert f"{item.key} from {item.asked:g} to {item.enough:g}" in found.reason
+        eased = asking(asked, **{names[item.key]: item.enough})
+        assert check_sections(eased, item.outer, item.inner).feasible
+    # A change 2 % smaller is not enough: the answer asks for no more than is needed.
+    first = found.relaxations[0]
+    short = asking(asked, **{names[first.key]: first.asked + 0.98 * (first.enough - first.asked)})
+    assert (free_optimum(short) if choose == "free" else stock_optimum(short)) is None
+    shares = [item.share for item in found.relaxations]
+    assert shares == sorted(shares)
+
+
+def test_too_narrow_names_the_width_first(problem):
+    found = size(asking(problem, choose="free", largest_width_m=0.1))
+    assert found.relaxations[0].key == "sections.largest_width_m"
+    # The narrowest outer tube that works, by a grid over everything inside it.
+    widths = np.linspace(0.1, 0.11, 101)[:, None, None]
+    inner_width = np.linspace(0.06, 0.09, 121)[None, :, None]
+    inner_wall = np.linspace(0.002, 0.02, 91)[None, None, :]
+    passing = np.logical_and.reduce(
+        np.broadcast_arrays(*(check.satisfied for check in checks(problem, widths, 0.002, inner_width, inner_wall)))
+    )
+    narrowest = widths.ravel()[passing.any(axis=(1, 2))].min()
+    assert found.relaxations[0].enough == pytest.approx(narrowest, abs=3e-4)
+
+
+def test_no_single_change_may_help(problem):
+    # Walls of half the width leave no tube, and gaps of 0.3 m a side no room in a width of 0.2 m.
+    found = size(asking(problem, choose="free", width_to_wall_at_most=2.0, assembly_m=0.3))
+    assert not found.feasible
+    assert found.relaxations == ()
+    assert "relaxing one requirement alone was not found to help" in found.reason
+
+
+def test_given_sections_that_fail_are_named_with_their_check(problem):
+    found = size(asking(problem, choose="fixed").but(inner_beam=problem.inner_beam.but(width_m=0.120)))
+    assert not found.feasible
+    assert found.given == found.chosen
+    assert [check.name for check in found.chosen.failing] == ["clearance under load, servo on"]
+    assert "clearance under load, servo on is" in found.reason
+    assert "needs at least 3 mm" in found.reason
+    assert {item.key for item in found.relaxations} <= {"clearance.under_load_m", "load.tip_force_N"}
+    assert found.relaxations
+
+
+def test_wall_beyond_the_strength_data_fails(problem):
+    pair = check_sections(problem, SquareTube(0.2, 0.021), SquareTube(0.1, 0.005))
+    assert "outer wall within strength data" in [check.name for check in pair.failing]
+
+
+def prototype_of(problem: DesignProblem) -> Prototype:
+    return problem.prototype(*PUBLISHED)
+
+
+def test_prototype_is_checked_with_its_own_sections(problem):
+    assert check_prototype(prototype_of(problem), 2000.0) == check_sections(problem, *PUBLISHED)
+    twice = check_prototype(prototype_of(problem), 4000.0)
+    assert [check.name for check in twice.failing] == [
+        "clearance under load, servo on",
+        "inner strength, servo on",
+        "inner local buckling, servo on",
+    ]
+
+
+def test_prototype_is_checked_with_its_corner_radii(problem):
+    sharp = prototype_of(problem)
+    rounded = sharp.but(inner_beam=sharp.inner_beam.but(corner_radius_m=0.008))
+    pair = check_prototype(rounded, 2000.0)
+    assert pair.beam_mass_kg < check_prototype(sharp, 2000.0).beam_mass_kg
+    stress, reference = (
+        next(check.value for check in one.checks if check.name == "inner strength, servo on")
+        for one in (pair, check_prototype(sharp, 2000.0))
+    )
+    assert stress > reference
+
+
+def test_prototype_without_geometry_names_every_missing_key(problem):
+    lumped = prototype_of(problem).but(
+        outer_beam=Beam(stiffness_N_per_m=486_800.0, effective_mass_kg=3.9, material="6061-T6", width_m=0.14)
+    )
+    with pytest.raises(InputError) as refused:
+        problem_of(lumped, 2000.0, "rig.toml")
+    assert refused.value.source == "rig.toml"
+    assert {key for key, _ in refused.value.problems} == {
+        "outer_beam.wall_m",
+        "outer_beam.length_m",
+        "outer_beam.free_length_m",
+    }
+
+
+def test_unknown_material_is_refused_with_the_study(tmp_path):
+    text = (Path(__file__).parents[1] / "studies" / "prototype.toml").read_text(encoding="utf-8")
+    study = tmp_path / "study.toml"
+    study.write_text(text.replace("6061-T6", "unobtainium"), encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        read_problem(study)
+    assert {key for key, _ in refused.value.problems} == {"outer_beam.material", "inner_beam.material"}
