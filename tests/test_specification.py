@@ -155,10 +155,10 @@ def test_nearest_stock_is_stiff_enough_and_no_heavier_than_need_be(width: float,
     found, needed = nearest_stock_tube(width, wall), section.second_moment(width, wall)
     enough = [tube for tube in stock_tubes() if tube.wall_m >= wall and section.second_moment(*tube) >= needed]
     if enough:
-        assert section.area(*found) == pytest.approx(min(section.area(*tube) for tube in enough))
-        assert section.second_moment(*found) >= needed * (1 - 1e-6)
-    else:
-        assert section.second_moment(*found) == max(section.second_moment(*tube) for tube in stock_tubes())
+        assert section.area(*found) <= min(section.area(*tube) for tube in enough) * (1 + 1e-12)
+    near_enough = found.wall_m >= wall * (1 - 1e-8) and section.second_moment(*found) >= needed * (1 - 1e-8)
+    stiffest = max(section.second_moment(*tube) for tube in stock_tubes())
+    assert near_enough or (not enough and section.second_moment(*found) == stiffest)
 
 
 def test_a_stock_size_is_its_own_nearest() -> None:
