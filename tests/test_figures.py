@@ -1,0 +1,181 @@
+"""Drawings: what is on the axes, both scales in step, no text cut off, the same file for the same data."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beamdesign.loop import LoopAtMass, critical_gain, loop
+from beamdesign.paper.drawings import DRAWINGS
+from beamdesign.prototype import Prototype
+from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.compliance_scale import decibels, from_decibels
+from beamdesign.report.figures import (
+    frequency_grid,
+    plot_compliance,
+    plot_critical_gain,
+    plot_loop_bode,
+    plot_pole_zero,
+    plot_root_locus,
+    plot_sensitivity,
+)
+
+
+@pytest.fixture
+def loaded(remedy: Prototype) -> LoopAtMass:
+    return loop(remedy).at(6.8)
+
+
+def labels(axes: Axes) -> list[str]:
+    legend = axes.get_legend()
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def cut_off(figure: Figure) -> list[str]:
+    """Axes (with ticks, labels and title) and legends that reach beyond the edge of the figure."""
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    page = figure.bbox.padded(0.5)
+    parts = [(axes.get_ylabel() or axes.get_title(), axes.get_tightbbox(renderer)) for axes in figure.axes]
+    parts += [("legend", legend.get_window_extent(renderer)) for legend in figure.legends]
+    return [
+        name
+        for name, box in parts
+        if not (page.x0 <= box.x0 <= box.x1 <= page.x1 and page.y0 <= box.y0 <= box.y1 <= page.y1)
+    ]
+
+
+def test_compliance_is_drawn_with_its_limit_and_bandwidth(loaded: LoopAtMass, remedy: Prototype):
+    axes = new_figure().add_subplot()
+    assert plot_compliance(axes, {"6.8 kg": loaded, "no payload": loop(remedy).at(0.0)}) is axes
+    curve = axes.lines[0]
+    frequencies, magnitudes = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
+    np.testing.assert_allclose(magnitudes, np.abs(loaded.compliance_response(frequencies)))
+    assert labels(axes)[0] == f"6.8 kg: {loaded.bandwidth_Hz():.2f} Hz"
+    assert labels(axes)[1] == "no payload (unstable)"
+    assert "5.71e-08 m/N = 0.0057 cm/kN = -100 dB" in labels(axes)[2]
+    limit = next(line for line in axes.lines if str(line.get_label()).startswith("limit"))
+    assert set(np.asarray(limit.get_ydata())) == {5.71e-8}
+    dots = [line for line in axes.lines if line.get_marker() == "o"]
+    assert [tuple(np.ravel(dot.get_xydata())) for dot in dots] == [(loaded.bandwidth_Hz(), 5.71e-8)]
+
+
+def test_decibel_scale_follows_the_metric_one(loaded: LoopAtMass):
+    figure = new_figure()
+    axes = plot_compliance(figure.add_subplot(), {"loop": loaded})
+    twin = next(other for other in figure.axes if other is not axes)
+    for limits in ((1e-11, 1e-4), (1e-9, 1e-6)):
+        axes.set_ylim(*limits)
+        assert twin.get_ylim() == pytest.approx([float(decibels(end)) for end in limits])
+    assert twin.get_ylabel() == "dB re 1 in/lbf"
+    assert axes.get_ylabel().endswith("m/N")
+
+
+def test_compliance_without_a_limit(loaded: LoopAtMass):
+    axes = plot_compliance(new_figure().add_subplot(), {"loop": loaded}, limit_m_per_N=None)
+    assert labels(axes) == ["loop"]
+    assert len(axes.lines) == 1
+
+
+def test_decibels_and_back():
+    levels = np.array([-165.0, -100.0, 0.0])
+    np.testing.assert_allclose(decibels(from_decibels(levels)), levels)
+    assert decibels(0.0) == -np.inf
+
+
+def test_curves_reach_the_top_of_sharp_resonances(remedy: Prototype):
+    """At the edge of stability the resonance is far narrower than an even grid's steps."""
+    gain = critical_gain(remedy, 6.8).gain_A_per_V * (1 - 1e-3)
+    assert remedy.controller is not None
+    edge = loop(remedy.but(controller=remedy.controller.but(gain_A_per_V=gain))).at(6.8)
+    pole = min((p for p in edge.poles() if p.imag > 0), key=lambda p: abs(p.real))
+    peak = abs(edge.compliance_response(np.array([abs(pole.imag) / (2 * np.pi)])))[0]
+    drawn = np.abs(edge.compliance_response(frequency_grid([edge]))).max()
+    assert drawn == pytest.approx(peak, rel=0.01)
+    assert np.abs(edge.compliance_response(np.geomspace(0.1, 1000, 800))).max() < 0.5 * peak
+
+
+def test_loop_bode_starts_at_the_phase_of_the_loop_and_is_continuous(loaded: LoopAtMass):
+    magnitude, phase = new_figure().subplots(2, 1, sharex=True)
+    assert plot_loop_bode(magnitude, phase, {"loop": loaded}) == (magnitude, phase)
+    angles = np.asarray(phase.lines[0].get_ydata())
+    assert -30 < angles[0] < 0
+    assert np.abs(np.diff(angles)).max() < 30
+    assert {float(axes.lines[-1].get_ydata()[0]) for axes in (magnitude, phase)} == {0.0, -180.0}
+
+
+def test_root_locus_runs_from_the_open_loop_poles_through_the_marked_ones(loaded: LoopAtMass):
+    axes = new_figure().add_subplot()
+    factors = np.concatenate([[1e-7], np.geomspace(1e-2, 3.0, 400)])
+    assert plot_root_locus(axes, loaded, list(factors), {"set gain": 1.0}) is axes
+    assert labels(axes) == ["set gain", "open-loop poles", "zeros"]
+    marked = next(line for line in axes.lines if line.get_label() == "set gain")
+    found = np.sort_complex(np.asarray(marked.get_xdata()) + 1j * np.asarray(marked.get_ydata()))
+    np.testing.assert_allclose(found, np.sort_complex(loaded.poles()))
+    branches = axes.lines[: len(loaded.poles())]
+    starts = np.sort_complex([complex(b.get_xdata()[0], b.get_ydata()[0]) for b in branches])
+    np.testing.assert_allclose(starts, np.sort_complex(loaded.open_loop_poles()), rtol=1e-3)
+    # A branch is one root's path: it never jumps to another's.
+    for branch in branches:
+        path = np.asarray(branch.get_xdata()) + 1j * np.asarray(branch.get_ydata())
+        assert np.abs(np.diff(path)).max() < 0.35 * np.abs(path).max()
+
+
+def test_pole_zero_map(loaded: LoopAtMass):
+    axes = plot_pole_zero(new_figure().add_subplot(), loaded.poles(), loaded.compliance_zeros(), "poles")
+    assert labels(axes) == ["poles", "zeros"]
+    assert [len(line.get_xdata()) for line in axes.lines[:2]] == [8, 6]
+
+
+def test_sensitivity_names_its_peak(loaded: LoopAtMass, remedy: Prototype):
+    axes = new_figure().add_subplot()
+    plot_sensitivity(axes, {"6.8 kg": loaded, "no payload": loop(remedy).at(0.0)})
+    assert labels(axes) == [f"6.8 kg, peak {loaded.peak_sensitivity():.2f}", "no payload, unstable", "limit 2"]
+    assert np.asarray(axes.lines[0].get_ydata()).max() == pytest.approx(loaded.peak_sensitivity(), rel=1e-3)
+
+
+def test_jump_of_the_critical_gain_is_a_gap():
+    axes = plot_critical_gain(new_figure().add_subplot(), [0.0, 1.0, 2.0, 3.0], {"lag": [0.30, 0.35, 0.05, 0.04]})
+    np.testing.assert_array_equal(np.asarray(axes.lines[0].get_ydata()), [300, 350, np.nan, 50, 40])
+
+
+def test_styles_differ_in_grey():
+    assert len({tuple(style.values()) for style in STYLES}) == len(STYLES)
+    assert {style["color"] for style in STYLES} <= {"black", "0.45"}
+
+
+@pytest.mark.parametrize("draw", DRAWINGS, ids=lambda draw: draw.__name__)
+def test_published_figures_have_axes_captions_and_no_text_cut_off(draw):
+    drawing = draw()
+    assert len(drawing.caption) > 40
+    assert drawing.claim
+    assert cut_off(drawing.figure) == []
+    for axes in drawing.figure.axes:
+        assert axes.get_ylabel() or axes.get_title()
+
+
+def test_saved_files_are_the_same_for_the_same_data(tmp_path: Path, loaded: LoopAtMass):
+    def saved(folder: str) -> list[bytes]:
+        (tmp_path / folder).mkdir()
+        figure = new_figure(80.0, 60.0)
+        plot_pole_zero(figure.add_subplot(), loaded.poles(), loaded.open_loop_zeros())
+        return [path.read_bytes() for path in save(figure, tmp_path / folder / "map", ("png", "svg", "pdf"))]
+
+    first, second = saved("one"), saved("two")
+    assert first == second
+    assert first[0].startswith(b"\x89PNG")
+    assert b"real part, 1/s" in first[1], "text stays text"
+    assert first[2].startswith(b"%PDF")
+
+
+def test_nothing_touches_pyplot():
+    """Figures are made without a window system and leave no global state behind."""
+    code = (
+        "import sys, beamdesign.report.figures, beamdesign.report.canvas; sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,164 @@
+"""The `paper` command and its comparison: complete, consistent with the model, every disagreement given a reason."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from beamdesign.cli.paper import paper as command
+from beamdesign.loop import critical_gain, loop
+from beamdesign.lumped import lumped_beam, notes
+from beamdesign.paper import CASES, Comparison, compare, paper_prototype
+from beamdesign.paper.claim import Claim
+from beamdesign.paper.gains import gain_cliff
+from beamdesign.paper.rig import lag
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    return compare()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command writes, once for all tests."""
+    out = tmp_path_factory.mktemp("paper") / "result"
+    app = typer.Typer()
+    app.command()(command)
+    result = CliRunner().invoke(app, ["--out", str(out), "--json", str(out / "again" / "copy.json")])
+    assert result.exit_code == 0, result.output
+    (out / "printed.txt").write_text(result.output, encoding="utf-8")
+    return out
+
+
+def test_prototype_is_the_fixture_that_other_tests_start_from(paper: Prototype):
+    """Lumped figures decide, so the published tubes beside them change nothing."""
+    published = paper_prototype()
+    for name in ("outer_beam", "inner_beam"):
+        lumped = [replace(lumped_beam(getattr(rig, name)), notes=()) for rig in (published, paper)]
+        assert lumped[0] == lumped[1]
+    assert (published.actuator, published.servovalve, published.sensor) == (
+        paper.actuator,
+        paper.servovalve,
+        paper.sensor,
+    )
+    assert len(notes(published)) == 4
+
+
+def test_prototype_goes_through_a_file_without_loss(tmp_path: Path):
+    write_prototype(lag(150.0, 4.5), tmp_path / "prototype.toml")
+    assert read_prototype(tmp_path / "prototype.toml") == lag(150.0, 4.5)
+
+
+def test_json_has_the_fields_of_the_contract(folder: Path):
+    fields = json.loads((folder / "paper.json").read_text(encoding="utf-8"))
+    assert [row["case"] for row in fields["critical_gains"]] == [case.name for case in CASES]
+    assert [row["predicted_paper_mA_per_V"] for row in fields["critical_gains"]] == [24, 300, 10, 200]
+    assert [row["measured_mA_per_V"] for row in fields["critical_gains"]] == [15, 200, 7, 150]
+    for row, case in zip(fields["critical_gains"], CASES, strict=True):
+        gain = critical_gain(case.prototype, case.outer_end_mass_kg).gain_A_per_V
+        assert row["model_mA_per_V"] == pytest.approx(1e3 * gain, rel=1e-12)
+    assert [row["paper"] for row in fields["bandwidths_Hz"]] == [4, 10, 8]
+    assert fields["bandwidths_Hz"][1]["model"] == pytest.approx(loop(lag(300.0)).at(0.0).bandwidth_Hz())
+    assert json.loads((folder / "again" / "copy.json").read_text(encoding="utf-8")) == fields
+
+
+class Links(HTMLParser):
+    """Files a page refers to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.targets: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.targets |= {value for name, value in attrs if name in ("src", "href") and value}
+
+
+def test_page_shows_all_figures_claims_and_slips(folder: Path, comparison: Comparison):
+    text = (folder / "paper.html").read_text(encoding="utf-8")
+    links = Links()
+    links.feed(text)
+    figures = {f"figure_{number:02}.{kind}" for number in range(8, 17) for kind in ("png", "svg")}
+    assert figures <= links.targets
+    assert all((folder / target).stat().st_size > 5000 for target in links.targets)
+    assert text.count('<tr class="differs">') == sum(not claim.agrees for claim in comparison.claims)
+    plain = re.sub(r"\s+", " ", text)
+    for slip in comparison.slips:
+        assert slip.where.split(",")[0] in plain
+    assert "1.968 kg (crossing at 131.8 Hz) and 17.792 kg (crossing at 26.0 Hz)" in plain
+    assert "0.5" in comparison.gains[0].case.prototype.servovalve.model_dump_json()
+
+
+def test_terminal_states_both_choices_and_every_disagreement(folder: Path, comparison: Comparison):
+    printed = (folder / "printed.txt").read_text(encoding="utf-8")
+    assert "Servovalve damping 0.5" in printed
+    assert "fixed dashpot" in printed
+    differing = sum(not claim.agrees for claim in comparison.claims)
+    assert f"{differing} of {len(comparison.claims)} numbers differ" in printed
+
+
+def test_every_disagreement_has_a_reason(comparison: Comparison):
+    differing = [claim for claim in comparison.claims if not claim.agrees]
+    assert differing
+    for claim in differing:
+        assert len(claim.note) > 20, claim.quantity
+        assert "differs" in claim.verdict
+
+
+def test_no_sentence_is_left_unfilled(comparison: Comparison):
+    words = [claim.note for claim in comparison.claims] + [slip.check for slip in comparison.slips]
+    assert not [text for text in words if "{" in text or "nan" in text.split()]
+
+
+def test_loaded_gain_is_shown_as_a_disagreement_and_the_others_agree(comparison: Comparison):
+    predicted = [claim for claim in comparison.claims if claim.quantity.endswith(": predicted")]
+    assert [claim.agrees for claim in predicted] == [True, True, False, True]
+    measured = [claim for claim in comparison.claims if ": measured" in claim.quantity]
+    assert [claim.agrees for claim in measured] == [False, False, False, True]
+
+
+def test_appendix_is_transcribed(comparison: Comparison):
+    appendix = [claim for claim in comparison.claims if claim.group == "appendix"]
+    assert len(appendix) == 13
+    for claim in appendix[:-1]:
+        assert claim.model == pytest.approx(claim.paper, rel=1e-12), claim.quantity
+
+
+@pytest.mark.parametrize(
+    ("paper", "model", "digit", "agrees", "verdict"),
+    [
+        (10.0, 9.24, 1.0, False, "differs by -7.6 %"),
+        (10.0, 9.51, 1.0, True, "agrees"),  # within the print's rounding
+        (300.0, 314.0, 1.0, True, "agrees"),  # within 5 %
+        (5.0, 2.0, 1.0, False, "differs by a factor of 0.4"),
+        (0.0, 0.4, 1.0, True, "agrees"),
+        (0.0, 2.5, 1.0, False, "differs by +2.5 dB"),
+    ],
+)
+def test_verdict(paper: float, model: float, digit: float, agrees: bool, verdict: str):
+    claim = Claim("group", "quantity", "dB", paper, model, "nowhere", digit)
+    assert (claim.agrees, claim.verdict) == (agrees, verdict)
+
+
+def test_cliff_is_where_a_second_pair_of_crossings_appears():
+    """Just below it the gain may be raised three times as far as just above it."""
+    cliff = gain_cliff()
+    assert cliff.after_mA_per_V < cliff.before_mA_per_V / 2
+
+    def crossings(mass: float) -> int:
+        return sum(c.value > 0 for c in loop(lag(1.0)).at(mass).gain_crossings())
+
+    assert crossings(cliff.outer_end_mass_kg + 1e-4) == crossings(cliff.outer_end_mass_kg - 1e-4) + 2
+
+
+def test_a_file_in_the_way_is_bad_input(tmp_path: Path):
+    (tmp_path / "taken").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="not a folder that can be written"):
+        command(tmp_path / "taken")
