@@ -10,7 +10,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.controller import transfer_function
 from beamdesign.crossing import Crossing, crossings
 from beamdesign.linear import Plant, linear_rig
-from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, squared_magnitude
+from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, Proportional, Prototype
 
 
@@ -98,19 +98,19 @@ class LoopAtMass:
 
     def poles(self) -> np.ndarray:
         """Closed-loop poles, rad/s."""
-        return _roots(self.characteristic)
+        return roots(self.characteristic)
 
     def open_loop_poles(self) -> np.ndarray:
         """Poles of L, rad/s."""
-        return _roots(self.opened)
+        return roots(self.opened)
 
     def open_loop_zeros(self) -> np.ndarray:
         """Zeros of L, rad/s."""
-        return _roots(self.returned)
+        return roots(self.returned)
 
     def compliance_zeros(self) -> np.ndarray:
         """Zeros of x / F_d, rad/s."""
-        return _roots(self.disturbance)
+        return roots(self.disturbance)
 
     def gain_crossings(self) -> list[Crossing]:
         """Factors on the gain at which a closed-loop root lies on the axis, ascending."""
@@ -206,16 +206,6 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> Critical
     if not is_hurwitz(below):
         raise ValueError("the loop is unstable at every gain below its first crossing")
     return CriticalGain(positive[0].value, positive[0].frequency_Hz)
-
-
-def _roots(polynomial: fmpq_poly) -> np.ndarray:
-    """All complex roots, each as often as its multiplicity."""
-    found = [
-        complex(float(root.real.mid()), float(root.imag.mid()))
-        for root, count in polynomial.numer().complex_roots()
-        for _ in range(count)
-    ]
-    return np.array(sorted(found, key=lambda z: (z.real, z.imag)))
 
 
 def _respond(polynomial: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:

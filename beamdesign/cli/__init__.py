@@ -5,6 +5,7 @@ import sys
 import typer
 
 from beamdesign.cli.certify import certify
+from beamdesign.cli.codesign import codesign
 from beamdesign.cli.paper import paper
 from beamdesign.cli.run import run
 from beamdesign.cli.size import size
@@ -16,7 +17,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (run, size, tune, certify, paper):
+for command in (run, size, tune, certify, codesign, paper):
     app.command(command.__name__)(command)
 
 

@@ -92,7 +92,7 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
 
 
 def progress(description: str) -> AbstractContextManager[Any]:
-    """A progress display on stderr: `with progress("tuning") as update: update(fraction, text)`."""
+    """Show progress on stderr while a block runs, as in `with progress("tuning") as update: update(0.5, "half")`."""
     from beamdesign.cli.progress import display
 
     return display(description)

@@ -31,7 +31,7 @@ def tune(
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
     from beamdesign.records import InputError
-    from beamdesign.study.design_run import CERTIFICATE_NAME, attach
+    from beamdesign.study.design_run import CERTIFICATE_NAME, with_guarantee
 
     record = read_prototype(prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
@@ -53,7 +53,7 @@ def tune(
         out.mkdir(parents=True, exist_ok=True)
         paths = {"prototype": out / "prototype.toml", "certificate": out / CERTIFICATE_NAME}
         paths["certificate"].write_text(certificate.text, encoding="utf-8")
-        write_prototype(attach(found.prototype, found, certificate, CERTIFICATE_NAME), paths["prototype"])
+        write_prototype(with_guarantee(found.prototype, best, masses, certificate, CERTIFICATE_NAME), paths["prototype"])
     rows = [(name, value) for name, value in best.controller.model_dump().items()]
     rows += [
         ("inner_end_mass_kg", best.inner_end_mass_kg),

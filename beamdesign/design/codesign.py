@@ -101,10 +101,10 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     def figures(sections: ca.MX) -> ca.MX:
         sizes = [float(unit) * sections[i] for i, unit in enumerate(SIZE_UNITS)]
         lumped: list[ca.MX] = []
-        for alloy, asked, size in zip(
+        for alloy, asked, (width, wall) in zip(
             materials(problem), (problem.outer_beam, problem.inner_beam), (sizes[:2], sizes[2:]), strict=True
         ):
-            stiffness, mass = beam_figures(alloy, *size, 0.0, asked.free_length_m, asked.end_mass_kg)
+            stiffness, mass = beam_figures(alloy, width, wall, 0.0, asked.free_length_m, asked.end_mass_kg)
             lumped += [stiffness, mass, fixed_dashpot(asked.damping_ratio, stiffness, mass)]
         return ca.vertcat(*lumped, *hydraulics.values())
 

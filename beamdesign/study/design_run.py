@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beamdesign.certify.certificate import Certificate, certify
+from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import Sizing, size
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.problem import DesignProblem
@@ -62,19 +63,19 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
         return DesignRun(problem, sizing, tuning, None, None, tuning.reason)
     told(0.9, "writing the proof")
     certificate = certify(tuning.prototype, *masses)
-    return DesignRun(
-        problem, sizing, tuning, certificate, attach(tuning.prototype, tuning, certificate, CERTIFICATE_NAME)
-    )
+    prototype = with_guarantee(tuning.prototype, tuning.best, masses, certificate, CERTIFICATE_NAME)
+    return DesignRun(problem, sizing, tuning, certificate, prototype)
 
 
-def attach(prototype: Prototype, tuning: Tuning, certificate: Certificate, name: str | Path) -> Prototype:
-    """The prototype with the guarantee that its certificate proves."""
-    assert tuning.best is not None
+def with_guarantee(
+    prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], certificate: Certificate, name: str | Path
+) -> Prototype:
+    """The prototype with the guarantee that its certificate, written under `name`, proves."""
     return prototype.but(
         guarantee=Guarantee(
-            bandwidth_Hz=tuning.best.bandwidth_Hz,
-            peak_sensitivity=tuning.best.peak_sensitivity,
-            outer_end_mass_kg=tuning.outer_end_mass_kg,
+            bandwidth_Hz=proved.bandwidth_Hz,
+            peak_sensitivity=proved.peak_sensitivity,
+            outer_end_mass_kg=masses_kg,
             certificate=str(name),
             certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
         )

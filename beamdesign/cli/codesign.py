@@ -1,0 +1,84 @@
+"""`beamdesign codesign`: sections, inner end mass and controller together, at least moving mass."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, say_table, write_json
+
+
+def codesign(
+    study: Annotated[Path, typer.Argument(help="The study file with the design problem.")],
+    bandwidth_Hz: Annotated[float, typer.Option("--bandwidth-Hz", help="Bandwidth to guarantee, Hz.")],
+    outer_end_mass: RangeOption = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for prototype.toml and certificate.toml.")] = None,
+    json: JsonOption = None,
+) -> None:
+    """Find the lightest link that guarantees a bandwidth over a payload range.
+
+    Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
+    their full length and the inner end mass. The result is proved, not sampled.
+    """
+    from beamdesign.certify.certificate import certify
+    from beamdesign.design import codesign as room
+    from beamdesign.problem import read_problem
+    from beamdesign.prototype import write_prototype
+    from beamdesign.records import InputError
+    from beamdesign.study.design_run import CERTIFICATE_NAME, with_guarantee
+
+    problem = read_problem(study)
+    masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
+    if not 0 < bandwidth_Hz < 500:
+        raise InputError("--bandwidth-Hz", [(f"{bandwidth_Hz:g}", "must lie between 0 and 500 Hz")])
+    with progress("co-design") as update:
+        found = room.codesign(problem, masses, bandwidth_Hz, progress=update)
+    point = found.point
+    if point is None:
+        say(found.reason)
+        fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
+        write_json(json, dict.fromkeys(fields) | {"reason": found.reason, "attempts": found.attempts})
+        raise typer.Exit(1)
+    certificate = certify(point.prototype, *masses)
+    guaranteed = with_guarantee(point.prototype, point.proved, masses, certificate, CERTIFICATE_NAME)
+    folder = out if out is not None else Path(f"{problem.name}-codesign")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / CERTIFICATE_NAME).write_text(certificate.text, encoding="utf-8")
+    write_prototype(guaranteed, folder / "prototype.toml")
+    rows = [
+        ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
+        ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),
+        ("of which inner end mass", f"{point.inner_end_mass_kg:.3f} kg"),
+        ("outer beam", f"{point.outer.width_m * 1e3:.2f} x {point.outer.wall_m * 1e3:.3f} mm"),
+        ("inner beam", f"{point.inner.width_m * 1e3:.2f} x {point.inner.wall_m * 1e3:.3f} mm"),
+        *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
+        ("governing structural check", point.governing),
+        ("guaranteed bandwidth", f"{point.proved.bandwidth_Hz:.4f} Hz"),
+        ("guaranteed peak sensitivity", f"{point.proved.peak_sensitivity:.4f}"),
+        ("for every outer end mass", f"{masses[0]:g} to {masses[1]:g} kg"),
+    ]
+    say_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
+    say(f"prototype: {folder / 'prototype.toml'}")
+    write_json(
+        json,
+        {
+            "prototype": folder / "prototype.toml",
+            "certificate": folder / CERTIFICATE_NAME,
+            "moving_mass_kg": point.moving_mass_kg,
+            "beam_mass_kg": point.beam_mass_kg,
+            "inner_end_mass_kg": point.inner_end_mass_kg,
+            "outer": point.outer._asdict(),
+            "inner": point.inner._asdict(),
+            "controller": point.proved.controller.model_dump(),
+            "governing": point.governing,
+            "checks": [
+                {"name": c.name, "value": c.value, "limit": c.limit, "utilisation": c.utilisation} for c in point.checks
+            ],
+            "guaranteed": {
+                "bandwidth_Hz": point.proved.bandwidth_Hz,
+                "peak_sensitivity": point.proved.peak_sensitivity,
+                "outer_end_mass_kg": list(masses),
+            },
+            "attempts": found.attempts,
+        },
+    )
