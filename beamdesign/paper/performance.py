@@ -105,7 +105,7 @@ def lag_claims() -> list[Claim]:
         "The ratio of the two gains, 300 / 24, is {:.1f} dB here.",
         "Printed for all below 2 Hz; the pole at 1.75 Hz acts already and leaves the controllers {:.1f} dB apart.",
         "The pole at 1.75 Hz is passed: the controllers themselves are {:.1f} dB apart.",
-        "The controllers themselves are {:.1f} dB apart; the closed loop adds nothing.",
+        "The controllers themselves are {:.1f} dB apart, and closing the loop makes less of it.",
         "The controllers are {:.1f} dB apart. Far above the zero the lag's gain, 300 x 1.75 / 26 = 20.2 mA/V, is the"
         " smaller one, and the lag loop does slightly worse.",
     ]

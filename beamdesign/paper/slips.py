@@ -102,7 +102,7 @@ def _model_slips(rows: list[GainRow]) -> list[Slip]:
         ),
         Slip(
             "Appendix, flow gain", "K_q at 6.9 MPa while the supply is 20 MPa", "as printed",
-            f"An orifice's no-load gain goes with the square root of the supply, a factor of {factor:.2f}; with it the"
+            f"Flow through an orifice rises as sqrt(pressure), here {factor:.2f} times; with that the"
             " critical gains are "
             + ", ".join(f"{row.varied_mA_per_V['supply_flow_gain']:.3g}" for row in rows)
             + " mA/V, measured "

@@ -3,7 +3,7 @@
 A. Zalucky and D. E. Hardt, "Active Control of Robot Structure Deflections", ASME Journal of Dynamic Systems,
 Measurement, and Control 106 (1984) 63-69.
 
-Two kinds of number stand here: what the paper prints, and what an independent replication of its equations gave with
+Two kinds of number stand here: what the paper prints, and what its equations gave when worked through separately, with
 valve damping 0.5 and fixed dashpots. The model has to meet the second to 2 %.
 """
 
