@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamdesign.design.elastic import Elastic
 from beamdesign.design.pair import CheckedPair, check_sections
 from beamdesign.design.program import (
     SIZE_UNITS,
@@ -73,7 +74,8 @@ def free_optimum(
     """Search the lightest pair of tubes of free sizes.
 
     IPOPT with exact derivatives from a grid of starts and from pairs already known. It is a local method: that no
-    lighter pair exists is borne out by the starts agreeing, not proved.
+    lighter pair exists is borne out by the starts agreeing, not proved; nor is it proved that none exists where none is
+    found. Unless a known pair passes, the pair that misses least is sought first, and the answer is no if it misses.
 
     Args:
         problem: what is asked.
@@ -81,14 +83,17 @@ def free_optimum(
         grid: whether to start from the grid at all; without it, the optimum is one beside the known pairs.
 
     Returns:
-        The optimum, or None where no start ended at a feasible pair.
+        The optimum, or None where no feasible pair was found.
     """
     program = sizing_program(problem)
-    conditions, ready = Conditions(program), solver(program, program.mass, program.constraints)
-    ends = [
-        solve(ready, start_variables(problem, sizes), program.figures)
-        for sizes in start_points(problem, known)[: None if grid else len(known)]
-    ]
+    conditions, points = Conditions(program), start_points(problem, known)[: None if grid else len(known)]
+    if not any(check_sections(problem, *pair).feasible for pair in known):
+        nearest, missed = Elastic(problem, program, conditions).nearest(program.figures, points[::3])
+        if missed > FEASIBLE:
+            return None
+        points.append(nearest[:4] * SIZE_UNITS)
+    ready = solver(program, program.mass, program.constraints)
+    ends = [solve(ready, start_variables(problem, sizes), program.figures) for sizes in points]
     feasible = [end for end in ends if conditions.violation(end, program.figures) <= FEASIBLE]
     if not feasible:
         return None

@@ -8,9 +8,11 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.design.checks import KEYS, Requirements, requirements
+from beamdesign.design.elastic import Elastic
 from beamdesign.design.free_search import FEASIBLE, tubes
 from beamdesign.design.pair import CheckedPair, check_sections
 from beamdesign.design.program import (
+    SIZE_UNITS,
     Conditions,
     Program,
     sizing_program,
@@ -36,7 +38,6 @@ _EASIEST = {
 }
 _EASE_UPWARDS = ("largest_width_m", "width_to_wall_at_most")
 _DIGITS = 4
-_MOST_VIOLATION = 1e3
 
 
 @dataclass(frozen=True)
@@ -114,61 +115,48 @@ def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedP
     """
     program = sizing_program(problem)
     conditions = Conditions(program)
-    nearest = _least_violation(problem, program, conditions)
-    asked = requirements(problem)
-    points = [np.array(nearest), *start_points(problem)[::3]]
-    found = [_ease_one(problem, program, conditions, asked, name, points) for name in _relaxable(asked)]
-    outer, inner = SquareTube(*nearest[:2]), SquareTube(*nearest[2:])
-    return _in_order(found), check_sections(problem, outer, inner)
-
-
-def _least_violation(problem: DesignProblem, program: Program, conditions: Conditions) -> list[float]:
-    """Sizes in m with the least sum of relative violations of the checks (an elastic problem)."""
-    count = program.check_count
-    excess = ca.SX.sym("excess", count)
-    elastic = program.constraints - ca.vertcat(excess, ca.SX.zeros(len(program.labels) - count))
-    ready = solver(program, ca.sum1(excess), elastic, excess)
-    best, least = None, float("inf")
-    for sizes in start_points(problem):
-        start = start_variables(problem, sizes)
-        missed = np.clip(conditions.constraints(start, program.figures)[:count], 0.0, _MOST_VIOLATION) + 0.1
-        end = solve(ready, np.concatenate([start, missed]), program.figures, [(0.0, _MOST_VIOLATION)] * count)
-        total = float(np.clip(conditions.constraints(end[:8], program.figures), 0.0, None).sum())
-        if total < least:
-            best, least = end[:8], total
-    if best is None:
-        best = start_variables(problem, start_points(problem)[0])
-    outer, inner = tubes(best)
-    return [*outer, *inner]
+    elastic = Elastic(problem, program, conditions)
+    points = start_points(problem)[::3]
+    nearest, _ = elastic.nearest(program.figures, points)
+    points.insert(0, nearest[:4] * SIZE_UNITS)
+    found = [
+        _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
+    ]
+    return _in_order(found), check_sections(problem, *tubes(nearest))
 
 
 def _ease_one(
     problem: DesignProblem,
     program: Program,
     conditions: Conditions,
-    asked: Requirements,
+    elastic: Elastic,
     name: str,
     points: Sequence[np.ndarray],
 ) -> Relaxation | None:
     """The smallest change of one requirement that makes room, or None if none was found."""
+    place, easiest = program.names.index(name), _EASIEST[name]
+    figure = float(program.figures[place])
+
+    def figures(share: float) -> np.ndarray:
+        eased = program.figures.copy()
+        eased[place] = figure + share * (easiest - figure)
+        return eased
+
+    with_room, missed = elastic.nearest(figures(1.0), points)
+    if missed > FEASIBLE:
+        return None
     share = ca.SX.sym("share")
-    place = program.names.index(name)
-    figure, easiest = float(program.figures[place]), _EASIEST[name]
     eased = ca.SX(program.asked)
     eased[place] = figure + share * (easiest - figure)
     constraints = ca.substitute(program.constraints, program.asked, eased)
     ready = solver(program, share, constraints, share)
-    least: tuple[float, np.ndarray] | None = None
-    for sizes in points:
+    least, best = 1.0, with_room
+    for sizes in (with_room[:4] * SIZE_UNITS, points[0]):
         end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
-        figures = program.figures.copy()
-        figures[place] = _eased(asked, name, float(end[8]))
-        if conditions.violation(end[:8], figures) <= FEASIBLE and (least is None or end[8] < least[0]):
-            least = float(end[8]), end[:8]
-    if least is None:
-        return None
-    enough = _rounded(_eased(asked, name, least[0]), easiest)
-    return _confirmed(problem, name, enough, tubes(least[1]))
+        if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
+            least, best = float(end[8]), end[:8]
+    enough = _rounded(float(figures(least)[place]), easiest)
+    return _confirmed(problem, name, enough, tubes(best))
 
 
 def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tuple[Relaxation, ...], CheckedPair]:

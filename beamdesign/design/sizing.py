@@ -160,7 +160,8 @@ def _misses(pair: CheckedPair) -> str:
 
 def _miss(check: Check) -> str:
     value, limit, unit = check.shown
-    return f"{check.name} is {value:.4g} {unit}, needs at {'least' if check.at_least else 'most'} {limit:.4g} {unit}"
+    side = "least" if check.at_least else "most"
+    return f"{check.name} is {value:.4g} {unit}".rstrip() + f", needs at {side} {limit:.4g} {unit}".rstrip()
 
 
 def _nothing_fits(
