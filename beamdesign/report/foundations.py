@@ -34,11 +34,19 @@ def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> li
     )
     claims = list(certificate.claims)
     if best := certificate.guaranteed:
-        claims += [
+        reached = [
             Claim("compliance", compliance_m_per_N, masses, best.bandwidth_Hz > 0, best.bandwidth_Hz),
             Claim("peak_sensitivity", best.peak_sensitivity, masses, isfinite(best.peak_sensitivity)),
         ]
+        claims += [claim for claim in reached if not any(_implies(asked, claim) for asked in certificate.claims)]
     return [stability, *(_of_claim(claim) for claim in claims)]
+
+
+def _implies(asked: Claim, other: Claim) -> bool:
+    """Whether a claim that was asked and holds says as much as another one, over the same masses."""
+    if not asked.holds or asked.kind != other.kind or asked.limit > other.limit:
+        return False
+    return other.bandwidth_Hz is None or (asked.bandwidth_Hz or 0.0) >= other.bandwidth_Hz
 
 
 def _of_claim(claim: Claim) -> Statement:

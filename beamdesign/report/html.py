@@ -9,6 +9,7 @@ from markupsafe import Markup
 from beamdesign.design.checks import Check
 from beamdesign.design.pair import CheckedPair
 from beamdesign.loop import loop
+from beamdesign.lumped import notes
 from beamdesign.prototype import Lag, Proportional
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
@@ -52,6 +53,7 @@ def report_html(run: DesignRun, files: dict[str, str]) -> str:
             checks=[check_row(check) for check in sorted(run.sizing.checks, key=lambda check: -check.utilisation)],
             prices=price_words(run.sizing.shadow_prices),
             lumped=lumped_rows(prototype),
+            notes=notes(prototype),
             controller=controller_rows(prototype.controller),
             expected=expected,
             statements=statements(run),
