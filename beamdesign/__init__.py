@@ -1,1 +1,65 @@
-"""beamdesign."""
+"""Design of actively straightened robot links: sections, controller and end mass, with proofs that they hold.
+
+The verbs of the command line as functions on one record, the `Prototype`. Importing this package loads none of their
+engines; each comes with the first use of its name.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from beamdesign.certify.certificate import certify
+    from beamdesign.certify.replay import replay
+    from beamdesign.design.codesign import codesign
+    from beamdesign.design.sizing import size
+    from beamdesign.design.tuning import tune
+    from beamdesign.loop import critical_gain
+    from beamdesign.problem import DesignProblem, read_problem
+    from beamdesign.prototype import Prototype, read_prototype, write_prototype
+    from beamdesign.records import InputError
+    from beamdesign.state_space import state_space
+    from beamdesign.study.design_run import run_design
+
+_ROOMS = {
+    "DesignProblem": "beamdesign.problem",
+    "InputError": "beamdesign.records",
+    "Prototype": "beamdesign.prototype",
+    "certify": "beamdesign.certify.certificate",
+    "codesign": "beamdesign.design.codesign",
+    "critical_gain": "beamdesign.loop",
+    "read_problem": "beamdesign.problem",
+    "read_prototype": "beamdesign.prototype",
+    "replay": "beamdesign.certify.replay",
+    "run_design": "beamdesign.study.design_run",
+    "size": "beamdesign.design.sizing",
+    "state_space": "beamdesign.state_space",
+    "tune": "beamdesign.design.tuning",
+    "write_prototype": "beamdesign.prototype",
+}
+
+__all__ = [
+    "DesignProblem",
+    "InputError",
+    "Prototype",
+    "certify",
+    "codesign",
+    "critical_gain",
+    "read_problem",
+    "read_prototype",
+    "replay",
+    "run_design",
+    "size",
+    "state_space",
+    "tune",
+    "write_prototype",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_ROOMS[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

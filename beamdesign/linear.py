@@ -13,6 +13,7 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from beamdesign.lumped import figures
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
 from beamdesign.rig import twin_beam
 from beamdesign.rig.transfer import transfer_polynomials
 
@@ -133,5 +134,14 @@ class LinearRig:
 
 
 def linear_rig(prototype: Prototype) -> LinearRig:
-    """The linear plant of a prototype; see Zalucky and Hardt (1984), equations (7) to (18)."""
+    """The linear plant of a prototype; see Zalucky and Hardt (1984), equations (7) to (18).
+
+    Raises:
+        InputError: where the prototype carries effects, which these equations do not have.
+    """
+    if prototype.effects:
+        raise InputError(
+            prototype.name,
+            [(f"effects.{name}", "the linear model has no such effect; remove it") for name in prototype.effects],
+        )
     return LinearRig(figures(prototype), prototype.sensor.filter_Hz is not None)

@@ -13,6 +13,7 @@ from scipy.linalg import eigh
 from beamdesign.linear import LinearRig, Plant, evaluate_exactly, linear_rig
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Payload, Prototype
+from beamdesign.records import InputError
 from beamdesign.rig import twin_beam
 
 MASSES = [(0.0, 0.0), (6.8, 4.5)]
@@ -222,3 +223,8 @@ def test_an_irrational_instruction_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(NotImplementedError, match="not rational"):
         evaluate_exactly(ca.Function("f", [x], [ca.sin(x)]), [fmpq(1)])
+
+
+def test_effects_are_refused_rather_than_ignored(paper):
+    with pytest.raises(InputError, match=r"effects\.sensor_lag"):
+        linear_rig(paper.but(effects={"sensor_lag": {"time_constant_s": 1e-3}}))

@@ -18,4 +18,8 @@ def display(description: str) -> Iterator[Callable[[float, str], None]]:
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task(description, total=1.0, note="")
-        yield lambda fraction, text="": bar.update(task, completed=fraction, note=text)
+
+        def update(fraction: float, text: str = "") -> None:
+            bar.update(task, completed=fraction, note=text)
+
+        yield update

@@ -8,17 +8,14 @@ import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
-from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.checks import Check, beam_mass, checks, materials
 from beamdesign.design.controller_forms import FORMS, ControllerForm
-from beamdesign.design.loop_search import best_gain, grid_plant
 from beamdesign.design.pair import check_sections
 from beamdesign.design.program import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
+from beamdesign.design.starts import best_starts
 from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.loop import close_loop
 from beamdesign.lumped import beam_figures, fixed_dashpot, hydraulic_figures
-from beamdesign.polynomial import exact
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.section import SquareTube
@@ -28,13 +25,15 @@ Progress = Callable[[float, str], None]
 SAMPLES = 2048
 """Of the coarse search over sections, inner end mass and controller shape."""
 
-STARTS = 5
+STARTS = 3
 """How many of the samples are refined."""
 
 _MASS_PER_MISSING_BANDWIDTH = 100.0
 """Exact penalty, kg per unit of log(bandwidth): far above what bandwidth costs, so that it is met where it can be."""
 
-_GRID_HZ = np.geomspace(0.1, 500.0, 160)
+_NEARLY_CHECKED = 0.2
+"""Share of its limit by which a sampled section may miss a check; refinement mends that."""
+
 _SLACK = 1e-4  # relative; keeps rounded sizes on the right side of every structural check
 _ROUND = 7  # decimals of a size in m
 
@@ -151,65 +150,37 @@ def _program(
         upper=bounds[:, 1],
         reach=0.5,
         rig=lambda sections: _rig(problem, _tubes(sections)),
-        cost=lambda proved: _moving_mass(problem, proved, count + 2),
+        cost=lambda proved: _mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
     )
 
 
-def _moving_mass(problem: DesignProblem, proved: Proved, head: int) -> float:
-    outer, inner = _tubes(proved.variables[head:])
-    return float(beam_mass(problem, *outer, *inner)) + proved.inner_end_mass_kg
+def _mass(problem: DesignProblem, sections: np.ndarray) -> float:
+    """Mass of both beams, kg."""
+    outer, inner = _tubes(sections)
+    return float(beam_mass(problem, *outer, *inner))
 
 
-def _sampled_starts(
-    problem: DesignProblem, form: ControllerForm, masses_kg: tuple[float, float], bandwidth_Hz: float
-) -> list[np.ndarray]:
-    """Light sampled designs that come near the bandwidth, as variables; the sections may miss a check by a little."""
-    sections, goal = problem.sections, problem.goal
-    largest_inner = problem.controller.largest_inner_end_mass_kg
-    unit = qmc.Sobol(5 + len(form.names) - 1, scramble=True, rng=0).random(SAMPLES)
+def _samples(problem: DesignProblem, program: LoopProgram) -> np.ndarray:
+    """Sampled variables whose sections miss no structural check by much, (k, n)."""
+    sections = problem.sections
+    names = len(program.form.names)
+    unit = qmc.Sobol(4 + names, scramble=True, rng=0).random(SAMPLES)
     widths = sections.largest_width_m * (0.3 + 0.7 * unit[:, 0])
-    outer_walls, inner_walls = (sections.least_wall_m * 3 ** (2 * unit[:, k] ** 2) for k in (1, 2))
+    # Walls near the least one are the likelier ones.
+    outer_walls, inner_walls = (sections.least_wall_m * 9 ** (unit[:, k] ** 2) for k in (1, 2))
     inner_widths = (widths - 2 * outer_walls) * (0.4 + 0.5 * unit[:, 3])
-    slack = np.min(
-        [check.slack / abs(check.limit) for check in checks(problem, widths, outer_walls, inner_widths, inner_walls)],
-        axis=0,
+    found = checks(problem, widths, outer_walls, inner_widths, inner_walls)
+    slack = np.min([check.slack / abs(check.limit) for check in found], axis=0)
+    loops = program.lower[: names + 2] + (program.upper - program.lower)[: names + 2] * np.column_stack(
+        [np.zeros(SAMPLES), unit[:, 4:], np.zeros(SAMPLES)]
     )
-    mass = beam_mass(problem, widths, outer_walls, inner_widths, inner_walls) + largest_inner * unit[:, 4]
-    shape_bounds = np.array(form.log_bounds[1:]).reshape(-1, 2)
-    outer_end_masses = np.unique(np.linspace(*masses_kg, 5))
-    starts: list[tuple[float, np.ndarray]] = []
-    for i in np.nonzero(slack > -0.2)[0]:
-        sizes = np.array([widths[i], outer_walls[i], inner_widths[i], inner_walls[i]])
-        rig = _rig(problem, _tubes(sizes / SIZE_UNITS))
-        shape = np.exp(shape_bounds[:, 0] + unit[i, 5:] * (shape_bounds[:, 1] - shape_bounds[:, 0]))
-        inner = largest_inner * unit[i, 4]
-        found = best_gain(
-            grid_plant(rig, _GRID_HZ),
-            form,
-            shape,
-            inner,
-            outer_end_masses,
-            goal.peak_sensitivity,
-            goal.compliance_m_per_N,
-        )
-        if found.gain == 0.0:
-            continue
-        # Mass counted up by what is still missing, about in proportion to bandwidth.
-        score = mass[i] * max(1.0, bandwidth_Hz / found.bandwidth_Hz)
-        head = [log(found.gain), *np.log(shape), inner, log(min(found.bandwidth_Hz, bandwidth_Hz))]
-        starts.append((score, np.array([*head, *start_variables(problem, sizes)])))
-    chosen: list[np.ndarray] = []
-    low, high = (exact(mass) for mass in masses_kg)
-    for _, variables in sorted(starts, key=lambda pair: pair[0]):
-        rig = _rig(problem, _tubes(variables[len(form.names) + 2 :]))
-        loop = close_loop(
-            rig.plant(float(variables[len(form.names)])), form.rounded(variables[: len(form.names)].tolist())
-        )
-        if is_stable_over(loop.characteristic, low, high):
-            chosen.append(variables)
-        if len(chosen) == STARTS:
-            break
-    return chosen
+    return np.array(
+        [
+            [*loops[i], *start_variables(problem, np.array(sizes))]
+            for i, sizes in enumerate(zip(widths, outer_walls, inner_widths, inner_walls, strict=True))
+            if slack[i] > -_NEARLY_CHECKED
+        ]
+    )
 
 
 def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint | str:
@@ -251,10 +222,16 @@ def codesign(
     form = FORMS[problem.controller.kind]
     head = len(form.names) + 2
     told(0.0, "coarse search")
+    program = _program(problem, form, outer_end_mass_kg, bandwidth_Hz)
     starts = [point.proved.variables for point in near]
     if not near:
-        starts += _sampled_starts(problem, form, outer_end_mass_kg, bandwidth_Hz)
-    program = _program(problem, form, outer_end_mass_kg, bandwidth_Hz)
+
+        def score(variables: np.ndarray) -> float:
+            """Moving mass, counted up by the share of bandwidth that is still missing."""
+            missing = max(1.0, bandwidth_Hz / float(np.exp(variables[head - 1])))
+            return missing * (_mass(problem, variables[head:]) + float(variables[head - 2]))
+
+        starts, _ = best_starts(program, _samples(problem, program), score, STARTS)
     points: list[CodesignPoint] = []
     attempts: list[float | str] = []
     for k, start in enumerate(starts):

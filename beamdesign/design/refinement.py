@@ -25,13 +25,13 @@ ROUNDS = 20
 
 _SMALLEST_REACH = 0.02
 
-_INSIDE = 2e-6
+_INSIDE = 6e-6
 """How far inside both limits to stay (in logarithms), so that rounding the figures keeps the proof."""
 
-_NEARLY = 3e-4
+_NEARLY = 6e-5
 """Excess (in logarithms) below which a refuted limit is tightened by it; above it, further check points do better."""
 
-_STUCK = 1e-3
+_STUCK = 1e-4
 """A move so small that the last check point changed nothing: then too the limit is tightened."""
 
 _SHARES = np.linspace(0.0, 1.0, 5)
@@ -104,7 +104,7 @@ class _Solver:
     """IPOPT for one program, built once: the check points are parameters, in slots that repeat a point where unused."""
 
     def __init__(self, program: LoopProgram, points: CheckPoints):
-        self._slots = (len(points.sensitivity) + ROUNDS, len(points.compliance) + len(_SHARES) * ROUNDS)
+        self._slots = (len(points.sensitivity) + 2 * ROUNDS, len(points.compliance) + len(_SHARES) * ROUNDS)
         self._program = program
         count, n = len(program.form.names), len(program.lower)
         variables = ca.MX.sym("variables", n)
@@ -180,6 +180,14 @@ def _peak_near(loop: Loop, frequency_Hz: float, mass: float, low: float, high: f
     return frequency_Hz, mass
 
 
+def _largest_sampled(loop: Loop, low: float, high: float) -> tuple[float, float]:
+    """Frequency and mass of the largest |S| on a coarse grid; the proof's witness need not be near the worst peak."""
+    frequencies, masses = np.geomspace(1.0, 400.0, 400), low + _SHARES * (high - low)
+    peaks = np.array([np.abs(loop.at(float(mass)).sensitivity_response(frequencies)) for mass in masses])
+    i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
+    return float(frequencies[j]), float(masses[i])
+
+
 def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> Refinement:
     """Refine one start in rounds; each enforces what the last proof refuted.
 
@@ -211,7 +219,8 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             assert claim.witness_frequency_Hz is not None
             assert claim.witness_outer_end_mass_kg is not None
             witness = (claim.witness_frequency_Hz, claim.witness_outer_end_mass_kg)
-            points = points.with_sensitivity(*_peak_near(loop, *witness, low, high))
+            for place in (witness, _largest_sampled(loop, low, high)):
+                points = points.with_sensitivity(*_peak_near(loop, *place, low, high))
             excess = log(guaranteed_peak_sensitivity(loop, low, high) / program.goal.peak_sensitivity)
             inside += excess if excess < _NEARLY or moved < _STUCK else 0.0
             continue

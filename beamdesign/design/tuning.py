@@ -6,19 +6,15 @@ refute becomes a further point, and nothing is returned that is not proved over 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import log
 
 import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
-from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.controller_forms import FORMS, ControllerForm
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, Candidate, best_gain, grid_plant
 from beamdesign.design.refinement import LoopProgram, Proved, refine
+from beamdesign.design.starts import best_starts
 from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.loop import close_loop
-from beamdesign.polynomial import exact
 from beamdesign.prototype import Goal, Payload, Prototype
 
 Progress = Callable[[float, str], None]
@@ -54,34 +50,6 @@ class Tuning:
     failures: tuple[str, ...]
     certificates: int
     reason: str = ""
-
-
-def _sampled_starts(
-    rig: LinearRig, form: ControllerForm, goal: Goal, masses_kg: tuple[float, float], largest_inner: float
-) -> tuple[list[Candidate], int]:
-    """The best sampled loops that are proved stable, mutually distant in the space of shapes; and the proofs run."""
-    low, high = masses_kg
-    bounds = np.array([*form.log_bounds[1:], (0.0, largest_inner)])
-    unit = qmc.Sobol(len(bounds), scramble=True, rng=0).random(SAMPLES)
-    samples = bounds[:, 0] + unit * (bounds[:, 1] - bounds[:, 0])
-    grid = grid_plant(rig, SEARCH_FREQUENCIES_HZ)
-    masses = np.unique(np.linspace(low, high, 7))
-    found = [
-        best_gain(grid, form, np.exp(sample[:-1]), sample[-1], masses, goal.peak_sensitivity, goal.compliance_m_per_N)
-        for sample in samples
-    ]
-    chosen: list[int] = []
-    proofs = 0
-    for i in sorted(range(SAMPLES), key=lambda i: -found[i].bandwidth_Hz):
-        if len(chosen) == STARTS or found[i].bandwidth_Hz == 0.0:
-            break
-        if any(np.linalg.norm(unit[i] - unit[j]) < 0.1 for j in chosen):
-            continue
-        proofs += 1
-        loop = close_loop(rig.plant(found[i].inner_end_mass), form.record([found[i].gain, *found[i].shape]))
-        if is_stable_over(loop.characteristic, exact(low), exact(high)):
-            chosen.append(i)
-    return [found[i] for i in chosen], proofs
 
 
 def _program(
@@ -129,14 +97,15 @@ def tune(
     told = progress or (lambda fraction, text: None)
     form, goal, rig = FORMS[kind], prototype.goal, linear_rig(prototype)
     told(0.0, "coarse search")
-    starts, certificates = _sampled_starts(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg)
     program = _program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg)
+    unit = qmc.Sobol(len(program.lower), scramble=True, rng=0).random(SAMPLES)
+    samples = program.lower + unit * (program.upper - program.lower)
+    starts, certificates = best_starts(program, samples, lambda variables: -float(variables[-1]), STARTS)
     proved: list[Proved] = []
     reached, failures = [], []
     for k, start in enumerate(starts):
         told((k + 1) / (len(starts) + 1), f"refining and proving start {k + 1} of {len(starts)}")
-        variables = [log(start.gain), *np.log(start.shape), start.inner_end_mass, log(start.bandwidth_Hz)]
-        refined = refine(program, np.array(variables))
+        refined = refine(program, start)
         certificates += refined.certificates
         reached.append(refined.proved.bandwidth_Hz if refined.proved else 0.0)
         if refined.proved:

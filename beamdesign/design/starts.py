@@ -1,0 +1,68 @@
+"""Where refinement begins: the best of sampled designs, each with the best gain the samples allow, proved stable."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from beamdesign.certify.stability import is_stable_over
+from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, GridPlant, best_gain, grid_plant
+from beamdesign.design.refinement import LoopProgram
+from beamdesign.loop import close_loop
+from beamdesign.polynomial import exact
+
+_APART = 0.1
+"""Least distance between starts, as a share of the range of each variable that is free."""
+
+
+def best_starts(
+    program: LoopProgram, samples: np.ndarray, score: Callable[[np.ndarray], float], count: int
+) -> tuple[list[np.ndarray], int]:
+    """Choose starts among samples of a program's variables; their gain and bandwidth are found here.
+
+    Args:
+        program: what is to be optimised.
+        samples: (k, n) variables; the first, the gain's logarithm, and the bandwidth's are overwritten.
+        score: of a sample's variables, the least is tried first.
+        count: how many starts are wanted.
+
+    Returns:
+        Up to `count` starts, mutually distant, each proved stable over the range; and how many proofs that took.
+    """
+    low, high = program.outer_end_mass_kg
+    masses = np.unique(np.linspace(low, high, 7))
+    names = len(program.form.names)
+    grids: dict[bytes, GridPlant] = {}
+    found: list[np.ndarray] = []
+    for sample in samples:
+        sections = sample[names + 2 :]
+        if sections.tobytes() not in grids:
+            grids = {sections.tobytes(): grid_plant(program.rig(sections), SEARCH_FREQUENCIES_HZ)}
+        best = best_gain(
+            grids[sections.tobytes()],
+            program.form,
+            np.exp(sample[1:names]),
+            float(sample[names]),
+            masses,
+            program.goal.peak_sensitivity,
+            program.goal.compliance_m_per_N,
+        )
+        if best.gain > 0.0:
+            variables = sample.copy()
+            variables[0], variables[names + 1] = np.log(best.gain), np.log(best.bandwidth_Hz)
+            found.append(np.clip(variables, program.lower, program.upper))
+    spread = program.upper - program.lower
+    free = spread > 0
+    chosen: list[np.ndarray] = []
+    proofs = 0
+    for variables in sorted(found, key=score):
+        if len(chosen) == count:
+            break
+        if any(np.linalg.norm((variables - other)[free] / spread[free]) < _APART for other in chosen):
+            continue
+        proofs += 1
+        rig = program.rig(variables[names + 2 :])
+        controller = program.form.rounded(variables[:names].tolist())
+        loop = close_loop(rig.plant(float(variables[names])), controller)
+        if is_stable_over(loop.characteristic, exact(low), exact(high)):
+            chosen.append(variables)
+    return chosen, proofs
