@@ -49,33 +49,31 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         claims: statements of performance, held or refuted.
         summary: the result in words, put on top as a comment.
     """
-    body = "\n".join(
-        [
-            f"name = {_quoted(prototype.name)}",
-            'parameter = "outer_end_mass_kg"',
-            f'low = "{text(stability.low)}"',
-            f'high = "{text(stability.high)}"',
-            "",
-            *_rig(prototype),
-            *_controller(prototype),
-            *_polynomials(loop),
-            *_stability(stability),
-            *(line for claim in claims for line in _claim(claim)),
-            "",
-        ]
-    )
-    head = [
+    above = [
         *(f"# {line}".rstrip() for line in summary.splitlines()),
         "#",
         "# To prove it again with python-flint alone: python replay.py THIS-FILE  (beamdesign/certify/replay.py).",
-        "# All numbers are exact: decimals or quotients, as text. Polynomials list the coefficients of s^0, s^1, ...",
-        "# The checksum is that of everything below it.",
+        "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
+        "# text. Polynomials list the coefficients of s^0, s^1, ... The checksum is of the text without its own line.",
         "",
         f'kind = "{KIND}"',
         f"version = {VERSION}",
-        f'sha256 = "{hashlib.sha256(body.encode()).hexdigest()}"',
+        "",
     ]
-    return "\n".join(head) + "\n" + body
+    below = [
+        f"name = {_quoted(prototype.name)}",
+        'parameter = "outer_end_mass_kg"',
+        f'low = "{text(stability.low)}"',
+        f'high = "{text(stability.high)}"',
+        "",
+        *_rig(prototype),
+        *_controller(prototype),
+        *_polynomials(loop),
+        *_stability(stability),
+        *(line for claim in claims for line in _claim(claim)),
+    ]
+    head, body = "\n".join(above), "\n".join(below)
+    return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
 
 
 def states_figures_of(certificate: str, prototype: Prototype) -> bool:
@@ -189,14 +187,18 @@ def _beyond(stability: StabilityMap) -> Iterator[str]:
     if above is None:
         yield 'stays_stable_to_kg = "infinite"'
     else:
-        most = above.rational or _enclosure(above)[0]
+        most = _enclosure(above)[0]
+        if above.rational is not None:
+            most = simple_between(stability.high, above.rational)
         if most > stability.high:
-            most = simple_between(stability.high, most) if above.rational is not None else most
             yield f'stays_stable_to_kg = "{text(most)}"'
     if stability.low > 0:
-        if below is None or below.value < 0:
-            yield 'stays_stable_from_kg = "0"'
-        elif below.rational is None and (least := _enclosure(below)[1]) < stability.low:
+        least = fmpq(0)
+        if below is not None and below.rational is not None and below.rational >= 0:
+            least = simple_between(below.rational, stability.low)
+        elif below is not None:
+            least = max(least, _enclosure(below)[1])
+        if least < stability.low:
             yield f'stays_stable_from_kg = "{text(least)}"'
 
 

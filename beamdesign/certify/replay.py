@@ -102,8 +102,8 @@ def _polynomial(coefficients: Sequence[str]) -> fmpq_poly:
 
 def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
     """Every statement of the certificate: whether it was proved, and it or its failure in words."""
-    _, _, body = text.partition(f'sha256 = "{table["sha256"]}"\n')
-    intact = hashlib.sha256(body.encode()).hexdigest() == table["sha256"]
+    checksum = f'sha256 = "{table["sha256"]}"\n'
+    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
     yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
     low, high = rational(table["low"]), rational(table["high"])
     if low > high:
@@ -380,17 +380,17 @@ def _stability(
     yield right, f"stable = {table['stable']}" if right else "`stable` contradicts the ranges"
     for key in ("stays_stable_from_kg", "stays_stable_to_kg"):
         if key in table:
-            far = _reach(family, table[key])
+            far = _reach(family, table[key], high)
             a, b = (high, far) if key == "stays_stable_to_kg" else (far, low)
             proved = a <= b and family.is_stable_over(a, b)
             yield proved, f"{'' if proved else 'not proved: '}{key} = {table[key]}"
 
 
-def _reach(family: Family, stated: str) -> fmpq:
-    """The mass stated, or for `infinite` one above which nothing critical remains."""
+def _reach(family: Family, stated: str, least: fmpq) -> fmpq:
+    """The mass stated, or for `infinite` one from `least` up above which nothing critical remains."""
     if stated != "infinite":
         return rational(stated)
-    return max(_bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)
+    return max([least, *(_bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)])
 
 
 def _tile(tiles: Sequence[tuple[fmpq, fmpq, int]], low: fmpq, high: fmpq) -> bool:
@@ -423,6 +423,10 @@ def _enclosure(pair: Sequence[str]) -> Pair:
 
 def _crossings(family: Family, listed: Sequence[Listed], low: fmpq, high: fmpq) -> Iterator[tuple[bool, str]]:
     """Every root on the axis for a mass of the range is listed, and every one listed is there."""
+    shared = family.p0.gcd(family.p1)
+    if _on_axis(shared, (fmpq(0), _bound(shared))) or shared(0) == 0:
+        yield not listed, "a root lies on the axis for every mass, so that none crosses"
+        return
     left = list(listed)
 
     def take(mass: Pair, square: Pair, infinite: bool = False) -> bool:

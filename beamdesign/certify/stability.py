@@ -181,6 +181,8 @@ def _clear_of(crossing: Crossing, end: fmpq) -> bool:
 
 def _at_end(family: Affine, crossing: Crossing, ends: tuple[fmpq, fmpq], precision: int) -> Crossing:
     """The crossing, with its mass known exactly where it is proved to be one of the ends."""
+    if crossing.rational is None and crossing.parameter.is_exact():
+        return crossing.known(bounds(crossing.parameter)[0])
     for end in ends:
         if not _clear_of(crossing, end):
             even, odd = even_odd(family.at(end))
