@@ -1,0 +1,140 @@
+"""The closed loop as a family of exact matrices over the outer end mass: x' = A(m) x."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from flint import fmpq, fmpq_mat, fmpq_poly
+
+from beamdesign.controller import transfer_function
+from beamdesign.linear import linear_rig
+from beamdesign.polynomial import Affine, exact
+from beamdesign.prototype import Prototype
+from beamdesign.rig import twin_beam
+
+
+@dataclass(frozen=True)
+class MassFamily:
+    """A(m) = fixed + inertial / (bare_mass + m), exact.
+
+    The family is affine in mu = 1 / (bare_mass + m), which runs monotonically with m: a condition that is convex in A
+    and free of m otherwise holds on a range of m where it holds at its two ends.
+
+    Attributes:
+        fixed: (n, n), free of m.
+        inertial: (n, n), what the total mass divides: the forces on the outer tip, in the row of its velocity.
+        bare_mass: M_m, kg.
+        velocity: index of the state that is the velocity of the mass, which jumps where payload of another velocity
+            is taken on.
+        states: names of the states.
+    """
+
+    fixed: fmpq_mat
+    inertial: fmpq_mat
+    bare_mass: fmpq
+    velocity: int
+    states: tuple[str, ...]
+
+    @property
+    def order(self) -> int:
+        """Number n of states."""
+        return self.fixed.nrows()
+
+    def at(self, outer_end_mass: fmpq) -> fmpq_mat:
+        """A(m), (n, n)."""
+        return self.fixed + self.inertial * (1 / (self.bare_mass + outer_end_mass))
+
+    def characteristic(self) -> Affine:
+        """(bare_mass + m) det(sI - A(m)), affine in m since m enters one row of A.
+
+        Raises:
+            ValueError: where it is not affine in m.
+        """
+
+        def value(mass: int) -> fmpq_poly:
+            return self.at(fmpq(mass)).charpoly() * (self.bare_mass + mass)
+
+        constant = value(0)
+        slope = value(1) - constant
+        if value(2) != constant + 2 * slope:
+            raise ValueError("the characteristic polynomial of this family is not affine in the mass")
+        return Affine(constant, slope)
+
+
+def closed_loop(prototype: Prototype) -> MassFamily:
+    """The closed loop of a prototype, equations (7) to (16), over the mass on its outer tip.
+
+    The controller is realised in companion form, driven by the error voltage; its states follow the rig's.
+
+    Raises:
+        ValueError: where the prototype has no controller, or one whose numerator is of higher degree than its
+            denominator.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    rig = linear_rig(prototype)
+    inner = exact(prototype.payload.inner_end_mass_kg)
+    bare, a, b, c = rig.exact_matrices(fmpq(0), inner)
+    loaded = rig.exact_matrices(fmpq(1), inner)
+    states = twin_beam.STATES + (("filtered_V",) if rig.filtered else ())
+    velocity = states.index("velocity_m_per_s")
+    _require_mass_in_one_entry(bare, loaded[0] - bare, velocity)
+
+    law_a, law_c, feedthrough = _companion(prototype)
+    n, k = a.nrows(), len(law_c)
+    mass, motion = fmpq_mat(n + k, n + k), fmpq_mat(n + k, n + k)
+    for i in range(n):
+        for j in range(n):
+            mass[i, j] = bare[i, j]
+            motion[i, j] = a[i, j] - b[i, 1] * feedthrough * c[1, j]
+        for j in range(k):
+            motion[i, n + j] = b[i, 1] * law_c[j]
+    for i in range(k):
+        mass[n + i, n + i] = fmpq(1)
+        for j in range(k):
+            motion[n + i, n + j] = law_a[i][j]
+    for j in range(n if k else 0):
+        motion[n + k - 1, j] = -c[1, j]
+
+    bare_mass = mass[velocity, velocity]
+    mass[velocity, velocity] = fmpq(1)
+    fixed = mass.inv() * motion
+    inertial = fmpq_mat(n + k, n + k)
+    for j in range(n + k):
+        inertial[velocity, j], fixed[velocity, j] = fixed[velocity, j], fmpq(0)
+    return MassFamily(fixed, inertial, bare_mass, velocity, states + tuple(f"controller_{i + 1}" for i in range(k)))
+
+
+def _require_mass_in_one_entry(bare: fmpq_mat, difference: fmpq_mat, velocity: int) -> None:
+    n = bare.nrows()
+    elsewhere = [(i, j) for i in range(n) for j in range(n) if difference[i, j] != (1 if i == j == velocity else 0)] + [
+        (i, velocity) for i in range(n) if i != velocity and (bare[i, velocity] != 0 or bare[velocity, i] != 0)
+    ]
+    if elsewhere:
+        raise ValueError("the outer end mass must enter the mass matrix in the velocity's own entry alone")
+
+
+def _companion(prototype: Prototype) -> tuple[list[list[fmpq]], list[fmpq], fmpq]:
+    """A (k, k), C (k) and D of the controller in companion form, input at the last state."""
+    assert prototype.controller is not None
+    law = transfer_function(prototype.controller)
+    k = law.denominator.degree()
+    if law.numerator.degree() > k:
+        raise ValueError("the controller differentiates: its numerator is of higher degree than its denominator")
+    lead = law.denominator[k]
+    feedthrough = law.numerator[k] / lead
+    rest = law.numerator - law.denominator * feedthrough
+    a = [[fmpq(int(j == i + 1)) for j in range(k)] for i in range(k - 1)]
+    a += [[-law.denominator[j] / lead for j in range(k)]] if k else []
+    return a, [rest[j] / lead for j in range(k)], feedthrough
+
+
+def floats(matrix: fmpq_mat) -> np.ndarray:
+    """The nearest floats of a rational matrix."""
+    return np.array([[float(entry.p) / float(entry.q) if entry else 0.0 for entry in row] for row in matrix.tolist()])
+
+
+def rationals(matrix: np.ndarray) -> fmpq_mat:
+    """The symmetric part of a float matrix, rounded to floats and taken as their shortest decimals, exactly."""
+    symmetric = (matrix + matrix.T) / 2
+    n = len(symmetric)
+    return fmpq_mat(n, n, [exact(symmetric[min(i, j), max(i, j)]) for i in range(n) for j in range(n)])

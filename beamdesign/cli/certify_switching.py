@@ -1,0 +1,128 @@
+"""`beamdesign certify-switching`: what is proved while the payload changes in motion."""
+
+import os
+from math import isfinite, isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, write_json
+
+if TYPE_CHECKING:
+    from beamdesign.certify.lyapunov import Switching
+
+
+def certify_switching(
+    prototype: Annotated[Path, typer.Argument(help="The prototype.toml, with its controller.")],
+    outer_end_mass: RangeOption = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="KG_PER_S", help="Prove stability up to this rate of change; else find the largest."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File for the certificate; else STEM.switching.toml in this folder.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Prove stability while the outer end mass changes in motion: gripping, releasing, filling, pouring.
+
+    Lyapunov functions come from a semidefinite program and are verified in rational arithmetic; what only the solver
+    claims is reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload
+    that joins with the tip's velocity and for payload at rest; 1 otherwise.
+    """
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    record = read_prototype(prototype)
+    if record.controller is None:
+        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    low, high = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    problems = []
+    if not low < high:
+        problems.append(("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
+    if rate is not None and not (isfinite(rate) and rate > 0):
+        problems.append(("--rate", f"must be a finite number above zero, is {rate:g}"))
+    path = Path(f"{prototype.stem}.switching.toml") if out is None else out
+    if path.is_dir():
+        problems.append(("--out", f"{path} is a folder; name a file for the certificate"))
+    if problems:
+        raise InputError("certify-switching", problems)
+
+    from beamdesign.certify.lyapunov import describe, switching
+    from beamdesign.certify.switching_document import switching_document
+
+    with progress("Lyapunov functions") as update:
+        found = switching(record, low, high, rate, update)
+    lines = describe(found)
+    say(f"{record.name}: outer end mass changing between {low:g} and {high:g} kg")
+    for line in lines:
+        say(f"  {line}")
+    if record.effects:
+        say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
+    _write(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
+    say(f"certificate: {path}")
+    write_json(json, _fields(found) | {"not_covered": list(record.effects), "certificate": path})
+    if not found.stable:
+        raise typer.Exit(1)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    from beamdesign.records import InputError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(path.name + ".part")
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, path)
+    except OSError as error:
+        raise InputError("--out", [(str(path), error.strerror or str(error))]) from error
+
+
+def _fields(found: "Switching") -> dict[str, Any]:
+    from beamdesign.certify.rational import nearest
+
+    common, cycle = found.any_change, found.any_change.counterexample
+    return {
+        "stable": found.stable,
+        "reason": found.reason,
+        "outer_end_mass_kg": found.outer_end_mass_kg,
+        "rate_kg_per_s": found.wanted_kg_per_s,
+        "stable_while_the_mass_stays": found.frozen.stable,
+        "any_change": {
+            "status": common.status,
+            "reason": common.reason,
+            "joining": "matched",
+            "proved_up_to_kg": common.proved_up_to_kg,
+            "counterexample": None
+            if cycle is None
+            else {
+                "outer_end_mass_kg": cycle.outer_end_mass_kg,
+                "time_s": cycle.time_s,
+                "growth_per_cycle": cycle.factor,
+                "proved": cycle.proved,
+            },
+        },
+        "bounded_rate": [
+            {
+                "joining": r.joining,
+                "status": r.status,
+                "reason": r.reason,
+                "rate_kg_per_s": r.rate_kg_per_s,
+                "unlimited": r.rate_kg_per_s is not None and isinf(r.rate_kg_per_s),
+                "not_proved_at_kg_per_s": r.refused_kg_per_s,
+            }
+            for r in found.rates
+        ],
+        "sudden_change": [
+            {
+                "joining": s.joining,
+                "status": s.status,
+                "reason": s.reason,
+                "dwell_s": None if s.dwell_s is None else nearest(s.dwell_s),
+                "decay_per_s": nearest(s.decay_per_s),
+            }
+            for s in found.sudden
+        ],
+    }
