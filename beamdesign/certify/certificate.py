@@ -109,6 +109,7 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
 
     Raises:
         ValueError: for an empty range, or without a controller.
+        InputError: for effects that the linear model does not have.
     """
     closed = loop(prototype)
     stability = stable_ranges(closed.characteristic, exact(low_kg), exact(high_kg))
@@ -169,6 +170,4 @@ def _summary(prototype: Prototype, stability: StabilityMap, claims: Sequence[Cla
         lines.append(f"The closed loop is NOT stable over the whole range: {stability.reason}.")
         lines += [f"It is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
     lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
-    if prototype.effects:
-        lines.append(f"Not covered: the effects {', '.join(prototype.effects)} that the prototype also names.")
     return "\n".join(lines)

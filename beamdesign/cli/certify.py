@@ -78,7 +78,7 @@ def certify(
     _write(path, certificate.text)
     _say(record, certificate)
     say(f"certificate: {path}")
-    write_json(json, _fields(certificate) | {"not_covered": list(record.effects), "certificate": path})
+    write_json(json, _fields(certificate) | {"certificate": path})
     if not certificate.holds:
         raise typer.Exit(1)
 
@@ -148,8 +148,6 @@ def _say(record: "Prototype", certificate: "Certificate") -> None:
         say(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
             say(f"    {claim.reason}")
-    if record.effects:
-        say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
     say(f"method: {certificate.method}")
 
 
