@@ -209,7 +209,9 @@ def test_verdicts_agree_with_dense_roots(first, second, low, width, pencil):
         if any(abs(crossing.value - float(mass.p) / float(mass.q)) < 1e-6 for crossing in found.crossings):
             continue
         (part,) = [part for part in found.ranges if part.low <= mass <= part.high]
-        assert member.degree() == degree or not part.stable
+        if member.degree() < degree:
+            assert not part.stable
+            continue
         # A multiple root is only known to the root of the rounding error; the exact test settles what is left.
         largest = roots(member).real.max()
         assert part.stable == (largest < 0 if abs(largest) > 1e-3 else is_hurwitz(member))
