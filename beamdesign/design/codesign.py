@@ -34,7 +34,9 @@ _MASS_PER_MISSING_BANDWIDTH = 100.0
 _NEARLY_CHECKED = 0.2
 """Share of its limit by which a sampled section may miss a check; refinement mends that."""
 
-_SLACK = 1e-4  # relative; keeps rounded sizes on the right side of every structural check
+ROUNDED_SLACK = 1e-4
+"""Relative slack of every structural check, so that rounded sizes stay on its right side."""
+
 _ROUND = 7  # decimals of a size in m
 
 
@@ -87,7 +89,7 @@ class Codesign:
     reason: str = ""
 
 
-def _tubes(section_variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
+def rounded_tubes(section_variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
     """Rounded tubes, as they will be written down."""
     sizes = [round(float(size), _ROUND) for size in section_variables[:4] * SIZE_UNITS]
     return SquareTube(sizes[0], sizes[1]), SquareTube(sizes[2], sizes[3])
@@ -114,7 +116,7 @@ def _rig(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> Linear
     return linear_rig(problem.prototype(*tubes))
 
 
-def _program(
+def codesign_program(
     problem: DesignProblem, form: ControllerForm, masses_kg: tuple[float, float], bandwidth_Hz: float
 ) -> LoopProgram:
     """Least moving mass at a given bandwidth."""
@@ -140,7 +142,7 @@ def _program(
         goal=problem.goal,
         outer_end_mass_kg=masses_kg,
         figures=_symbolic_figures(problem),
-        structure=lambda sections: -parts(sections, sizing.figures)[0] - _SLACK,
+        structure=lambda variables: -parts(variables[count + 2 :], sizing.figures)[0] - ROUNDED_SLACK,
         objective=lambda variables: (
             parts(variables[count + 2 :], sizing.figures)[1]
             + variables[count]
@@ -149,14 +151,15 @@ def _program(
         lower=bounds[:, 0],
         upper=bounds[:, 1],
         reach=0.5,
-        rig=lambda sections: _rig(problem, _tubes(sections)),
-        cost=lambda proved: _mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
+        tighten_below=1e-3,
+        rig=lambda sections: _rig(problem, rounded_tubes(sections)),
+        cost=lambda proved: section_mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
     )
 
 
-def _mass(problem: DesignProblem, sections: np.ndarray) -> float:
+def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
     """Mass of both beams, kg."""
-    outer, inner = _tubes(sections)
+    outer, inner = rounded_tubes(sections)
     return float(beam_mass(problem, *outer, *inner))
 
 
@@ -185,7 +188,7 @@ def _samples(problem: DesignProblem, program: LoopProgram) -> np.ndarray:
 
 def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint | str:
     """The finished design of a proved loop, or which structural check its rounded sections miss."""
-    outer, inner = _tubes(proved.variables[head:])
+    outer, inner = rounded_tubes(proved.variables[head:])
     checked = check_sections(problem, outer, inner)
     if not checked.feasible:
         return "rounded sections miss: " + ", ".join(check.name for check in checked.failing)
@@ -222,14 +225,14 @@ def codesign(
     form = FORMS[problem.controller.kind]
     head = len(form.names) + 2
     told(0.0, "coarse search")
-    program = _program(problem, form, outer_end_mass_kg, bandwidth_Hz)
+    program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)
     starts = [point.proved.variables for point in near]
     if not near:
 
         def score(variables: np.ndarray) -> float:
             """Moving mass, counted up by the share of bandwidth that is still missing."""
             missing = max(1.0, bandwidth_Hz / float(np.exp(variables[head - 1])))
-            return missing * (_mass(problem, variables[head:]) + float(variables[head - 2]))
+            return missing * (section_mass(problem, variables[head:]) + float(variables[head - 2]))
 
         starts, _ = best_starts(program, _samples(problem, program), score, STARTS)
     points: list[CodesignPoint] = []

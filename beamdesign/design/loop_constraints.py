@@ -25,8 +25,9 @@ class CheckPoints:
     compliance: np.ndarray
 
     def with_sensitivity(self, frequency_Hz: float, mass: float) -> "CheckPoints":
-        """Also enforce the peak sensitivity at a point."""
-        return CheckPoints(np.vstack([self.sensitivity, [[frequency_Hz, mass]]]), self.compliance)
+        """Also enforce the peak sensitivity at a peak and beside it, where a sharp peak may move to."""
+        new = [[frequency_Hz * factor, mass] for factor in (0.99, 0.997, 1.0, 1.003, 1.01)]
+        return CheckPoints(np.vstack([self.sensitivity, new]), self.compliance)
 
     def with_compliance(self, share: float, masses: np.ndarray) -> "CheckPoints":
         """Also enforce the compliance at a share of the bandwidth, for all of the masses."""

@@ -20,7 +20,7 @@ from beamdesign.loop import Loop, close_loop
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Goal, Lag, Proportional
 
-ROUNDS = 20
+ROUNDS = 24
 """Most rounds of refinement and proof from one start."""
 
 _SMALLEST_REACH = 0.02
@@ -28,11 +28,11 @@ _SMALLEST_REACH = 0.02
 _INSIDE = 6e-6
 """How far inside both limits to stay (in logarithms), so that rounding the figures keeps the proof."""
 
-_NEARLY = 6e-5
-"""Excess (in logarithms) below which a refuted limit is tightened by it; above it, further check points do better."""
-
 _STUCK = 1e-4
 """A move so small that the last check point changed nothing: then too the limit is tightened."""
+
+_SPARE = (60, 20)
+"""Slots for further check points of sensitivity and compliance, before a solver is built anew with more."""
 
 _SHARES = np.linspace(0.0, 1.0, 5)
 """Masses, as shares of the range, at which a compliance found too large is enforced."""
@@ -48,12 +48,14 @@ class LoopProgram:
         goal: limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of the guarantee.
         figures: the section variables to the (14,) lumped figures.
-        structure: the section variables to slacks that must not be negative.
+        structure: all variables to slacks that must not be negative.
         objective: all variables to what is minimised.
         lower: (n,) bounds of all variables.
         upper: (n,)
         reach: how far the variables may move in the first round. Beyond a stability boundary the sensitivity is
             finite again, so that a long step can end in an unstable loop that meets every constraint.
+        tighten_below: excess of |S| (in logarithms) below which a refuted limit is tightened by it; above it, only
+            check points are added, which costs rounds but nothing of the optimum.
         rig: section variables to the rig they stand for, rounded as it will be written down.
         cost: of a proved loop, to choose the best one by.
     """
@@ -68,6 +70,7 @@ class LoopProgram:
     lower: np.ndarray
     upper: np.ndarray
     reach: float
+    tighten_below: float
     rig: Callable[[np.ndarray], LinearRig]
     cost: Callable[["Proved"], float]
 
@@ -101,10 +104,10 @@ class Refinement:
 
 
 class _Solver:
-    """IPOPT for one program, built once: the check points are parameters, in slots that repeat a point where unused."""
+    """IPOPT for one program: the check points are parameters, in slots that repeat a point where unused."""
 
     def __init__(self, program: LoopProgram, points: CheckPoints):
-        self._slots = (len(points.sensitivity) + 2 * ROUNDS, len(points.compliance) + len(_SHARES) * ROUNDS)
+        self._slots = (len(points.sensitivity) + _SPARE[0], len(points.compliance) + _SPARE[1])
         self._program = program
         count, n = len(program.form.names), len(program.lower)
         variables = ca.MX.sym("variables", n)
@@ -126,7 +129,7 @@ class _Solver:
         constraints = ca.vertcat(
             sensitivity + log(program.goal.peak_sensitivity) - inside,
             stiffness + log(program.goal.compliance_m_per_N) - _INSIDE,
-            program.structure(sections),
+            program.structure(variables),
         )
         self._solver = ca.nlpsol(
             "loop",
@@ -147,6 +150,10 @@ class _Solver:
                 "ipopt.bound_relax_factor": 0.0,
             },
         )
+
+    def holds(self, points: CheckPoints) -> bool:
+        """Whether there are slots for all of the points."""
+        return len(points.sensitivity) <= self._slots[0] and len(points.compliance) <= self._slots[1]
 
     def __call__(self, start: np.ndarray, points: CheckPoints, inside: float, reach: float) -> np.ndarray:
         """Minimise the objective with the guarantee enforced at the points.
@@ -203,6 +210,8 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     anchor, best = np.clip(start, program.lower, program.upper), None
     reason, certificates = "no round of refinement was proved", 0
     while certificates < ROUNDS and reach > _SMALLEST_REACH:
+        if not solver.holds(points):
+            solver = _Solver(program, points)
         variables = solver(anchor, points, inside, reach)
         controller = program.form.rounded([float(value) for value in variables[:count]])
         inner = round(float(variables[count]), 6)
@@ -222,7 +231,10 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             for place in (witness, _largest_sampled(loop, low, high)):
                 points = points.with_sensitivity(*_peak_near(loop, *place, low, high))
             excess = log(guaranteed_peak_sensitivity(loop, low, high) / program.goal.peak_sensitivity)
-            inside += excess if excess < _NEARLY or moved < _STUCK else 0.0
+            if moved < _STUCK:
+                inside += excess
+            else:
+                inside = _INSIDE + (excess if excess < program.tighten_below else 0.0)
             continue
         bandwidth = guaranteed_bandwidth(loop, program.goal.compliance_m_per_N, low, high)
         if bandwidth >= needed_Hz:

@@ -65,11 +65,12 @@ def _program(
         goal=goal,
         outer_end_mass_kg=masses_kg,
         figures=lambda sections: figures,
-        structure=lambda sections: ca.MX(0, 1),
+        structure=lambda variables: ca.MX(0, 1),
         objective=lambda variables: -variables[len(form.names) + 1],
         lower=bounds[:, 0],
         upper=bounds[:, 1],
         reach=2.0,
+        tighten_below=6e-5,
         rig=lambda sections: rig,
         cost=lambda proved: -proved.bandwidth_Hz,
     )
