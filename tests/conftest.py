@@ -7,7 +7,7 @@ from beamdesign.prototype import Actuator, Beam, Lag, Payload, Prototype, Sensor
 
 @pytest.fixture
 def paper() -> Prototype:
-    """The appendix of Zalucky and Hardt (1984) in SI, without a controller; valve damping 0.5 as stated in the README."""
+    """The appendix of Zalucky and Hardt (1984) in SI, without a controller; valve damping 0.5 as the README states."""
     return Prototype(
         name="paper",
         outer_beam=Beam(stiffness_N_per_m=486_800.0, effective_mass_kg=3.9, damping_ratio=0.05),

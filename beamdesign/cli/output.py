@@ -92,7 +92,7 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
 
 
 def progress(description: str) -> AbstractContextManager[Any]:
-    """Show progress on stderr while a block runs, as in `with progress("tuning") as update: update(0.5, "half")`."""
+    """A bar on stderr for as long as a block runs: `with progress("tuning") as update: update(0.5, "half done")`."""
     from beamdesign.cli.progress import display
 
     return display(description)

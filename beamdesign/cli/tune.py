@@ -53,7 +53,9 @@ def tune(
         out.mkdir(parents=True, exist_ok=True)
         paths = {"prototype": out / "prototype.toml", "certificate": out / CERTIFICATE_NAME}
         paths["certificate"].write_text(certificate.text, encoding="utf-8")
-        write_prototype(with_guarantee(found.prototype, best, masses, certificate, CERTIFICATE_NAME), paths["prototype"])
+        write_prototype(
+            with_guarantee(found.prototype, best, masses, certificate, CERTIFICATE_NAME), paths["prototype"]
+        )
     rows = [(name, value) for name, value in best.controller.model_dump().items()]
     rows += [
         ("inner_end_mass_kg", best.inner_end_mass_kg),
