@@ -1,5 +1,6 @@
 """What every command prints and writes: tables for people, JSON for programs, ranges as LO:HI."""
 
+import csv
 import json
 import os
 from collections.abc import Iterable, Sequence
@@ -63,6 +64,15 @@ def write_json(path: Path | None, fields: dict[str, Any]) -> None:
     os.replace(partial, path)
 
 
+def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows as CSV; columns in order of first appearance, absent cells empty."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 def mass_range(text: str | None, default: tuple[float, float] | None, source: str | Path) -> tuple[float, float]:
     """The range of outer end masses in kg, from LO:HI or else from the prototype's payload.
 
@@ -92,7 +102,7 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
 
 
 def progress(description: str) -> AbstractContextManager[Any]:
-    """A bar on stderr for as long as a block runs: `with progress("tuning") as update: update(0.5, "half done")`."""
+    """A bar on stderr for as long as a `with` block runs, which is given `update(share_done, words)`."""
     from beamdesign.cli.progress import display
 
     return display(description)
