@@ -5,20 +5,24 @@ import sys
 import typer
 
 from beamdesign.cli.certify import certify
+from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.codesign import codesign
+from beamdesign.cli.front import front
 from beamdesign.cli.paper import paper
+from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
 from beamdesign.cli.size import size
 from beamdesign.cli.tune import tune
 
 app = typer.Typer(
     no_args_is_help=True,
+    rich_markup_mode=None,  # plain help: rich would cost a third of its time
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (run, size, tune, certify, codesign, paper):
-    app.command(command.__name__)(command)
+for command in (run, size, tune, certify, certify_switching, codesign, front, remedies, paper):
+    app.command(command.__name__.replace("_", "-"))(command)
 
 
 def main() -> None:

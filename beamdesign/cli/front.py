@@ -1,0 +1,108 @@
+"""`beamdesign front`: moving mass against guaranteed bandwidth against payload range, every point proved."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.output import JsonOption, progress, say, say_table, write_csv, write_json
+
+if TYPE_CHECKING:
+    from beamdesign.design.codesign import Codesign
+
+
+def _figures(text: str, option: str) -> list[float]:
+    """Positive figures of a list such as 3,5,8.
+
+    Raises:
+        InputError: for anything else.
+    """
+    from math import isfinite
+
+    from beamdesign.records import InputError
+
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or not all(isfinite(value) and value > 0 for value in values):
+        raise InputError(option, [(text, "expected positive figures separated by commas, such as 3,5,8")])
+    return values
+
+
+def _row(design: "Codesign") -> dict[str, Any]:
+    point = design.point
+    row: dict[str, Any] = {
+        "bandwidth_asked_Hz": design.bandwidth_Hz,
+        "outer_end_mass_low_kg": design.outer_end_mass_kg[0],
+        "outer_end_mass_high_kg": design.outer_end_mass_kg[1],
+        "proved": point is not None,
+        "reason": design.reason,
+    }
+    if point is not None:
+        row |= {
+            "moving_mass_kg": point.moving_mass_kg,
+            "beam_mass_kg": point.beam_mass_kg,
+            "inner_end_mass_kg": point.inner_end_mass_kg,
+            "bandwidth_Hz": point.proved.bandwidth_Hz,
+            "peak_sensitivity": point.proved.peak_sensitivity,
+            "outer_width_m": point.outer.width_m,
+            "outer_wall_m": point.outer.wall_m,
+            "inner_width_m": point.inner.width_m,
+            "inner_wall_m": point.inner.wall_m,
+            **{name: value for name, value in point.proved.controller.model_dump().items() if name != "kind"},
+            "governing": point.governing,
+        }
+    return row
+
+
+def front(
+    study: Annotated[Path, typer.Argument(help="The study file with the design problem.")],
+    out: Annotated[Path, typer.Option(help="Folder for front.csv and the picture.")],
+    bandwidths_Hz: Annotated[str, typer.Option("--bandwidths-Hz", help="Bandwidths to guarantee.")] = "3,4,5,6,8",
+    payloads_kg: Annotated[
+        str | None, typer.Option("--payloads-kg", help="Upper ends of the payload range; else the study's.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Draw the front of moving mass against guaranteed bandwidth against payload range.
+
+    Every point is a proved design; points that failed stay in the table with their reason.
+    """
+    from beamdesign.design.front import pareto_front
+    from beamdesign.problem import read_problem
+    from beamdesign.report.canvas import new_figure, save
+    from beamdesign.report.trade_curves import plot_front
+
+    problem = read_problem(study)
+    masses = problem.payload.outer_end_mass_kg
+    assert masses is not None  # validated
+    bandwidths = _figures(bandwidths_Hz, "--bandwidths-Hz")
+    ends = [masses[1]] if payloads_kg is None else _figures(payloads_kg, "--payloads-kg")
+    with progress("front") as update:
+        found = pareto_front(problem, bandwidths, [(min(masses[0], end), end) for end in ends], update)
+    rows = [_row(design) for design in found.designs]
+    out.mkdir(parents=True, exist_ok=True)
+    write_csv(out / "front.csv", rows)
+    figure = new_figure()
+    plot_front(figure.add_subplot(), found)
+    pictures = save(figure, out / "front")
+    say_table(
+        f"{problem.name}: lightest proved designs",
+        ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
+        [
+            (
+                row["bandwidth_asked_Hz"],
+                row["outer_end_mass_high_kg"],
+                row.get("moving_mass_kg", "-"),
+                row.get("inner_end_mass_kg", "-"),
+                row["reason"],
+            )
+            for row in rows
+        ],
+    )
+    for path in (out / "front.csv", *pictures):
+        say(str(path))
+    write_json(json, {"points": rows, "efficient": [_row(design) for design in found.efficient]})
+    if not found.proved:
+        raise typer.Exit(1)

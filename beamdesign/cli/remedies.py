@@ -1,0 +1,71 @@
+"""`beamdesign remedies`: the paper's four remedies for payload, side by side."""
+
+from math import isfinite
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, say_table, write_csv, write_json
+
+
+def remedies(
+    study: Annotated[Path, typer.Argument(help="The study file; its given sections are the ones to remedy.")],
+    out: Annotated[Path, typer.Option(help="Folder for remedies.csv and the picture.")],
+    outer_end_mass: RangeOption = None,
+    added_mass_kg: Annotated[
+        float, typer.Option("--added-mass-kg", help="Most moving mass that a remedy may add.")
+    ] = 4.5,
+    json: JsonOption = None,
+) -> None:
+    """Compare stiffer outer beam, heavier or softer inner beam, more phase, and a scheduled lag.
+
+    Each is optimised for the same payload range and limits, and proved in the same way.
+    """
+    from beamdesign.design import remedies as room
+    from beamdesign.problem import read_problem
+    from beamdesign.records import InputError
+    from beamdesign.report.canvas import new_figure, save
+    from beamdesign.report.trade_curves import plot_remedies
+
+    problem = read_problem(study)
+    masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
+    if not (isfinite(added_mass_kg) and added_mass_kg >= 0):
+        raise InputError("--added-mass-kg", [(f"{added_mass_kg:g}", "must be finite and not negative")])
+    for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
+        if beam.width_m is None:
+            raise InputError(study, [(name, "the remedies start from given sections: width_m and wall_m are needed")])
+    with progress("remedies") as update:
+        found = room.remedies(problem, masses, added_mass_kg, update)
+    rows = [
+        {
+            "remedy": remedy.name,
+            "bandwidth_Hz": remedy.bandwidth_Hz,
+            "peak_sensitivity": remedy.peak_sensitivity,
+            "added_mass_kg": remedy.added_mass_kg,
+            "inner_end_mass_kg": remedy.inner_end_mass_kg,
+            "outer_width_m": remedy.outer.width_m,
+            "outer_wall_m": remedy.outer.wall_m,
+            "inner_width_m": remedy.inner.width_m,
+            "inner_wall_m": remedy.inner.wall_m,
+            "controllers": "; ".join(
+                f"{c.gain_A_per_V:.6g} A/V, {c.pole_Hz:.6g}/{c.zero_Hz:.6g} Hz" for c in remedy.controllers
+            ),
+            "parts_kg": "; ".join(f"{low:g} to {high:g}" for low, high in remedy.parts_kg),
+            "reason": remedy.reason,
+        }
+        for remedy in found
+    ]
+    out.mkdir(parents=True, exist_ok=True)
+    write_csv(out / "remedies.csv", rows)
+    figure = new_figure(height_mm=80)
+    plot_remedies(figure.add_subplot(), found)
+    pictures = save(figure, out / "remedies")
+    say_table(
+        f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
+        ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
+        [(row["remedy"], row["bandwidth_Hz"], row["added_mass_kg"], row["controllers"], row["reason"]) for row in rows],
+    )
+    for path in (out / "remedies.csv", *pictures):
+        say(str(path))
+    write_json(json, {"remedies": rows, "outer_end_mass_kg": list(masses), "added_mass_kg": added_mass_kg})
