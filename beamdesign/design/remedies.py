@@ -5,7 +5,7 @@ a controller with more phase; parameters that follow the payload. All start from
 besides change only what their name says, and may add no more than a given moving mass.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -47,8 +47,8 @@ class Remedy:
         outer: outer tube.
         inner: inner tube.
         inner_end_mass_kg: mass added inside.
-        controllers: one per part of the payload range.
-        parts_kg: the ranges of outer end mass over which each controller is proved.
+        proved: one loop per part of the payload range.
+        parts_kg: the ranges of outer end mass over which each of them is proved.
         reason: why nothing was proved, empty where something was.
     """
 
@@ -59,9 +59,14 @@ class Remedy:
     outer: SquareTube
     inner: SquareTube
     inner_end_mass_kg: float
-    controllers: tuple[Lag, ...]
+    proved: tuple[Proved, ...]
     parts_kg: tuple[tuple[float, float], ...]
     reason: str = ""
+
+    @property
+    def controllers(self) -> tuple[Lag, ...]:
+        """The lag of each part."""
+        return tuple(proved.controller for proved in self.proved if isinstance(proved.controller, Lag))
 
 
 @dataclass(frozen=True)
@@ -127,8 +132,8 @@ def _given(problem: DesignProblem) -> np.ndarray:
     return start_variables(problem, np.array([outer.width_m, outer.wall_m, inner.width_m, inner.wall_m]))
 
 
-def _best(program: LoopProgram, problem: DesignProblem) -> Proved | str:
-    """The best proved loop of a program, or why there is none."""
+def _best(program: LoopProgram, problem: DesignProblem, near: Sequence[Proved]) -> Proved | str:
+    """The best proved loop of a program, from samples and from proved loops of a like one, or why there is none."""
     head = len(program.form.names) + 2
     unit = qmc.Sobol(len(program.lower), scramble=True, rng=0).random(SAMPLES)
     samples = program.lower + unit * (program.upper - program.lower)
@@ -138,7 +143,7 @@ def _best(program: LoopProgram, problem: DesignProblem) -> Proved | str:
     samples[:, head:] = np.where(free, given * (1 + 0.25 * (unit[:, head:] - 0.5)), given)
     samples = np.vstack([samples, np.concatenate([program.lower[:head], given])])
     starts, _ = best_starts(program, samples, lambda variables: -float(variables[head - 1]), STARTS)
-    refined = [refine(program, start) for start in starts]
+    refined = [refine(program, start) for start in (*starts, *(proved.variables for proved in near))]
     proved = [refinement.proved for refinement in refined if refinement.proved is not None]
     if proved:
         return max(proved, key=lambda found: found.bandwidth_Hz)
@@ -146,10 +151,16 @@ def _best(program: LoopProgram, problem: DesignProblem) -> Proved | str:
     return "; ".join(reasons) or "no gain meets the peak sensitivity over the whole range"
 
 
-def _remedy(problem: DesignProblem, freedom: _Freedom, masses_kg: tuple[float, float], added_mass_kg: float) -> Remedy:
+def _remedy(
+    problem: DesignProblem,
+    freedom: _Freedom,
+    masses_kg: tuple[float, float],
+    added_mass_kg: float,
+    near: Sequence[Proved] = (),
+) -> Remedy:
     program = _program(problem, freedom, masses_kg, added_mass_kg)
     head = len(program.form.names) + 2
-    found = _best(program, problem)
+    found = _best(program, problem, near)
     if isinstance(found, str):
         outer, inner = rounded_tubes(_given(problem))
         return Remedy(freedom.name, 0.0, 0.0, float("inf"), outer, inner, 0.0, (), (masses_kg,), found)
@@ -163,19 +174,22 @@ def _remedy(problem: DesignProblem, freedom: _Freedom, masses_kg: tuple[float, f
         outer,
         inner,
         found.inner_end_mass_kg,
-        (found.controller,) if isinstance(found.controller, Lag) else (),
+        (found,),
         (masses_kg,),
     )
 
 
-def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float]) -> Remedy:
-    """One lag per part of the range, each proved on its part and some way into its neighbours."""
+def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float], near: Sequence[Proved]) -> Remedy:
+    """One lag per part of the range, each proved on its part and some way into its neighbours.
+
+    What is proved for the whole range is proved for each part, and so is a start for each.
+    """
     edges = np.linspace(*masses_kg, SCHEDULE_PARTS + 1)
     reach = SCHEDULE_OVERLAP * (edges[1] - edges[0])
     parts = [
         (float(max(masses_kg[0], low - reach)), float(min(masses_kg[1], high + reach))) for low, high in pairwise(edges)
     ]
-    found = [_remedy(problem, SCHEDULED, part, 0.0) for part in parts]
+    found = [_remedy(problem, SCHEDULED, part, 0.0, near) for part in parts]
     failed = [
         f"{low:g} to {high:g} kg: {one.reason}" for (low, high), one in zip(parts, found, strict=True) if one.reason
     ]
@@ -183,7 +197,7 @@ def _scheduled(problem: DesignProblem, masses_kg: tuple[float, float]) -> Remedy
         found[0],
         bandwidth_Hz=min(one.bandwidth_Hz for one in found),
         peak_sensitivity=max(one.peak_sensitivity for one in found),
-        controllers=tuple(controller for one in found for controller in one.controllers),
+        proved=tuple(proved for one in found for proved in one.proved),
         parts_kg=tuple(parts),
         reason="; ".join(failed),
     )
@@ -215,4 +229,4 @@ def remedies(
         told(k / (len(FREEDOMS) + 1), freedom.name)
         found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg))
     told(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
-    return (*found, _scheduled(problem, outer_end_mass_kg))
+    return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved))
