@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from math import inf, pi, sqrt
 from typing import Literal
 
-import numpy as np
 from flint import fmpq, fmpq_poly
 
+from beamdesign.certify import estimates
 from beamdesign.certify.quadratic import Verdict, quadratic_nonnegative
 from beamdesign.certify.rational import bounds, nearest, shortened
 from beamdesign.certify.stability import StabilityMap, is_stable_over, stable_ranges
@@ -273,10 +273,6 @@ def _most_proved(start: float, proves: Callable[[fmpq], bool], least: float) -> 
     return nearest(lower)
 
 
-def _sampled_masses(masses: tuple[fmpq, fmpq]) -> list[float]:
-    return sorted({float(mass) for mass in np.linspace(nearest(masses[0]), nearest(masses[1]), 5)})
-
-
 def guaranteed_peak_sensitivity(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:
     """The least peak sensitivity that is proved, to 1e-4 and rounded up; infinite where the range is not stable."""
     masses = _rationals(low, high)
@@ -286,8 +282,7 @@ def guaranteed_peak_sensitivity(loop: Loop, low: float | fmpq, high: float | fmp
     def proves(limit: fmpq) -> bool:
         return quadratic_nonnegative(*sensitivity_slack(loop, limit), *masses, fmpq(0), None).holds
 
-    start = max(loop.at(mass).peak_sensitivity() for mass in _sampled_masses(masses))
-    return _least_proved(start, proves, 1e12)
+    return _least_proved(estimates.peak_sensitivity(loop, *masses), proves, 1e12)
 
 
 def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:
@@ -295,7 +290,7 @@ def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> 
     masses = _rationals(low, high)
     if not is_stable_over(loop.characteristic, *masses):
         return 0.0
-    start = min(-_rightmost(loop.characteristic.at(exact(mass))).real for mass in _sampled_masses(masses))
+    start = estimates.decay_rate(loop, *masses)
     return _most_proved(start, lambda rate: is_stable_over(shifted(loop.characteristic, rate), *masses), 1e-9)
 
 
@@ -308,10 +303,7 @@ def guaranteed_gain_margin(loop: Loop, low: float | fmpq, high: float | fmpq) ->
     def proves(factor: fmpq) -> bool:
         return all(is_stable_over(edge.family, edge.low, edge.high) for edge in gain_edges(loop, factor, *masses))
 
-    start = LARGEST_GAIN_MARGIN
-    for mass in _sampled_masses(masses):
-        crossings = [crossing.value for crossing in loop.at(mass).gain_crossings() if crossing.value > 1]
-        start = min([start, *crossings])
+    start = min(estimates.gain_margin(loop, *masses), LARGEST_GAIN_MARGIN)
     if start == LARGEST_GAIN_MARGIN and proves(exact(start)):
         return start
     return max(_most_proved(start, proves, 1.0), 1.0)
