@@ -17,6 +17,10 @@ Payload that moves with a part of the tip's velocity, u = -theta v with theta in
 
 so that -W (dV/dt + 2 decay V) is a polynomial in m whose matrix coefficients are linear in those of P. The rate enters
 linearly on each side of zero and theta linearly, so their extremes suffice; m is settled by Bernstein coefficients.
+
+**Sudden pick-ups from rest.** J' P J <= P for all small jumps J would need P to leave v uncoupled from all other
+states, which feedback does not allow in general. Their growth of V is bounded by a factor instead, to be made up for by
+the decrease in the time between them.
 """
 
 from collections.abc import Sequence

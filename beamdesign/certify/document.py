@@ -61,13 +61,13 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         "",
     ]
     below = [
-        f"name = {_quoted(prototype.name)}",
+        f"name = {quoted(prototype.name)}",
         'parameter = "outer_end_mass_kg"',
         f'low = "{text(stability.low)}"',
         f'high = "{text(stability.high)}"',
         "",
-        *_rig(prototype),
-        *_controller(prototype),
+        *rig_lines(prototype),
+        *controller_lines(prototype),
         *_polynomials(loop),
         *_stability(stability),
         *(line for claim in claims for line in _claim(claim)),
@@ -78,16 +78,18 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
 
 def states_figures_of(certificate: str, prototype: Prototype) -> bool:
     """Whether the text of a certificate states the rig and the controller of a prototype, and nothing else."""
-    return "\n".join([*_rig(prototype), *_controller(prototype)]) in certificate
+    return "\n".join([*rig_lines(prototype), *controller_lines(prototype)]) in certificate
 
 
-def _quoted(value: str) -> str:
+def quoted(value: str) -> str:
+    """A TOML string."""
     import tomli_w
 
     return tomli_w.dumps({"value": value}).removeprefix("value = ").rstrip("\n")
 
 
-def _rig(prototype: Prototype) -> Iterator[str]:
+def rig_lines(prototype: Prototype) -> Iterator[str]:
+    """The table of the lumped figures."""
     yield "# The lumped figures of the model, end masses not included; damping is that of fixed dashpots."
     yield "[rig]"
     yield f'kind = "{prototype.kind}"'
@@ -103,7 +105,8 @@ def _rig(prototype: Prototype) -> Iterator[str]:
     yield ""
 
 
-def _controller(prototype: Prototype) -> Iterator[str]:
+def controller_lines(prototype: Prototype) -> Iterator[str]:
+    """The table of the controller: its figures and its polynomials."""
     controller = prototype.controller
     assert controller is not None  # there is a loop
     law = transfer_function(controller)
@@ -267,7 +270,7 @@ def _claim(claim: Claim) -> Iterator[str]:
         yield f'bandwidth_Hz = "{_finite(claim.bandwidth_Hz)}"'
     yield f"holds = {_bool(claim.holds)}"
     if not claim.holds:
-        yield f"reason = {_quoted(claim.reason)}"
+        yield f"reason = {quoted(claim.reason)}"
         yield from _witness(claim)
     yield ""
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.controller import transfer_function
-from beamdesign.linear import linear_rig
+from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
 from beamdesign.rig import twin_beam
@@ -63,23 +63,31 @@ class MassFamily:
 def closed_loop(prototype: Prototype) -> MassFamily:
     """The closed loop of a prototype, equations (7) to (16), over the mass on its outer tip.
 
-    The controller is realised in companion form, driven by the error voltage; its states follow the rig's.
-
     Raises:
         ValueError: where the prototype has no controller, or one whose numerator is of higher degree than its
             denominator.
     """
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
-    rig = linear_rig(prototype)
     inner = exact(prototype.payload.inner_end_mass_kg)
-    bare, a, b, c = rig.exact_matrices(fmpq(0), inner)
-    loaded = rig.exact_matrices(fmpq(1), inner)
+    return close_with(linear_rig(prototype), inner, transfer_function(prototype.controller))
+
+
+def close_with(rig: LinearRig, inner_end_mass: fmpq, law: TransferFunction) -> MassFamily:
+    """Close the loop of a rig with a controller of any order.
+
+    The controller is realised in companion form, driven by the error voltage; its states follow the rig's.
+
+    Raises:
+        ValueError: where the controller's numerator is of higher degree than its denominator.
+    """
+    bare, a, b, c = rig.exact_matrices(fmpq(0), inner_end_mass)
+    loaded = rig.exact_matrices(fmpq(1), inner_end_mass)
     states = twin_beam.STATES + (("filtered_V",) if rig.filtered else ())
     velocity = states.index("velocity_m_per_s")
     _require_mass_in_one_entry(bare, loaded[0] - bare, velocity)
 
-    law_a, law_c, feedthrough = _companion(prototype)
+    law_a, law_c, feedthrough = _companion(law)
     n, k = a.nrows(), len(law_c)
     mass, motion = fmpq_mat(n + k, n + k), fmpq_mat(n + k, n + k)
     for i in range(n):
@@ -113,10 +121,8 @@ def _require_mass_in_one_entry(bare: fmpq_mat, difference: fmpq_mat, velocity: i
         raise ValueError("the outer end mass must enter the mass matrix in the velocity's own entry alone")
 
 
-def _companion(prototype: Prototype) -> tuple[list[list[fmpq]], list[fmpq], fmpq]:
+def _companion(law: TransferFunction) -> tuple[list[list[fmpq]], list[fmpq], fmpq]:
     """A (k, k), C (k) and D of the controller in companion form, input at the last state."""
-    assert prototype.controller is not None
-    law = transfer_function(prototype.controller)
     k = law.denominator.degree()
     if law.numerator.degree() > k:
         raise ValueError("the controller differentiates: its numerator is of higher degree than its denominator")

@@ -6,9 +6,7 @@ from math import isinf
 
 from flint import fmpq_mat
 
-from beamdesign.certify.document import _controller as controller_lines
-from beamdesign.certify.document import _quoted as quoted
-from beamdesign.certify.document import _rig as rig_lines
+from beamdesign.certify.document import controller_lines, quoted, rig_lines
 from beamdesign.certify.lyapunov import Switching
 from beamdesign.certify.rational import text
 from beamdesign.polynomial import exact
