@@ -19,6 +19,7 @@ from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.records import InputError
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.drawing import draw_section, draw_side
@@ -114,6 +115,14 @@ def test_a_run_without_a_result_writes_nothing(run: DesignRun, tmp_path: Path) -
     with pytest.raises(ValueError, match="nothing fits"):
         write_result_folder(nothing, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_bad_input(run: DesignRun, tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("a file", encoding="utf-8")
+    with pytest.raises(InputError, match="taken"):
+        write_result_folder(run, taken)
+    assert taken.read_text(encoding="utf-8") == "a file"
 
 
 def test_the_page_requests_nothing(html: str, page: Page) -> None:

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from beamdesign.records import to_toml
+from beamdesign.records import InputError, to_toml
 from beamdesign.report.html import report_html
 from beamdesign.report.specification import specification_markdown
 from beamdesign.study.design_run import CERTIFICATE_NAME, DesignRun
@@ -28,6 +28,7 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         Paths of the four files, by the keys of `FILES`.
 
     Raises:
+        InputError: where the folder cannot be made or written to.
         ValueError: where the run has no result; nothing is written then.
     """
     if result.prototype is None or result.certificate is None:
@@ -38,11 +39,14 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         "report": report_html(result, FILES),
         "specification": specification_markdown(result, FILES),
     }
-    out.mkdir(parents=True, exist_ok=True)
     paths = {kind: out / name for kind, name in FILES.items()}
-    for kind, path in paths.items():
-        partial = path.with_name(path.name + ".part")
-        # As bytes: the certificate's digest in the prototype must fit on every platform.
-        partial.write_bytes(texts[kind].encode())
-        os.replace(partial, path)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for kind, path in paths.items():
+            partial = path.with_name(path.name + ".part")
+            # As bytes: the certificate's digest in the prototype must fit on every platform.
+            partial.write_bytes(texts[kind].encode())
+            os.replace(partial, path)
+    except OSError as error:
+        raise InputError(out, [("(folder)", error.strerror or str(error))]) from error
     return paths
