@@ -577,6 +577,7 @@ TAMPERED = {
     "frequency": ('valve_frequency_Hz = "150"', 'valve_frequency_Hz = "250"', ""),
     "sign of P": ('[["', '[["-', ""),
     "cycle": ('time_s = ["0.00', 'time_s = ["0.02', ""),
+    "masses of the cycle": ('outer_end_mass_kg = ["0", "6.8"]', 'outer_end_mass_kg = ["0", "9"]', ""),
 }
 
 
@@ -653,15 +654,17 @@ def test_command_proves_a_rate(loose, tmp_path):
 
     prototype, out, result = tmp_path / "loose.toml", tmp_path / "c.toml", tmp_path / "r.json"
     write_prototype(loose, prototype)
-    arguments = [str(prototype), "--rate", "50", "--out", str(out), "--json", str(result)]
-    outcome = CliRunner().invoke(_app, arguments)
+    arguments = ["--outer-end-mass", "0:1", "--rate", "50", "--out", str(out), "--json", str(result)]
+    outcome = CliRunner().invoke(_app, [str(prototype), *arguments])
     assert outcome.exit_code == 0, outcome.output
     fields = json.loads(result.read_text(encoding="utf-8"))
     assert fields["stable"] is True
-    assert fields["any_change"]["status"] == "refuted"
-    assert [rate["rate_kg_per_s"] for rate in fields["bounded_rate"]] == [50.0, 50.0]
+    assert fields["any_change"]["status"] == "proved"
+    assert fields["any_change"]["proved_up_to_kg"] == 1.0
+    assert [rate["unlimited"] for rate in fields["bounded_rate"]] == [True, False]
+    assert fields["bounded_rate"][1]["rate_kg_per_s"] == 50.0
     assert fields["certificate"] == str(out)
-    assert "REFUTED: however fast" in outcome.output
+    assert "proved: stable however fast the mass changes" in outcome.output
     assert replay_lyapunov.replay(out).valid
 
 

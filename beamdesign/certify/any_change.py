@@ -10,7 +10,7 @@ from beamdesign.certify.decrease import holds_for_any_change
 from beamdesign.certify.growth import Cycle, growing_cycle
 from beamdesign.certify.lmi import SOLVERS, Answer, Solve, Sought, at, lyapunov_candidates, modal_coordinates, solve
 from beamdesign.certify.mass_family import MassFamily, rationals
-from beamdesign.certify.rational import nearest
+from beamdesign.certify.rational import nearest, shortened
 
 Status = Literal["proved", "unverified", "refuted", "undecided"]
 """proved: verified in rationals. unverified: a solver claims it and the exact check does not confirm it, which is
@@ -99,7 +99,9 @@ def _common(family: MassFamily, low: fmpq, high: fmpq, solve: Solve) -> Reached:
     best, function, refused = low, verified(family, coordinates.T @ coordinates, low, low).function, ""
     step = (high - low) * fmpq(1, round(1 / FIRST_STEP))
     while step >= (high - low) * fmpq(1, round(1 / LEAST_STEP)):
-        target = min(best + step, high)
+        target = min(shortened(best + step, 9), high)  # a decimal, so that as a float it is the same number
+        if target <= best:
+            break
         answer = solve(family, Sought(low, target), coordinates, SOLVERS[0])
         found = _judge(family, answer, low, target)
         refused = found.refused if target == high else refused

@@ -124,7 +124,7 @@ def _statements(table: dict[str, Any], text: str) -> Iterator[Result]:
     for example in against:
         if example["kind"] not in COUNTEREXAMPLES:
             raise Malformed(f"counterexample.kind {example['kind']!r} is not known here")
-        yield COUNTEREXAMPLES[example["kind"]](loop, example)
+        yield COUNTEREXAMPLES[example["kind"]](loop, example, low, high)
 
 
 def _short(value: fmpq) -> str:
@@ -396,9 +396,9 @@ CLAIMS: dict[str, Callable[[Loop, dict[str, Any], fmpq, fmpq, str], Result]] = {
 # The counterexamples.
 
 
-def _frozen(loop: Loop, example: dict[str, Any]) -> Result:
+def _frozen(loop: Loop, example: dict[str, Any], low: fmpq, high: fmpq) -> Result:
     mass = rational(example["outer_end_mass_kg"])
-    proved = mass >= 0 and not _hurwitz(loop.matrix(mass).charpoly())
+    proved = low <= mass <= high and not _hurwitz(loop.matrix(mass).charpoly())
     return proved, f"{'unstable' if proved else 'not unstable'} at {_short(mass)} kg that stays"
 
 
@@ -415,12 +415,12 @@ def _hurwitz(polynomial: fmpq_poly) -> bool:
     return True
 
 
-def _cycle(loop: Loop, example: dict[str, Any]) -> Result:
+def _cycle(loop: Loop, example: dict[str, Any], low: fmpq, high: fmpq) -> Result:
     masses, times = ([rational(value) for value in example[name]] for name in ("outer_end_mass_kg", "time_s"))
     cycles = int(example["cycles"])
     if not (len(masses) == len(times) == 2 and 1 <= cycles <= MOST_CYCLES):
         raise Malformed("a cycle has two masses, two times and a number of repetitions")
-    proved = min(masses) >= 0 and min(times) > 0
+    proved = low <= min(masses) and max(masses) <= high and min(times) > 0
     if proved:
         first, second = (arb_mat(loop.matrix(m) * t).exp() for m, t in zip(masses, times, strict=True))
         proved = bool(abs(_power(second * first, cycles).trace()) > loop.order)
@@ -436,7 +436,7 @@ def _power(matrix: arb_mat, exponent: int) -> arb_mat:
     return half * half * matrix if exponent % 2 else half * half
 
 
-COUNTEREXAMPLES: dict[str, Callable[[Loop, dict[str, Any]], Result]] = {"frozen": _frozen, "cycle": _cycle}
+COUNTEREXAMPLES: dict[str, Callable[[Loop, dict[str, Any], fmpq, fmpq], Result]] = {"frozen": _frozen, "cycle": _cycle}
 
 
 def main(arguments: Sequence[str]) -> int:
