@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
@@ -168,7 +168,7 @@ def _located(family: Affine, low: fmpq, high: fmpq) -> list[list[Crossing]]:
             found = [*infinite, *crossings(family, precision)]
             found = [_at_end(family, crossing, (low, high), precision) for crossing in found]
             groups = _grouped(family, sorted(found, key=lambda crossing: _bounds(crossing)[0]), precision)
-            ends = all(_clear_of(group[0], low) and _clear_of(group[0], high) for group in groups or [])
+            ends = all(_clear_of(crossing, end) for crossing in chain(*(groups or [])) for end in (low, high))
             if groups is not None and ends:
                 return groups
         precision *= 2
