@@ -20,12 +20,11 @@ def codesign(
     Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
     their full length and the inner end mass. The result is proved, not sampled.
     """
-    from beamdesign.certify.certificate import certify
     from beamdesign.design import codesign as room
     from beamdesign.problem import read_problem
     from beamdesign.prototype import write_prototype
     from beamdesign.records import InputError
-    from beamdesign.study.design_run import CERTIFICATE_NAME, with_guarantee
+    from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
@@ -39,8 +38,7 @@ def codesign(
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
         write_json(json, dict.fromkeys(fields) | {"reason": found.reason, "attempts": found.attempts})
         raise typer.Exit(1)
-    certificate = certify(point.prototype, *masses)
-    guaranteed = with_guarantee(point.prototype, point.proved, masses, certificate, CERTIFICATE_NAME)
+    certificate, guaranteed = certified(point.prototype, point.proved, masses)
     folder = out if out is not None else Path(f"{problem.name}-codesign")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / CERTIFICATE_NAME).write_text(certificate.text, encoding="utf-8")

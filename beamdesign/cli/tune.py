@@ -27,11 +27,10 @@ def tune(
 
     The guarantee (stability, peak sensitivity, compliance) is proved for every mass of the range, in exact arithmetic.
     """
-    from beamdesign.certify.certificate import certify
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
     from beamdesign.records import InputError
-    from beamdesign.study.design_run import CERTIFICATE_NAME, with_guarantee
+    from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
     record = read_prototype(prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
@@ -47,15 +46,14 @@ def tune(
         say(found.reason)
         write_json(json, {"controller": None, "inner_end_mass_kg": None, "guaranteed": None, "reason": found.reason})
         raise typer.Exit(1)
-    best, certificate = found.best, certify(found.prototype, *masses)
+    best = found.best
+    certificate, guaranteed = certified(found.prototype, best, masses)
     paths: dict[str, Path] = {}
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         paths = {"prototype": out / "prototype.toml", "certificate": out / CERTIFICATE_NAME}
         paths["certificate"].write_text(certificate.text, encoding="utf-8")
-        write_prototype(
-            with_guarantee(found.prototype, best, masses, certificate, CERTIFICATE_NAME), paths["prototype"]
-        )
+        write_prototype(guaranteed, paths["prototype"])
     rows = [(name, value) for name, value in best.controller.model_dump().items()]
     rows += [
         ("inner_end_mass_kg", best.inner_end_mass_kg),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from beamdesign.certify.certificate import Certificate, certify
+from beamdesign.certify.certificate import Asked, Certificate, certify
 from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import Sizing, size
 from beamdesign.design.tuning import Tuning, tune
@@ -62,21 +62,31 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     if tuning.best is None:
         return DesignRun(problem, sizing, tuning, None, None, tuning.reason)
     told(0.9, "writing the proof")
-    certificate = certify(tuning.prototype, *masses)
-    prototype = with_guarantee(tuning.prototype, tuning.best, masses, certificate, CERTIFICATE_NAME)
+    certificate, prototype = certified(tuning.prototype, tuning.best, masses)
     return DesignRun(problem, sizing, tuning, certificate, prototype)
 
 
-def with_guarantee(
-    prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], certificate: Certificate, name: str | Path
-) -> Prototype:
-    """The prototype with the guarantee that its certificate, written under `name`, proves."""
-    return prototype.but(
-        guarantee=Guarantee(
-            bandwidth_Hz=proved.bandwidth_Hz,
-            peak_sensitivity=proved.peak_sensitivity,
-            outer_end_mass_kg=masses_kg,
-            certificate=str(name),
-            certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
-        )
+def certified(
+    prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], name: str | Path = CERTIFICATE_NAME
+) -> tuple[Certificate, Prototype]:
+    """Prove what was found once more as claims of a certificate, and state them in the prototype.
+
+    Args:
+        prototype: with controller and inner end mass.
+        proved: its guaranteed figures.
+        masses_kg: the range of outer end mass.
+        name: file name under which the certificate will stand beside the prototype.
+    """
+    claims = (
+        Asked("peak_sensitivity", proved.peak_sensitivity),
+        Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
     )
+    certificate = certify(prototype, *masses_kg, claims)
+    guarantee = Guarantee(
+        bandwidth_Hz=proved.bandwidth_Hz,
+        peak_sensitivity=proved.peak_sensitivity,
+        outer_end_mass_kg=masses_kg,
+        certificate=str(name),
+        certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
+    )
+    return certificate, prototype.but(guarantee=guarantee)
