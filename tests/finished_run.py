@@ -11,7 +11,7 @@ from beamdesign.design.sizing import size
 from beamdesign.design.tuning import Tuning
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Lag
-from beamdesign.study.design_run import CERTIFICATE_NAME, DesignRun, with_guarantee
+from beamdesign.study.design_run import DesignRun, certified
 
 STUDY = Path(__file__).parent.parent / "studies" / "prototype.toml"
 
@@ -33,5 +33,5 @@ def finished_run() -> DesignRun:
         controller, inner, certificate.guaranteed.bandwidth_Hz, certificate.guaranteed.peak_sensitivity, np.zeros(0)
     )
     tuning = Tuning(loaded, masses, best, (best.bandwidth_Hz,), (), 1)
-    prototype = with_guarantee(loaded, best, masses, certificate, CERTIFICATE_NAME)
+    certificate, prototype = certified(loaded, best, masses)
     return DesignRun(problem, sizing, tuning, certificate, prototype)

@@ -118,8 +118,8 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     proved: list[Claim] = []
     if stability.stable:
         guaranteed, proved = _guarantees(closed, prototype.goal, low_kg, high_kg)
-    words = _summary(prototype, stability, [*decided, *proved])
-    text = document(prototype, closed, stability, [*decided, *proved], words)
+    written = decided + [claim for claim in proved if not any(_implies(other, claim) for other in decided)]
+    text = document(prototype, closed, stability, written, _summary(prototype, stability, written))
     return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text)
 
 
@@ -145,6 +145,12 @@ def _guarantees(closed: Loop, goal: Goal, low_kg: float, high_kg: float) -> tupl
     if bandwidth > 0:
         proved.append(Claim("compliance", goal.compliance_m_per_N, ends, True, bandwidth))
     return Guaranteed(bandwidth, peak), proved
+
+
+def _implies(one: Claim, other: Claim) -> bool:
+    """Whether a claim of the same kind, if it holds, says at least as much as another."""
+    stronger = one.limit <= other.limit and (one.bandwidth_Hz or 0.0) >= (other.bandwidth_Hz or 0.0)
+    return one.holds and one.kind == other.kind and stronger
 
 
 def describe(claim: Claim) -> str:
