@@ -11,6 +11,7 @@ from beamdesign.cli.front import front
 from beamdesign.cli.paper import paper
 from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
+from beamdesign.cli.simulate import simulate
 from beamdesign.cli.size import size
 from beamdesign.cli.tune import tune
 
@@ -21,7 +22,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (run, size, tune, certify, certify_switching, codesign, front, remedies, paper):
+for command in (run, size, tune, certify, certify_switching, codesign, front, remedies, simulate, paper):
     app.command(command.__name__.replace("_", "-"))(command)
 
 

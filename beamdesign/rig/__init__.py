@@ -1,1 +1,1 @@
-"""Components of a rig and their assembly, in CasADi."""
+"""Components of a rig, its effects and their assembly, in CasADi, and the code generated from them."""

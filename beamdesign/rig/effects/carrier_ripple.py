@@ -1,0 +1,27 @@
+"""Sensor carrier ripple: what the demodulator of a carrier-fed displacement sensor lets through."""
+
+from math import pi
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.rig.effect import Effect, Parameter, Site
+
+
+def _law(signal: Any, site: Site) -> Any:
+    wave = ca.sin(2 * pi * site.parameter["frequency_Hz"] * site.time)
+    return signal * (1 + site.parameter["depth"] * wave) + site.parameter["residual_V"] * wave
+
+
+EFFECT = Effect(
+    name="carrier_ripple",
+    subsystem="sensor",
+    laws={"sensor_V": _law},
+    parameters=(
+        Parameter("frequency_Hz", 700.0, 50.0, 2000.0, 0.5, "of the ripple: twice the carrier, or its alias"),
+        Parameter("depth", 0.02, 0.0, 0.5, 0.02, "ripple over signal"),
+        Parameter("residual_V", 0.0, 0.0, 0.5, 0.01, "ripple at no displacement, from imbalance of the windings"),
+    ),
+    states=(),
+    source="amplitude demodulation; E. O. Doebelin, Measurement Systems, differential transformers",
+)

@@ -1,0 +1,45 @@
+"""Pressure-dependent valve flow: sharp-edged orifices, whose flow goes with the root of the pressure drop.
+
+With the chambers at half the supply pressure it is the linear valve, so that it linearises to it there.
+"""
+
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.rig.effect import Effect, Parameter, Site
+
+_SMOOTH = 1e-3  # of the supply pressure: below this drop the root goes over to a straight line
+
+
+def _root(drop: Any) -> Any:
+    """Signed root of a relative pressure drop, with a finite slope at none."""
+    return drop / ca.sqrt(ca.sqrt(drop**2 + _SMOOTH**2))
+
+
+def _supply(signal: Any, site: Site) -> Any:
+    return site.parameter["supply_pressure_Pa"]
+
+
+def _metered(signal: Any, pressure: Any, supply: Any) -> Any:
+    """Flow into a chamber whose port opens to the supply where `signal` is positive, and to the tank elsewhere."""
+    share = pressure / supply
+    return signal * _root(ca.if_else(signal > 0, 1 - share, share)) / float(_root(0.5))
+
+
+def _orifice_a(signal: Any, site: Site) -> Any:
+    return _metered(signal, site.port["pressure_a_Pa"], site.port["supply_pressure_Pa"])
+
+
+def _orifice_b(signal: Any, site: Site) -> Any:
+    return -_metered(-signal, site.port["pressure_b_Pa"], site.port["supply_pressure_Pa"])
+
+
+EFFECT = Effect(
+    name="pressure_dependent_flow",
+    subsystem="servovalve",
+    laws={"supply_pressure_Pa": _supply, "orifice_a_m3_per_s": _orifice_a, "orifice_b_m3_per_s": _orifice_b},
+    parameters=(Parameter("supply_pressure_Pa", 20e6, 2e6, 40e6, 0.3, "20 MPa is the supply of the published rig"),),
+    states=(),
+    source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, critical-centre valve",
+)

@@ -1,0 +1,40 @@
+"""Seal friction between piston and cylinder: Stribeck curve with presliding (Dahl) and a viscous share.
+
+The seal's deflection over the presliding distance is a state that follows the stroke and settles at the direction of
+motion. It settles no faster than `_QUICKEST`, which bounds the stiffness of the equations and shows only at speeds
+above that rate times the presliding distance.
+"""
+
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.rig.effect import Effect, Parameter, Site
+
+_QUICKEST = 1e4  # 1/s
+
+
+def _law(signal: Any, site: Site) -> Any:
+    speed, deflection = site.port["stroke_m_per_s"], site.state["deflection"]
+    figure = site.parameter
+    rate = speed / figure["presliding_m"]
+    rate = rate / ca.sqrt(1 + (rate / _QUICKEST) ** 2)
+    site.rate["deflection"] = rate - ca.fabs(rate) * deflection
+    excess = (figure["breakaway_ratio"] - 1) * ca.exp(-((speed / figure["stribeck_m_per_s"]) ** 2))
+    return signal + figure["coulomb_N"] * (1 + excess) * deflection + figure["viscous_N_s_per_m"] * speed
+
+
+EFFECT = Effect(
+    name="seal_friction",
+    subsystem="actuator",
+    laws={"friction_N": _law},
+    parameters=(
+        Parameter("coulomb_N", 60.0, 0.0, 1000.0, 50.0, "friction of steady sliding"),
+        Parameter("breakaway_ratio", 1.0, 1.0, 3.0, 0.3, "friction at the onset of sliding over that at speed"),
+        Parameter("stribeck_m_per_s", 0.005, 1e-4, 0.1, 0.7, "speed at which the excess has gone to 1/e"),
+        Parameter("presliding_m", 10e-6, 1e-6, 200e-6, 0.8, "deflection of the seal before it slides"),
+        Parameter("viscous_N_s_per_m", 0.0, 0.0, 5000.0, 200.0, "force per speed"),
+    ),
+    states=("deflection",),
+    source="P. R. Dahl, AIAA J. 14 (1976) 1675; B. Armstrong-Helouvry et al., Automatica 30 (1994) 1083 (Stribeck)",
+)

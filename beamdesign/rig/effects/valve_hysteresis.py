@@ -1,0 +1,30 @@
+"""Valve hysteresis: Dahl friction on the spool, so that the current has to go back before the spool does.
+
+As in `seal_friction` the friction settles no faster than a bound.
+"""
+
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.rig.effect import Effect, Parameter, Site
+
+_QUICKEST = 1e4  # 1/s
+
+
+def _law(signal: Any, site: Site) -> Any:
+    width, state = site.parameter["half_width_A"], site.state["friction"]
+    rate = site.port["flow_m3_per_s2"] / (site.figure["flow_gain"] * width)
+    rate = rate / ca.sqrt(1 + (rate / _QUICKEST) ** 2)
+    site.rate["friction"] = rate - ca.fabs(rate) * state
+    return signal - width * state
+
+
+EFFECT = Effect(
+    name="valve_hysteresis",
+    subsystem="servovalve",
+    laws={"spool_A": _law},
+    parameters=(Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of the loop of flow over current"),),
+    states=("friction",),
+    source="P. R. Dahl, AIAA J. 14 (1976) 1675,, here on the spool",
+)

@@ -1,0 +1,83 @@
+"""Where a rig stands still, and its linearisation there."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.rig.assembly import Assembly, Structure, assemble
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """x' = A x + B u, y = C x + D u about an operating point; names as in the assembly."""
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+
+
+@cache
+def _derivatives(kinds: Structure) -> ca.Function:
+    assembly = assemble(kinds)
+    t, x, u, p = (ca.SX.sym(name, *assembly.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    rate, y = assembly.function(t, x, u, p)
+    matrices = [ca.densify(ca.jacobian(value, of)) for value in (rate, y) for of in (x, u)]
+    return ca.Function("derivatives", [t, x, u, p], [rate, *matrices])
+
+
+def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> Linearisation:
+    """Linearise by algorithmic differentiation at time 0.
+
+    Args:
+        assembly: the rig.
+        x: (n,) states.
+        u: (3,) inputs.
+        parameters: in the assembly's order.
+    """
+    values = _derivatives(assembly.kinds)(0.0, x, u, parameters)[1:]
+    return Linearisation(*(np.asarray(value) for value in values))
+
+
+def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """States (n,) at which nothing moves under constant inputs.
+
+    Backward Euler steps of growing length, so that friction and play end where a slow load would have left them.
+
+    Raises:
+        ValueError: where none is found.
+    """
+    x = np.zeros(len(assembly.states))
+    supply = parameters[assembly.parameters.index("supply_pressure")]
+    for effect in ("pressure_dependent_flow.supply_pressure_Pa",):
+        if effect in assembly.parameters:
+            supply = parameters[assembly.parameters.index(effect)]
+    for name in ("pressure_a_Pa", "pressure_b_Pa"):
+        x[assembly.states.index(name)] = supply / 2
+    function = _derivatives(assembly.kinds)
+    weight = scales(assembly)
+
+    eye, step = np.eye(len(x)), 1e-3
+    for _ in range(_MOST_STEPS):
+        rate, jacobian = (np.asarray(value) for value in function(0.0, x, u, parameters)[:2])
+        scaled = jacobian / weight[:, None] * weight[None, :]
+        change = np.linalg.solve(eye / step - scaled, rate.ravel() / weight)
+        x = x + weight * change
+        if step > _LONG and np.abs(change).max() <= 1e-10:
+            return x
+        # A long step that hardly moves anything is Newton's; a large change means a law has been left behind.
+        step = min(2 * step, 1e9) if np.abs(change).max() < 100.0 else max(step / 2, 1e-5)
+    raise ValueError("the rig has no equilibrium under these inputs")
+
+
+_LONG, _MOST_STEPS = 1e3, 400  # s; steps
+
+
+def scales(assembly: Assembly) -> np.ndarray:
+    """Typical magnitude of each state."""
+    sizes = {"_Pa": 1e6, "_m3_per_s": 1e-5, "_m3_per_s2": 1e-2, "_m": 1e-4, "_m_per_s": 1e-2}
+    return np.array(
+        [next((size for end, size in sizes.items() if name.endswith(end)), 1.0) for name in assembly.states]
+    )

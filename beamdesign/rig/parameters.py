@@ -1,0 +1,61 @@
+"""From a prototype to the structure and the figures of its rig."""
+
+from math import pi
+
+from beamdesign import lumped
+from beamdesign.prototype import Lag, Prototype
+from beamdesign.records import InputError, Problem
+from beamdesign.rig.assembly import Structure
+from beamdesign.rig.effects import library, problems
+from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
+
+
+def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
+    """What decides the equations of a prototype's rig.
+
+    Args:
+        prototype: with a controller, and with the effects its rig has.
+        sampled: whether the controller is a sampled one, outside the equations.
+
+    Raises:
+        InputError: where an effect or one of its parameters is unknown or out of bounds, or without a controller.
+    """
+    wrong = list(problems(prototype.effects))
+    if prototype.controller is None:
+        wrong.append(problem_without_controller())
+    if wrong:
+        raise InputError(prototype.name, wrong)
+    kind = "lag" if isinstance(prototype.controller, Lag) else "proportional"
+    filtered = prototype.sensor.filter_Hz is not None
+    return Structure("sampled" if sampled else kind, filtered, tuple(sorted(prototype.effects)))  # type: ignore[arg-type]
+
+
+def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: float) -> dict[str, float]:
+    """Parameters of the assembly in its order, SI: figures of the rig, of the controller and of its effects.
+
+    Args:
+        prototype: as for `structure_of`, which checks it.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg, added to the inner beam's tip.
+    """
+    controller = prototype.controller
+    if controller is None:
+        raise InputError(prototype.name, [problem_without_controller()])
+    values = lumped.figures(prototype) | {
+        "outer_end_mass": outer_end_mass,
+        "inner_end_mass": inner_end_mass,
+        "supply_pressure": SUPPLY_PRESSURE_PA,
+        "believed_sensor_gain": prototype.sensor.gain_V_per_m,
+        "gain": controller.gain_A_per_V,
+        "pole": 2 * pi * controller.pole_Hz if isinstance(controller, Lag) else 1.0,
+        "zero": 2 * pi * controller.zero_Hz if isinstance(controller, Lag) else 1.0,
+    }
+    for name in sorted(prototype.effects):
+        given = prototype.effects[name]
+        values |= {f"{name}.{q.name}": float(given.get(q.name, q.default)) for q in library()[name].parameters}
+    return values
+
+
+def problem_without_controller() -> Problem:
+    """The problem of a prototype that cannot close its loop."""
+    return Problem("controller", "missing; a simulation closes the loop")

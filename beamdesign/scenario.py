@@ -1,0 +1,246 @@
+"""Scenario files: what is done to a rig in a simulation."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, FiniteFloat
+
+from beamdesign import records
+from beamdesign.prototype import Controller
+from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+
+CHANNELS = ("disturbance_N", "command_V")
+
+
+class _Amplitude(Record):
+    """A signal on one channel: a force where `amplitude_N` is given, a command where `amplitude_V` is."""
+
+    amplitude_N: Annotated[FiniteFloat | None, Field(description="peak of a force on the outer tip")] = None
+    amplitude_V: Annotated[FiniteFloat | None, Field(description="peak of a command")] = None
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """One channel per signal, and bands that hold something."""
+        if (table.get("amplitude_N") is None) == (table.get("amplitude_V") is None):
+            yield Problem("", "needs one of amplitude_N (force on the tip) and amplitude_V (command)")
+        if (band := numbers(table, "low_Hz", "high_Hz")) and band[0] >= band[1]:
+            yield Problem("high_Hz", f"must be greater than low_Hz, {band[0]:g}, is {band[1]:g}")
+
+    @property
+    def channel(self) -> int:
+        """Column of `CHANNELS`."""
+        return 0 if self.amplitude_N is not None else 1
+
+    @property
+    def amplitude(self) -> float:
+        """In the channel's unit."""
+        given = self.amplitude_N if self.amplitude_N is not None else self.amplitude_V
+        return 0.0 if given is None else given
+
+
+class Step(_Amplitude):
+    """From zero to the amplitude along half a cosine, and back where it has a length."""
+
+    kind: Literal["step"] = "step"
+    at_s: NonNegative = 0.1
+    rise_s: Positive = 0.002
+    length_s: Annotated[Positive | None, Field(description="after which it goes back to zero; none: it stays")] = None
+
+
+class Sine(_Amplitude):
+    """A sine from time zero, faded in over a given time."""
+
+    kind: Literal["sine"] = "sine"
+    frequency_Hz: Positive
+    fade_s: NonNegative = 0.1
+
+
+class Multisine(_Amplitude):
+    """Equal lines at multiples of 1/duration within a band, with random phases; scaled to the amplitude as its peak."""
+
+    kind: Literal["multisine"] = "multisine"
+    low_Hz: Positive = 1.0
+    high_Hz: Positive = 100.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    fade_s: NonNegative = 0.1
+
+
+class LoadSteps(_Amplitude):
+    """One level after another, as shares of the amplitude, each reached along half a cosine."""
+
+    kind: Literal["load_steps"] = "load_steps"
+    levels: Annotated[tuple[FiniteFloat, ...], Field(min_length=1)] = (1.0, 0.0, -1.0, 0.0)
+    dwell_s: Positive = 0.5
+    rise_s: Positive = 0.01
+
+
+class FromCsv(Record):
+    """Measured inputs: a CSV file with uniform `t_s` and `disturbance_N`, `command_V` or both."""
+
+    kind: Literal["csv"] = "csv"
+    file: str
+
+
+Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discriminator="kind")]
+
+
+class Sampled(Record):
+    """A controller that works at sample times instead of continuously."""
+
+    period_s: Positive
+    delay_periods: Annotated[int, Field(ge=0, le=100)] = 0
+    least_volt_V: Annotated[NonNegative, Field(description="step of the converter that reads the sensor")] = 0.0
+
+
+class Measurement(Record):
+    """What the instruments add to the written channels (not to what the controller sees)."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    disturbance_std_N: NonNegative = 0.0
+    current_std_A: NonNegative = 0.0
+    displacement_std_m: NonNegative = 0.0
+    displacement_step_m: Annotated[NonNegative, Field(description="resolution; 0 for none")] = 0.0
+
+
+class ScenarioRecord(Record):
+    """One time record to be made."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="also of its CSV file")]
+    input: Annotated[tuple[Input, ...], Field(description="signals that add up; none: nothing is done to the rig")] = ()
+    outer_end_mass_kg: NonNegative = 0.0
+    inner_end_mass_kg: Annotated[NonNegative | None, Field(description="none: that of the prototype's payload")] = None
+    preload_N: Annotated[FiniteFloat, Field(description="constant force on the outer tip, on top of the inputs")] = 0.0
+    controller: Annotated[Controller | None, Field(description="none: the prototype's")] = None
+
+
+class Scenario(Record):
+    """Records to be made of one rig."""
+
+    name: str
+    duration_s: Annotated[Positive, Field(le=600)]
+    sample_s: Annotated[Positive, Field(ge=1e-5, le=0.01)] = 0.5e-3
+    start: Annotated[
+        Literal["rest", "loaded"], Field(description="rest: before the preload comes on; loaded: at rest under it")
+    ] = "loaded"
+    displacement_limit_m: Annotated[
+        Positive, Field(le=1, description="of the outer tip; a loop that passes it has diverged")
+    ] = 0.02
+    sampled: Sampled | None = None
+    measurement: Measurement = Measurement()
+    record: tuple[ScenarioRecord, ...]
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Names differ, times fit into each other."""
+        rows = table.get("record")
+        if rows is not None and len(rows) == 0:
+            yield Problem("record", "holds no record")
+        given = [row.get("name") if isinstance(row, Mapping) else getattr(row, "name", None) for row in rows or ()]
+        for name in dict.fromkeys(n for n in given if n is not None and given.count(n) > 1):
+            yield Problem("record.name", f"{name!r} stands twice")
+        table = {"sample_s": 0.5e-3} | dict(table)
+        if (pair := numbers(table, "duration_s", "sample_s")) and pair[1] > 0 and pair[0] < 10 * pair[1]:
+            yield Problem("duration_s", f"holds fewer than ten samples of {pair[1]:g} s")
+        pair = numbers(table, "sample_s", "sampled.period_s") or ()
+        if pair and pair[0] > 0 and abs(pair[1] / pair[0] - round(pair[1] / pair[0])) > 1e-9:
+            yield Problem("sampled.period_s", f"must be a whole multiple of sample_s, {pair[0]:g}, is {pair[1]:g}")
+
+    @property
+    def times(self) -> np.ndarray:
+        """(N,) sample times, s."""
+        return np.arange(round(self.duration_s / self.sample_s) + 1) * self.sample_s
+
+
+def read_scenario(path: str | Path) -> Scenario:
+    """Read a scenario file; the CSV files it names are looked for beside it.
+
+    Raises:
+        InputError: naming file, key and reason of everything wrong with it, its CSV files included.
+    """
+    scenario = records.read(Scenario, path)
+    folder = Path(path).parent
+    rows, wrong = [], []
+    for i, row in enumerate(scenario.record):
+        signals = []
+        for j, signal in enumerate(row.input):
+            if isinstance(signal, FromCsv):
+                signal = signal.but(file=str(folder / signal.file))
+                try:
+                    inputs_from_csv(Path(signal.file), scenario.times)
+                except InputError as error:
+                    wrong += [
+                        Problem(f"record.{i}.input.{j}.file", f"{error.source}: {p.reason}") for p in error.problems
+                    ]
+            signals.append(signal)
+        rows.append(row.but(input=tuple(signals)))
+    if wrong:
+        raise InputError(path, wrong)
+    return scenario.but(record=tuple(rows))
+
+
+def inputs_of(row: ScenarioRecord, scenario: Scenario) -> np.ndarray:
+    """(N, 2) disturbance (N, without the preload) and command (V) of a record at its sample times."""
+    times = scenario.times
+    inputs = np.zeros((len(times), 2))
+    for signal in row.input:
+        if isinstance(signal, FromCsv):
+            inputs += inputs_from_csv(Path(signal.file), times)
+        else:
+            inputs[:, signal.channel] += signal.amplitude * _shape(signal, times)
+    return inputs
+
+
+def _rise(times: np.ndarray, at: float, length: float) -> np.ndarray:
+    """From 0 to 1 along half a cosine that begins at `at`."""
+    return 0.5 - 0.5 * np.cos(np.pi * np.clip((times - at) / length, 0.0, 1.0))
+
+
+def _shape(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> np.ndarray:
+    """A signal of amplitude one."""
+    match signal:
+        case Step():
+            back = 0.0 if signal.length_s is None else _rise(times, signal.at_s + signal.length_s, signal.rise_s)
+            return _rise(times, signal.at_s, signal.rise_s) - back
+        case LoadSteps():
+            levels = np.array([0.0, *signal.levels])
+            steps = [
+                change * _rise(times, k * signal.dwell_s, signal.rise_s) for k, change in enumerate(np.diff(levels))
+            ]
+            return np.sum(steps, axis=0)
+        case Sine():
+            wave = np.sin(2 * np.pi * signal.frequency_Hz * times)
+        case Multisine():
+            base = 1 / times[-1]
+            lines = base * np.arange(np.ceil(signal.low_Hz / base), np.floor(signal.high_Hz / base) + 1)
+            phases = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, len(lines))
+            wave = np.zeros(len(times))
+            for frequency, phase in zip(lines, phases, strict=True):
+                wave += np.cos(2 * np.pi * frequency * times + phase)
+            wave /= max(np.abs(wave).max(), 1e-300)
+    return wave * (_rise(times, 0.0, signal.fade_s) if signal.fade_s > 0 else 1.0)
+
+
+def inputs_from_csv(path: Path, times: np.ndarray) -> np.ndarray:
+    """(N, 2) inputs read from a CSV file with the same sample times.
+
+    Raises:
+        InputError: where the file cannot be read, a column is missing, or the times are not those of the scenario.
+    """
+    try:
+        with open(path, encoding="utf-8") as file:
+            names = file.readline().strip().split(",")
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(path, [("(file)", reason)]) from error
+    if "t_s" not in names or not set(CHANNELS) & set(names) or table.shape[1] != len(names):
+        raise InputError(path, [("(columns)", "needs t_s and disturbance_N, command_V or both")])
+    if not np.all(np.isfinite(table)):
+        raise InputError(path, [("(columns)", "holds figures that are not finite")])
+    own = table[:, names.index("t_s")]
+    if len(own) < len(times) or np.abs(own[: len(times)] - own[0] - times).max() > 0.01 * (times[1] - times[0]):
+        raise InputError(path, [("t_s", "does not have the sample times of the scenario")])
+    columns = [table[: len(times), names.index(c)] if c in names else np.zeros(len(times)) for c in CHANNELS]
+    return np.column_stack(columns)

@@ -1,0 +1,233 @@
+"""Time records of a prototype's rig with its controller in the loop."""
+
+import os
+from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+
+from beamdesign.oscillation import Oscillation, oscillation, sustained
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
+from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
+from beamdesign.rig.compiled import NOT_SAMPLED, integrate
+from beamdesign.rig.equilibrium import equilibrium, linearise
+from beamdesign.rig.parameters import parameters_of, problem_without_controller, structure_of
+from beamdesign.sampled import digital_law
+from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
+
+COLUMNS = (
+    "t_s",
+    "disturbance_N",
+    "command_V",
+    "current_A",
+    "displacement_m",
+    "load_pressure_Pa",
+    "inner_displacement_m",
+)
+LONGEST_STEP_S = 1e-4
+_STEPS_PER_RADIAN = 1.0
+_TEST_LOAD_N = 1000.0
+_LEAST_AMPLITUDE_M = 1e-8
+
+
+@dataclass(frozen=True)
+class SimulatedRecord:
+    """One record.
+
+    Attributes:
+        name: as in the scenario.
+        samples: (M, 7) columns as in `COLUMNS`; it ends where the loop diverged, and is finite throughout.
+        stable: whether it stayed within bounds and any oscillation under constant inputs died out.
+        reason: why not, in words; empty where stable.
+        diverged_at_s: when the tip passed the scenario's limit; None where it did not.
+        oscillation: of the displacement where not stable, None where its turns are too few to tell.
+    """
+
+    name: str
+    samples: np.ndarray = field(repr=False)
+    stable: bool
+    reason: str = ""
+    diverged_at_s: float | None = None
+    oscillation: Oscillation | None = None
+
+    def column(self, name: str) -> np.ndarray:
+        """(M,) one of `COLUMNS`."""
+        return np.asarray(self.samples[:, COLUMNS.index(name)])
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """All records of a scenario."""
+
+    records: tuple[SimulatedRecord, ...]
+
+    @property
+    def stable(self) -> bool:
+        """Whether every record is."""
+        return all(record.stable for record in self.records)
+
+
+def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
+    """Simulate the records of a scenario.
+
+    Args:
+        prototype: rig with its effects and, unless every record brings its own, a controller.
+        scenario: what is done to it.
+
+    Raises:
+        InputError: where the prototype has no controller or an effect that cannot be, or where no equilibrium is found
+            from which to start.
+    """
+    return Simulation(tuple(_simulated(prototype, scenario, row, k) for k, row in enumerate(scenario.record)))
+
+
+def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
+    """Samples interpolated to every half integration step by cubics through four neighbours.
+
+    Args:
+        samples: (N, m), N at least 4.
+        substeps: steps per sample interval.
+
+    Returns:
+        (2 substeps (N - 1) + 1, m), the samples themselves among them.
+    """
+    share = np.arange(2 * substeps) / (2 * substeps)
+    nodes = np.array([-1.0, 0.0, 1.0, 2.0])
+    weights = np.ones((len(share), 4))
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[:, i] *= (share - nodes[j]) / (nodes[i] - nodes[j])
+    # At both ends the neighbour that is missing lies on the cubic through the first (last) four samples.
+    ghost = np.array([4.0, -6.0, 4.0, -1.0])
+    padded = np.vstack([ghost @ samples[:4], samples, ghost @ samples[:-5:-1]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 4, axis=0)
+    fine = np.einsum("nmk,sk->nsm", windows, weights, optimize=True).reshape(-1, samples.shape[1])
+    return np.vstack([fine, samples[-1:]])
+
+
+def substeps_for(assembly: Assembly, parameters: np.ndarray, sample_s: float) -> int:
+    """Integration steps per sample: at most 0.1 ms, and one per radian of the fastest pole at rest and under load."""
+    fastest = 1.0
+    for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
+        u = np.array([load, 0.0, 0.0])
+        try:
+            x = equilibrium(assembly, u, parameters)
+        except ValueError:
+            continue
+        fastest = max(fastest, float(np.abs(np.linalg.eigvals(linearise(assembly, x, u, parameters).a)).max()))
+    return max(1, ceil(sample_s / min(LONGEST_STEP_S, 1 / (_STEPS_PER_RADIAN * fastest)) - 1e-9))
+
+
+def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    rig = prototype if row.controller is None else prototype.but(controller=row.controller)
+    kinds = structure_of(rig, scenario.sampled is not None)
+    assembly = assemble(kinds)
+    inner = row.inner_end_mass_kg
+    inner = rig.payload.inner_end_mass_kg if inner is None else inner
+    parameters = np.array(list(parameters_of(rig, row.outer_end_mass_kg, inner).values()))
+
+    times, inputs = scenario.times, inputs_of(row, scenario)
+    before = np.array([row.preload_N if scenario.start == "loaded" else 0.0, 0.0, 0.0])
+    continuous = assemble(structure_of(rig))
+    try:
+        start = equilibrium(continuous, before, parameters)
+    except ValueError as error:
+        raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
+    substeps = substeps_for(continuous, parameters, scenario.sample_s)
+    inputs[:, 0] += row.preload_N
+
+    digital = NOT_SAMPLED
+    if scenario.sampled is not None and rig.controller is not None:
+        y = np.asarray(continuous.function(0.0, start, before, parameters)[1]).ravel()
+        start = start[[continuous.states.index(name) for name in assembly.states]]
+        steps = round(scenario.sampled.period_s / scenario.sample_s) * substeps
+        digital = digital_law(
+            rig.controller,
+            steps,
+            scenario.sample_s / substeps,
+            scenario.sampled.delay_periods,
+            scenario.sampled.least_volt_V,
+            -float(y[OUTPUTS.index("measured_V")]),
+        )
+    y = integrate(
+        kinds, times, half_steps(inputs, substeps), start, parameters, substeps, scenario.displacement_limit_m, digital
+    )
+    count = len(y)
+    samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
+    return _judged(row, scenario, _measured(samples, scenario, position), samples, inputs, kinds)
+
+
+def _judged(
+    row: ScenarioRecord,
+    scenario: Scenario,
+    measured: np.ndarray,
+    samples: np.ndarray,
+    inputs: np.ndarray,
+    kinds: Structure,
+) -> SimulatedRecord:
+    """Say whether a record is one of a stable loop."""
+    times, displacement = samples[:, 0], samples[:, COLUMNS.index("displacement_m")]
+    if len(samples) < len(inputs):
+        found = oscillation(times, displacement, turns=20) if len(samples) > 8 else None
+        at = len(samples) * scenario.sample_s
+        how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
+        limit = scenario.displacement_limit_m
+        reason = f"the outer tip passed {limit:g} m at {at:.4g} s{how}"
+        return SimulatedRecord(row.name, measured, False, reason, at, found)
+    moving = np.nonzero(np.any(np.diff(inputs, axis=0) != 0, axis=1))[0]
+    quiet = int(moving[-1]) + 1 if len(moving) else 0
+    found = None
+    if len(samples) - quiet > 20:
+        found = sustained(times[quiet:], displacement[quiet:], _LEAST_AMPLITUDE_M, _depends_on_time(kinds))
+    if found is None:
+        return SimulatedRecord(row.name, measured, True)
+    how = "grows" if found.growth_per_s > 0 else "does not die out"
+    reason = f"under constant inputs an oscillation at {found.frequency_Hz:.4g} Hz {how}"
+    return SimulatedRecord(row.name, measured, False, reason, None, found)
+
+
+def _depends_on_time(kinds: Structure) -> bool:
+    return any(assemble(kinds).function.which_depends("t", ["rate"]))
+
+
+def _measured(samples: np.ndarray, scenario: Scenario, position: int) -> np.ndarray:
+    """Samples as the instruments give them; a seed gives the same noise whatever other records there are."""
+    given = scenario.measurement
+    random = np.random.default_rng([given.seed, position])
+    measured = samples.copy()
+    for name, deviation in (
+        ("disturbance_N", given.disturbance_std_N),
+        ("current_A", given.current_std_A),
+        ("displacement_m", given.displacement_std_m),
+    ):
+        measured[:, COLUMNS.index(name)] += deviation * random.standard_normal(len(samples))
+    if given.displacement_step_m > 0:
+        column = COLUMNS.index("displacement_m")
+        measured[:, column] = given.displacement_step_m * np.round(measured[:, column] / given.displacement_step_m)
+    return measured
+
+
+def without_controller() -> Problem:
+    """The problem of a prototype whose loop cannot be closed."""
+    return problem_without_controller()
+
+
+def write_records(simulation: Simulation, folder: Path) -> list[Path]:
+    """Write one CSV file per record, named after it, each whole or not at all.
+
+    Raises:
+        InputError: where the folder cannot be made or written to.
+    """
+    paths = [folder / f"{record.name}.csv" for record in simulation.records]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for record, path in zip(simulation.records, paths, strict=True):
+            partial = path.with_name(path.name + ".part")
+            np.savetxt(partial, record.samples, fmt="%.9g", delimiter=",", header=",".join(COLUMNS), comments="")
+            os.replace(partial, path)
+    except OSError as error:
+        raise InputError(folder, [("(folder)", error.strerror or str(error))]) from error
+    return paths

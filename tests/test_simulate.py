@@ -1,0 +1,274 @@
+"""Simulated records against the exact linear model, other integrators, and the exact critical gain."""
+
+import csv
+import json
+from functools import partial
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.kick import critical_gain_by_kicks
+from beamdesign.linear import linear_rig
+from beamdesign.loop import critical_gain, loop
+from beamdesign.oscillation import oscillation
+from beamdesign.prototype import Lag, Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError, parse
+from beamdesign.rig.assembly import assemble
+from beamdesign.rig.compiled import integrate
+from beamdesign.rig.effects import library
+from beamdesign.rig.equilibrium import equilibrium
+from beamdesign.rig.parameters import parameters_of, structure_of
+from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario
+from beamdesign.simulate import COLUMNS, half_steps, simulate
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def lag(paper: Prototype) -> Prototype:
+    return paper.but(controller=Lag(gain_A_per_V=0.12, pole_Hz=1.75, zero_Hz=26.0))
+
+
+def scenario(*signals, duration_s: float = 0.5, preload_N: float = 0.0, **changes) -> Scenario:
+    row = ScenarioRecord(name="one", input=signals, preload_N=preload_N)
+    return Scenario(name="test", duration_s=duration_s, record=(row,), **changes)
+
+
+def test_record_is_that_of_the_exact_linear_loop(lag: Prototype):
+    """The same inputs through matrices assembled from the linear plant, stepped by scipy's matrix exponential."""
+    plan = scenario(
+        Multisine(amplitude_N=100.0, low_Hz=2.0, high_Hz=150.0), Multisine(amplitude_V=0.05, high_Hz=50.0, seed=3)
+    )
+    record = simulate(lag, plan).records[0]
+    a, b, c = linear_rig(lag).matrices(0.0, 0.0)
+    law = lag.controller
+    pole, ratio = 2 * pi * law.pole_Hz, law.pole_Hz / law.zero_Hz
+    # i = K (slow + (e - slow) pole/zero), slow' = pole (e - slow), e = command - F x
+    full = np.zeros((8, 8))
+    full[:7, :7] = a - law.gain_A_per_V * ratio * np.outer(b[:, 1], c[1])
+    full[:7, 7] = law.gain_A_per_V * (1 - ratio) * b[:, 1]
+    full[7, :7], full[7, 7] = -pole * c[1], -pole
+    drive = np.zeros((8, 2))
+    drive[:7, 0], drive[:7, 1], drive[7, 1] = b[:, 0], law.gain_A_per_V * ratio * b[:, 1], pole
+    times, substeps = plan.times, 20
+    fine = half_steps(inputs_of(plan.record[0], plan), substeps)
+    grid = np.arange(len(fine)) * plan.sample_s / (2 * substeps)
+    _, _, x = lsim((full, drive, np.eye(8), np.zeros((8, 2))), fine, grid)
+    x = x[:: 2 * substeps]
+    assert len(x) == len(times) == len(record.samples)
+    scale = np.abs(x).max(axis=0)
+    # Limited by lsim, which takes inputs as straight between its points.
+    np.testing.assert_allclose(record.column("displacement_m"), x[:, 0], atol=2e-5 * scale[0])
+    np.testing.assert_allclose(record.column("inner_displacement_m"), x[:, 3], atol=2e-5 * scale[3])
+    pressure = 1.3e7 * (x[:, 2] - x[:, 0]) / 1.13e-4
+    np.testing.assert_allclose(record.column("load_pressure_Pa"), pressure, atol=5e-5 * np.abs(pressure).max())
+    assert record.stable
+
+
+def test_all_effects_together_agree_with_another_integrator(lag: Prototype):
+    rig = lag.but(controller=lag.controller.but(gain_A_per_V=0.06), effects={name: {} for name in library()})
+    kinds = structure_of(rig)
+    assembly = assemble(kinds)
+    parameters = np.array(list(parameters_of(rig, 3.0, 4.0).values()))
+    start = equilibrium(assembly, np.zeros(3), parameters)
+    times = np.arange(161) * 5e-4
+
+    def force(t):
+        return 400 * np.sin(2 * pi * 20 * t)
+
+    errors = []
+    tight = solve_ivp(
+        lambda t, x: np.asarray(assembly.function(t, x, [force(t), 0, 0], parameters)[0]).ravel(),
+        (0, times[-1]),
+        start,
+        method="LSODA",
+        t_eval=times,
+        rtol=1e-8,
+        atol=1e-10 * np.maximum(np.abs(start), 1e-4),
+        max_step=5e-4,
+    )
+    expected = tight.y[0] + tight.y[assembly.states.index("second_beam_mode.mode_m")]
+    for substeps in (10, 20):
+        fine = np.arange(2 * substeps * 160 + 1) * 5e-4 / (2 * substeps)
+        y = integrate(kinds, times, np.column_stack([force(fine), 0 * fine]), start, parameters, substeps, 1.0)
+        errors.append(np.abs(y[:, 4] - expected).max() / np.abs(expected).max())
+    assert errors[0] < 2e-3
+    assert errors[1] < errors[0]
+
+
+def test_inputs_are_interpolated_by_cubics():
+    t = np.arange(9) * 0.1
+    fine = np.arange(2 * 3 * 8 + 1) * 0.1 / 6
+    cubic = partial(np.polyval, [1.0, -2.0, 0.3, 5.0])
+    np.testing.assert_allclose(half_steps(cubic(t)[:, None], 3)[:, 0], cubic(fine), atol=1e-12)
+
+
+def test_a_diverging_loop_says_when_and_at_what_frequency(lag: Prototype):
+    critical = critical_gain(lag)
+    hot = lag.but(controller=lag.controller.but(gain_A_per_V=1.1 * critical.gain_A_per_V))
+    record = simulate(hot, scenario(Step(amplitude_N=50.0, at_s=0.02), duration_s=3.0)).records[0]
+    growing = max(loop(hot).at(0.0).poles(), key=lambda pole: pole.real)
+    assert not record.stable
+    assert record.diverged_at_s == pytest.approx(record.column("t_s")[-1] + 0.5e-3)
+    assert record.oscillation.frequency_Hz == pytest.approx(abs(growing.imag) / (2 * pi), rel=1e-3)
+    assert record.oscillation.growth_per_s == pytest.approx(growing.real, rel=1e-2)
+    assert np.all(np.isfinite(record.samples))
+    assert np.abs(record.column("displacement_m")).max() <= 0.02
+
+
+def test_saturation_turns_divergence_into_a_sustained_oscillation(lag: Prototype):
+    critical = critical_gain(lag)
+    hot = lag.but(
+        controller=lag.controller.but(gain_A_per_V=1.2 * critical.gain_A_per_V),
+        effects={"current_saturation": {"limit_A": 2e-3}},
+    )
+    plan = scenario(Step(amplitude_N=50.0, at_s=0.02, length_s=0.01), duration_s=2.0)
+    record = simulate(hot, plan).records[0]
+    assert not record.stable
+    assert record.diverged_at_s is None
+    assert np.abs(record.column("current_A")).max() == 2e-3
+    assert record.oscillation.growth_per_s == pytest.approx(0.0, abs=0.1)
+    assert record.oscillation.frequency_Hz == pytest.approx(critical.frequency_Hz, rel=0.02)
+    assert "does not die out" in record.reason or "grows" in record.reason
+
+
+def test_gain_raised_in_simulation_ends_at_the_exact_critical_gain(lag: Prototype):
+    exact = critical_gain(lag)
+    found = critical_gain_by_kicks(lag, 0.0, 0.8 * exact.gain_A_per_V, 1.3 * exact.gain_A_per_V)
+    assert found.gain_A_per_V == pytest.approx(exact.gain_A_per_V, rel=1e-3)
+    assert found.frequency_Hz == pytest.approx(exact.frequency_Hz, rel=1e-3)
+
+
+def test_a_sampled_controller_is_the_continuous_one_late_by_half_its_period(lag: Prototype):
+    step, period = Step(amplitude_N=100.0, at_s=0.02), 4e-4
+    late = lag.but(effects={"transport_delay": {"delay_s": period / 2}})
+    plan = scenario(step, sample_s=1e-4, sampled=Sampled(period_s=period))
+    sampled, continuous, delayed = (
+        simulate(rig, given).records[0].column("inner_displacement_m")
+        for rig, given in ((lag, plan), (lag, scenario(step, sample_s=1e-4)), (late, scenario(step, sample_s=1e-4)))
+    )
+    scale = np.abs(continuous).max()
+    assert np.abs(sampled - continuous).max() > 0.02 * scale
+    assert np.abs(sampled - delayed).max() < 0.1 * np.abs(sampled - continuous).max()
+
+
+def test_whole_periods_of_delay_bring_the_critical_gain_down(lag: Prototype):
+    plan = scenario(Step(amplitude_N=100.0, at_s=0.02), duration_s=1.0, sampled=Sampled(period_s=5e-4, delay_periods=6))
+    assert not simulate(lag, plan).stable  # 3 ms at 80 Hz turn the phase by 86 degrees
+    assert simulate(lag, plan.but(sampled=Sampled(period_s=5e-4))).stable
+
+
+def test_records_start_at_rest_under_their_preload(lag: Prototype):
+    rig = lag.but(effects={"pressure_dependent_flow": {}, "unequal_piston_areas": {}})
+    still, stepped = (simulate(rig, scenario(preload_N=800.0, start=start)).records[0] for start in ("loaded", "rest"))
+    for name in COLUMNS[3:]:
+        assert np.ptp(still.column(name)) <= 1e-6 * np.abs(stepped.column(name)).max()
+    assert stepped.column("displacement_m")[-1] == pytest.approx(still.column("displacement_m")[0], rel=0.02)
+
+
+def test_noise_comes_with_its_seed(lag: Prototype):
+    given = {"displacement_std_m": 1e-6, "displacement_step_m": 5e-7}
+    first, again, other = (
+        simulate(lag, scenario(measurement=parse_measurement(given | {"seed": seed})))
+        .records[0]
+        .column("displacement_m")
+        for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.any(first != other)
+    np.testing.assert_allclose(first / 5e-7, np.round(first / 5e-7), atol=1e-9)
+    assert np.std(first) == pytest.approx(1e-6, rel=0.1)
+
+
+def parse_measurement(table):
+    from beamdesign.scenario import Measurement
+
+    return parse(Measurement, table, "test")
+
+
+def test_oscillation_of_a_known_signal():
+    t = np.arange(2000) * 5e-4
+    found = oscillation(t, 3e-4 * np.exp(1.5 * t) * np.sin(2 * pi * 87.3 * t))
+    assert found.frequency_Hz == pytest.approx(87.3, rel=1e-3)
+    assert found.growth_per_s == pytest.approx(1.5, rel=0.02)
+    assert oscillation(t, t) is None
+
+
+def test_scenario_problems_are_told_together(tmp_path: Path):
+    path = tmp_path / "s.toml"
+    path.write_text(
+        """
+        name = "s"
+        duration_s = 1.0
+        sampled = { period_s = 7.5e-4 }
+        [[record]]
+        name = "a"
+        input = [{ kind = "step", amplitude_N = 1.0, amplitude_V = 1.0 }, { kind = "sine", amplitude_mm = 1.0 }]
+        [[record]]
+        name = "a"
+        outer_end_mass_kg = -1.0
+        """
+    )
+    with pytest.raises(InputError) as told:
+        read_scenario(path)
+    keys = {problem.key for problem in told.value.problems}
+    assert {"sampled.period_s", "record.name", "record.0.input.0.step", "record.1.outer_end_mass_kg"} <= keys
+    assert "record" not in keys
+
+
+def test_csv_inputs_are_checked_and_replayed(tmp_path: Path, lag: Prototype):
+    plan = scenario(Step(amplitude_N=100.0))
+    first = simulate(lag, plan).records[0]
+    np.savetxt(
+        tmp_path / "in.csv", first.samples[:, :3], delimiter=",", header="t_s,disturbance_N,command_V", comments=""
+    )
+    text = 'name = "s"\nduration_s = 0.5\n[[record]]\nname = "a"\ninput = [{ kind = "csv", file = "in.csv" }]\n'
+    (tmp_path / "s.toml").write_text(text)
+    again = simulate(lag, read_scenario(tmp_path / "s.toml")).records[0]
+    np.testing.assert_allclose(again.samples, first.samples, rtol=1e-9, atol=1e-15)
+    (tmp_path / "s.toml").write_text(text.replace("0.5", "0.7"))
+    with pytest.raises(InputError, match=r"record\.0\.input\.0\.file"):
+        read_scenario(tmp_path / "s.toml")
+
+
+def test_command_writes_records_and_answers_with_its_status(tmp_path: Path):
+    arguments = ["simulate", str(ROOT / "studies/prototypes/paper_remedy.toml"), "--out", str(tmp_path / "out")]
+    arguments += ["--scenario", str(ROOT / "studies/scenarios/kick.toml"), "--json", str(tmp_path / "a.json")]
+    ran = CliRunner().invoke(app, arguments)
+    assert ran.exit_code == 1
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert answer["stable"] is False
+    assert [each["stable"] for each in answer["each"]] == [True, False]
+    remedy = loop(read_prototype(ROOT / "studies/prototypes/paper_remedy.toml")).at(0.0)
+    growing = max(remedy.poles(), key=lambda pole: pole.real)
+    assert answer["each"][1]["oscillation_Hz"] == pytest.approx(abs(growing.imag) / (2 * pi), rel=2e-3)
+    for path in answer["records"]:
+        with open(path, newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert tuple(rows[0]) == COLUMNS
+        assert np.all(np.isfinite([[float(value) for value in row.values()] for row in rows]))
+
+
+def test_command_names_what_is_wrong_with_an_effect(tmp_path: Path, lag: Prototype):
+    write_prototype(lag.but(effects={"seal_friction": {"coulomb_N": 1e6}}), tmp_path / "p.toml")
+    arguments = ["simulate", str(tmp_path / "p.toml"), "--scenario", str(ROOT / "studies/scenarios/kick.toml")]
+    ran = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
+    assert isinstance(ran.exception, InputError)
+    assert (
+        str(ran.exception)
+        == f"{tmp_path / 'p.toml'}: effects.seal_friction.coulomb_N: must be from 0 to 1000, is 1e+06"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "studies" / "scenarios").glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_scenarios_are_read(path: Path):
+    plan = read_scenario(path)
+    for row in plan.record:
+        assert np.abs(inputs_of(row, plan)).max() > 0
