@@ -193,7 +193,7 @@ def _integrate(
 
 @cache
 def _stepper() -> Any:
-    import numba  # type: ignore[import-untyped]
+    import numba
 
     return numba.njit(_integrate, error_model="numpy")
 
