@@ -9,6 +9,7 @@ from pydantic import Field, FiniteFloat
 from beamdesign import records
 from beamdesign.materials import unknown_material
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+from beamdesign.whole_file import write_whole
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
@@ -197,7 +198,7 @@ def read_prototype(path: str | Path) -> Prototype:
 
 def write_prototype(prototype: Prototype, path: str | Path) -> None:
     """Write a prototype.toml from which `read_prototype` gives back an equal record."""
-    Path(path).write_text(records.to_toml(prototype), encoding="utf-8")
+    write_whole(Path(path), records.to_toml(prototype))
 
 
 def prototype_from(table: dict[str, Any], source: str | Path = "prototype") -> Prototype:

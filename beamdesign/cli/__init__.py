@@ -1,6 +1,7 @@
 """The command line: one file per command, each importing its engine only when it runs."""
 
 import sys
+import traceback
 
 import typer
 
@@ -25,13 +26,22 @@ for command in (run, size, tune, certify, certify_switching, codesign, front, re
     app.command(command.__name__.replace("_", "-"))(command)
 
 
+FAULT = 3
+"""Exit status where the program itself has failed."""
+
+
 def main() -> None:
     """Run the command line; bad input ends with exit status 2 and one line per problem on stderr."""
-    from beamdesign.records import InputError
-
     try:
         app()
-    except InputError as error:
-        for line in str(error).splitlines():
-            print(line, file=sys.stderr)
+    except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
+        print(f"{error.filename or 'beamdesign'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(2)
+    except Exception as error:
+        from beamdesign.records import InputError
+
+        if isinstance(error, InputError):
+            print(error, file=sys.stderr)
+            sys.exit(2)
+        traceback.print_exc()
+        sys.exit(FAULT)  # not 1: a fault of the program is no answer
