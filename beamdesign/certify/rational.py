@@ -76,7 +76,7 @@ def rounded_up(value: fmpq) -> float:
 
 def nearest(value: fmpq) -> float:
     """The float nearest to a rational: the way back from `beamdesign.polynomial.exact`."""
-    return float(Fraction(int(value.p), int(value.q)))
+    return int(value.p) / int(value.q)  # a quotient of whole numbers is rounded once, to the nearest float
 
 
 def _rational(value: float) -> fmpq:
