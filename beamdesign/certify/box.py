@@ -1,39 +1,23 @@
-"""Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with the volumes of each."""
+"""Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with volumes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
-from typing import NamedTuple
 
 from flint import ctx, fmpq
 
 from beamdesign.certify.box_document import box_document
+from beamdesign.certify.box_volumes import Volumes, verdict_at, volumes_of
 from beamdesign.certify.branch import Search
-from beamdesign.certify.rational import nearest, shortened, text
-from beamdesign.certify.refute import parameters_at, refutes, unstable_member
-from beamdesign.certify.replay_box import (
-    PRECISION_BITS,
-    Interval,
-    Piece,
-    Statement,
-    Undecided,
-    holds,
-    is_stable,
-    member,
-    pieces,
-)
+from beamdesign.certify.rational import nearest, text
+from beamdesign.certify.refute import refutes, unstable_member
+from beamdesign.certify.replay_box import PRECISION_BITS, Interval, Piece, Statement, holds, member, pieces
 from beamdesign.certify.rig_family import Family, rig_family
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
 
-Cube = tuple[Interval, ...]
-"""A sub-box as the shares of the varying variables' ranges."""
-
-_VISITS = 20_000
-"""Most sub-boxes to sort out when volumes are added up; the rest counts as undecided."""
-
-_TRIES = 10
-"""Most factors to try to prove."""
+_ENOUGH = 1e-4
+"""Once a member refutes a box, its volumes are worked out until this share of it is open."""
 
 
 @dataclass(frozen=True)
@@ -98,27 +82,21 @@ def _exactly(value: float | fmpq) -> fmpq:
 class BoxVerdict:
     """What is known of a family over a box.
 
-    The three fractions are volumes over that of the box, measured in the variables as they enter: a sum or a product
-    of parameters counts as one variable, and one that enters by its reciprocal is measured there. They are exact, and
-    what is proved in them is proved like the whole.
-
     Attributes:
         stable: True if proved for every member, False if a member is proved not to be stable, None otherwise.
         reason: in words, why it is not True; empty where it is.
-        proved_fraction, unstable_fraction, undecided_fraction: stable, not stable, and not decided; None where a
-            member refutes the box and no volumes were asked for.
+        volumes: how much of the box is stable, not stable and undecided; None where a member refutes the box and no
+            volumes were asked for.
         unstable_point: value of every parameter of a member that is proved not to be stable.
         box: the box.
-        pieces: number of pieces of (frequency, parameters) whose exclusion was proved.
+        pieces: number of pieces of (frequency, parameters) that were proved to be free of roots on the axis.
         looked_at: number of pieces the search looked at.
         certificate: text that `replay_box` proves again; empty where the verdict is None.
     """
 
     stable: bool | None
     reason: str
-    proved_fraction: float | None
-    unstable_fraction: float | None
-    undecided_fraction: float | None
+    volumes: Volumes | None
     unstable_point: Mapping[str, fmpq] | None
     box: Box
     pieces: int
@@ -126,16 +104,10 @@ class BoxVerdict:
     certificate: str = field(repr=False)
 
 
-class _Volumes(NamedTuple):
-    stable: fmpq
-    unstable: fmpq
-    undecided: fmpq
-
-
 def certify_box(
     subject: Prototype | Family,
     box: Box,
-    budget: int = 20_000,
+    budget: int = 4000,
     seconds: float = inf,
     volumes: bool = True,
 ) -> BoxVerdict:
@@ -160,41 +132,57 @@ def certify_box(
     with ctx.workprec(PRECISION_BITS):
         point = nominal if refutes(statement, nominal) else unstable_member(statement)
         if point is not None and not volumes:
-            return BoxVerdict(False, _of(point, box), None, None, None, point, box, 0, 0, "")
+            certificate = box_document(family, statement, point, None)
+            return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, certificate)
         search = Search(statement)
-        search.run(budget, seconds)
+        search.run(budget, seconds, 0.0 if point is None else _ENOUGH)
         tree = search.tree
         proved, unsettled = _proved(statement, tree)
-        shares, witness = _volumes(statement, [_cube(statement, piece) for piece in unsettled])
+        shares, witness = volumes_of(statement, unsettled)
+        if point is None and witness is None and unsettled:
+            witness = unstable_member(statement, [_middle(statement, piece) for piece in unsettled])
         point = point or witness
         if point is not None:
-            stable, reason = False, _of(point, box)
+            stable, reason = False, _of(statement, point, box)
             certificate = box_document(family, statement, point, None)
-        elif not unsettled and is_stable(statement, member(statement, nominal)):
+        elif not unsettled and verdict_at(statement, nominal):
             stable, reason = True, ""
             certificate = box_document(family, statement, nominal, tree)
         else:
             stable, reason = None, _where(unsettled, shares, search.looked_at)
             certificate = ""
-    return BoxVerdict(stable, reason, *map(nearest, shares), point, box, proved, search.looked_at, certificate)
+    return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, certificate)
 
 
-def _of(point: Mapping[str, fmpq], box: Box) -> str:
-    """The member that is not stable, in words."""
+def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:
+    """The member that is not stable, and what becomes of it, in words."""
     values = ", ".join(f"{name} {nearest(point[name]):.6g}" for name in box.names)
-    return f"not stable at {values}" if values else "not stable"
+    where = f" at {values}" if values else ""
+    one = member(statement, point)
+    if one.plain.degree() < statement.degree[0]:
+        return f"the leading coefficient vanishes{where}, so that a root passes through infinity"
+    if one.delay != 0:
+        return f"not stable{where}"
+    roots = [complex(root) for root, _ in (one.plain + one.late).numer().complex_roots()]
+    worst = max(roots, key=lambda root: root.real)
+    return f"not stable{where}: a root at {worst.real:.4g} 1/s, {abs(worst.imag) / (2 * pi):.4g} Hz"
 
 
-def _where(unsettled: Sequence[Piece], shares: _Volumes, looked_at: int) -> str:
+def _middle(statement: Statement, piece: Piece) -> list[float]:
+    """The middle of a piece's box, as shares."""
+    return [nearest(sum(piece.cell.shares[name], fmpq(0)) / 2) for name in statement.varying]
+
+
+def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
     """Where nothing was decided, in words."""
     if not unsettled:
         return "no member could be told to be stable"
     low = min(nearest(piece.w1) for piece in unsettled) / (2 * pi)
     ends = [piece.w2 for piece in unsettled if piece.w2 is not None]
-    text = f"undecided on {nearest(shares.undecided):.3g} of the box after {looked_at} pieces"
+    share = f"undecided on {nearest(shares.undecided):.3g} of the box after {looked_at} pieces"
     if not ends:
-        return f"{text}: the leading coefficient may vanish, so that a root passes through infinity"
-    return f"{text}: a root may lie on the axis between {low:.4g} and {nearest(max(ends)) / (2 * pi):.4g} Hz"
+        return f"{share}: the leading coefficient may vanish, so that a root passes through infinity"
+    return f"{share}: a root may lie on the axis between {low:.4g} and {nearest(max(ends)) / (2 * pi):.4g} Hz"
 
 
 def _proved(statement: Statement, tree: Sequence[str]) -> tuple[int, list[Piece]]:
@@ -206,167 +194,3 @@ def _proved(statement: Statement, tree: Sequence[str]) -> tuple[int, list[Piece]
         else:
             unsettled.append(piece)
     return count, unsettled
-
-
-def _cube(statement: Statement, piece: Piece) -> Cube:
-    return tuple(piece.cell.shares[name] for name in statement.varying)
-
-
-def _volumes(statement: Statement, unsettled: Sequence[Cube]) -> tuple[_Volumes, dict[str, fmpq] | None]:
-    """Volumes that are stable, not stable and undecided, and a member that is not stable.
-
-    Outside of the unsettled cubes no root ever lies on the axis, so in every box that keeps clear of them the number
-    of unstable roots is constant, and one exact test settles it.
-    """
-    found = {True: fmpq(0), False: fmpq(0), None: fmpq(0)}
-    witness: dict[str, fmpq] | None = None
-    whole: Cube = tuple((fmpq(0), fmpq(1)) for _ in statement.varying)
-    stack = [(whole, fmpq(1), list(dict.fromkeys(unsettled)))]
-    visits = 0
-    while stack:
-        cube, volume, near = stack.pop()
-        visits += 1
-        narrower = [axis for axis in range(len(cube)) if any(_narrower(other[axis], cube[axis]) for other in near)]
-        if not near and visits <= _VISITS:
-            point = parameters_at(statement, [(a + b) / 2 for a, b in cube])
-            verdict = _verdict(statement, point)
-            found[verdict] += volume
-            witness = point if verdict is False else witness
-        elif visits > _VISITS or any(all(_covers(o, c) for o, c in zip(other, cube, strict=True)) for other in near):
-            found[None] += volume
-        else:
-            axis = narrower[0]
-            start, end = cube[axis]
-            middle = (start + end) / 2
-            for half in ((start, middle), (middle, end)):
-                part = (*cube[:axis], half, *cube[axis + 1 :])
-                stack.append((part, volume / 2, [other for other in near if _overlap(other[axis], half)]))
-    return _Volumes(found[True], found[False], found[None]), witness
-
-
-def _verdict(statement: Statement, point: Mapping[str, fmpq]) -> bool | None:
-    try:
-        return is_stable(statement, member(statement, point))
-    except Undecided:
-        return None
-
-
-def _narrower(one: Interval, other: Interval) -> bool:
-    return one[1] - one[0] < other[1] - other[0]
-
-
-def _covers(one: Interval, other: Interval) -> bool:
-    return one[0] <= other[0] and other[1] <= one[1]
-
-
-def _overlap(one: Interval, other: Interval) -> bool:
-    return one[0] < other[1] and other[0] < one[1]
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """How far the ranges of a box can be drawn out around its nominal values.
-
-    Attributes:
-        proved: largest factor at which the whole box was proved stable; 0 if none was.
-        refuted: least factor at which a member of the box was proved not to be stable; None where none was found.
-        limit: factor beyond which a figure would reach zero; nothing above it was asked.
-        verdict: that of the box scaled by `proved`, with its certificate; None if `proved` is 0.
-        unstable_point: the member that refutes at `refuted`.
-        reason: in words, what is known between the two factors.
-    """
-
-    proved: float
-    refuted: float | None
-    limit: float
-    verdict: BoxVerdict | None
-    unstable_point: Mapping[str, fmpq] | None
-    reason: str
-
-
-def largest_scaling(
-    subject: Prototype | Family, box: Box, within: float = 0.02, budget: int = 20_000, most: float = 10.0
-) -> Scaling:
-    """Draw the ranges of a box out until a member refutes it, and prove as much of that as can be.
-
-    First the least factor is bracketed at which a member is found that is not stable. Then boxes a little smaller are
-    tried, ever farther from it, until one is proved. Rigid ranges keep their size.
-
-    Args:
-        subject: a prototype with a controller, or any family.
-        box: the tolerances at factor 1.
-        within: how near to each other, relatively, the two factors should come.
-        budget: most pieces to look at for each factor.
-        most: largest factor to try.
-
-    Raises:
-        ValueError: as `certify_box`.
-    """
-    family = rig_family(subject) if isinstance(subject, Prototype) else subject
-    limit = _limit(family, box, most)
-    refuted, point = _least_refuted(family, box, limit, within / 4)
-    proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted
-    factor = limit if refuted is None else _short(refuted * (1 - exact(within)))
-    for _ in range(_TRIES):
-        if not above * (1 - exact(1.001 * within)) > proved or factor <= 0:
-            break
-        found = certify_box(family, box.scaled(factor), budget, volumes=False)
-        if found.stable:
-            proved, verdict = factor, found
-        else:
-            above = factor
-            if found.stable is False:
-                refuted, point = factor, found.unstable_point
-        if proved == limit:
-            break
-        factor = _short((proved + above) / 2)
-    known = None if refuted is None else nearest(refuted)
-    reason = _bracket(proved, above, refuted, limit)
-    return Scaling(nearest(proved), known, nearest(limit), verdict, point, reason)
-
-
-def _limit(family: Family, box: Box, most: float) -> fmpq:
-    """The largest factor to try: beyond it a figure that is positive would reach zero."""
-    limit = exact(most)
-    if family.positive:
-        for name, low, middle in zip(box.names, box.low, box.nominal, strict=True):
-            if name not in box.rigid and low < middle and middle > 0:
-                limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
-    return _short(limit)
-
-
-def _least_refuted(
-    family: Family, box: Box, limit: fmpq, within: float
-) -> tuple[fmpq | None, Mapping[str, fmpq] | None]:
-    """The least factor, about, at which a member is found that is not stable, and that member."""
-
-    def found(factor: fmpq) -> Mapping[str, fmpq] | None:
-        return unstable_member(family.over(box.scaled(factor).ranges))
-
-    low, high, point = fmpq(0), limit, found(limit)
-    if point is None:
-        return None, None
-    while high - low > exact(within) * high and high > limit / 1000:
-        middle = _short((low + high) / 2)
-        if (nearer := found(middle)) is not None:
-            high, point = middle, nearer
-        else:
-            low = middle
-    return high, point
-
-
-def _short(factor: fmpq) -> fmpq:
-    """A factor rounded down to four digits."""
-    return shortened(factor, 4) if factor > 0 else factor
-
-
-def _bracket(proved: fmpq, above: fmpq, refuted: fmpq | None, limit: fmpq) -> str:
-    low, high = f"{nearest(proved):.4g}", f"{nearest(above):.4g}"
-    if proved == limit:
-        return f"proved up to {low}, the largest factor that was tried"
-    start = f"proved up to {low}" if proved > 0 else "no factor was proved"
-    if refuted is None:
-        return f"{start}, undecided at {high}; no member was found that is not stable"
-    if above < refuted:
-        return f"{start}, undecided at {high}, refuted at {nearest(refuted):.4g}"
-    return f"{start}, refuted at {high}"

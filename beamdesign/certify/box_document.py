@@ -26,9 +26,14 @@ def box_document(family: Family, statement: Statement, member: Mapping[str, fmpq
     above = [
         f"# Certificate: the closed loop {family.name!r} {claim} a box in",
         *(f"# {line}" for line in wrap(", ".join(varying) or "no parameters", 110)),
-        *(f"#   {name} from {nearest(a):.7g} to {nearest(b):.7g}" for name, (a, b) in statement.parameters.items() if a < b),
+        *(
+            f"#   {name} from {nearest(a):.7g} to {nearest(b):.7g}"
+            for name, (a, b) in statement.parameters.items()
+            if a < b
+        ),
         "#",
-        "# To prove it again with python-flint alone: python replay_box.py THIS-FILE (beamdesign/certify/replay_box.py).",
+        "# To prove it again with python-flint alone: python replay_box.py THIS-FILE",
+        "# (beamdesign/certify/replay_box.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
         "# text. SI units, frequencies in rad/s. The checksum is of the text without its own line.",
         "",
@@ -53,10 +58,12 @@ def _body(
         yield "# Leaves that stand in several places; p is affine in each pack."
         yield f"bound = [{', '.join('[' + ', '.join(map(_quoted, pack)) + ']' for pack in family.bound)}]"
     if tree is not None:
-        yield "# Cuts and leaves in prefix order: NAME halves a variable, w= cuts the frequency, X,Y is the direction across"
-        yield "# a separating line, inf means that the leading term dominates."
+        yield "# Cuts and leaves in prefix order: NAME halves a variable, w= cuts the frequency (rad/s), X,Y is the"
+        yield "# direction across a separating line, inf means that the leading term dominates."
         yield "tree = ["
-        yield from (f'  "{line}",' for line in wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False))
+        yield from (
+            f'  "{line}",' for line in wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
+        )
         yield "]"
     yield ""
     for title, table in (("leaf", family.leaves), ("delay", family.delays)):

@@ -19,6 +19,13 @@ TURN = 192
 _LINES = np.round(1000 * np.exp(2j * np.pi * np.arange(TURN) / TURN))
 _UNITS = _LINES / np.abs(_LINES)
 _POINTS_AT_ONCE = 1_000_000
+_NARROWEST_SHARE = 2.0**-40
+_NARROWEST_BAND = 1e-10
+"""A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
+
+_LEADING_RATIO = 100
+"""Where the leading coefficient varies by more than this, smaller boxes are better than high frequencies."""
+
 _CLEAR = 1e-9
 """Least distance from zero, relative to the size of p, that the ball arithmetic is sure to confirm."""
 
@@ -34,6 +41,11 @@ class _Node:
     mark: str = "?"
     halves: tuple["_Node", ...] = ()
 
+    @property
+    def volume(self) -> float:
+        """Share of the whole box."""
+        return float(np.prod(self.end - self.start))
+
 
 @dataclass
 class Search:
@@ -42,13 +54,16 @@ class Search:
     Attributes:
         statement: what is searched.
         looked_at: how many pieces were looked at so far.
+        open_volume: sum of the boxes of all open pieces, as shares of the whole; they may overlap.
     """
 
     statement: Statement
     looked_at: int = 0
+    open_volume: float = 0.0
     _root: _Node = field(init=False)
     _queue: list[tuple[float, int, _Node]] = field(init=False, default_factory=list)
     _width: int = field(init=False, default=0)
+    _pushed: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         k = len(self.statement.varying)
@@ -58,7 +73,7 @@ class Search:
     @property
     def settled(self) -> bool:
         """Whether no piece is open."""
-        return not self._queue
+        return "?" not in self.tree
 
     @property
     def tree(self) -> list[str]:
@@ -70,13 +85,20 @@ class Search:
             stack += reversed(node.halves)
         return marks
 
-    def run(self, budget: int, seconds: float = inf) -> None:
-        """Look at pieces, the largest boxes first, until all are settled or the budget is used up."""
+    def run(self, budget: int, seconds: float = inf, enough: float = 0.0) -> None:
+        """Look at pieces, the largest boxes first, until all are settled or the budget is used up.
+
+        Args:
+            budget: most pieces to look at, over all runs.
+            seconds: most time.
+            enough: open volume at which to stop.
+        """
         limit = monotonic() + seconds
-        while self._queue and self.looked_at < budget and monotonic() < limit:
+        while self._queue and self.looked_at < budget and monotonic() < limit and self.open_volume >= enough:
             batch: list[_Node] = []
-            while self._queue and len(batch) < min(self._batch(), budget - self.looked_at):
-                node = heappop(self._queue)[2]
+            while self._queue and len(batch) < self._batch() and self.looked_at < budget:
+                _, _, node = heappop(self._queue)
+                self.open_volume -= node.volume
                 self.looked_at += 1
                 if node.w2 == inf:
                     self._tail(node)
@@ -93,10 +115,13 @@ class Search:
         return max(1, min(256, _POINTS_AT_ONCE // self._width))
 
     def _push(self, node: _Node) -> None:
-        depth = -float(np.log2(node.end - node.start).sum())
-        heappush(self._queue, (depth, self.looked_at * 4 + len(self._queue), node))
+        self._pushed += 1
+        self.open_volume += node.volume
+        heappush(self._queue, (-node.volume, self._pushed, node))
 
     def _halve(self, node: _Node, variable: int) -> None:
+        if node.end[variable] - node.start[variable] < _NARROWEST_SHARE:
+            return
         middle = (node.start[variable] + node.end[variable]) / 2
         lower, upper = node.end.copy(), node.start.copy()
         lower[variable] = upper[variable] = middle
@@ -107,6 +132,8 @@ class Search:
 
     def _cut(self, node: _Node, near: float) -> None:
         """Cut in frequency, at a short decimal near the one given."""
+        if node.w2 - node.w1 < _NARROWEST_BAND * node.w2:
+            return
         digits = 3
         while not node.w1 < (w := float(f"{near:.{digits}g}")) < node.w2:
             digits += 1
@@ -161,19 +188,19 @@ def _dyadic(share: float) -> fmpq:
 
 
 def _reach(cell: Cell) -> float | None:
-    """A frequency from which the leading term dominates; None where the leading coefficient may vanish.
+    """A frequency from which the leading term dominates; None where the leading coefficient may come near to zero.
 
     Fujiwara's bound: twice the largest |a_(n-i) / a_n|^(1/i).
     """
-    n, late_degree = cell.statement.degree
+    n, _ = cell.statement.degree
     plain, late = coefficients(cell, cell.statement.body)
     low, high = plain[n]
-    if late_degree >= n or low * high <= 0:
+    lead, most = sorted((abs(low), abs(high)))
+    if low * high <= 0 or (cell.shares and most > _LEADING_RATIO * lead):
         return None
-    lead = min(abs(low), abs(high))
     sizes = [max(abs(a), abs(b)) for a, b in plain[:n]]
-    for i, (_, most) in enumerate(late):
-        sizes[i] += most
+    for i, (_, size) in enumerate(late):
+        sizes[i] += size
     ratios = [(nearest(size / lead)) ** (1 / (n - i)) for i, size in enumerate(sizes)]
     return 2.0 ** ceil(log2(max(2 * max(ratios, default=1.0), 1e-3)))
 
@@ -184,8 +211,8 @@ def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.nda
     Directions are tried on a coarse grid, then nearer to the best; distances of the ends are each by its own line.
     """
     summands = hulls(statement, where)
-    stray = where.stray(sum(hull.bend for hull in summands))
-    blur = _CLEAR * sum(np.abs(hull.points).max(axis=(2, 3)) for hull in summands)
+    stray = where.stray(np.sum([hull.bend for hull in summands], axis=0))
+    blur = _CLEAR * np.sum([np.abs(hull.points).max(axis=(2, 3)) for hull in summands], axis=0)
     count = len(stray)
     rows = np.arange(count)[:, None]
     # Per piece three searches: the line that is best for both ends, and one for each end alone.
@@ -211,10 +238,10 @@ def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.nda
 def _effects(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> np.ndarray:
     """How far p moves (B, k) at a frequency (B,) along each variable through the middle of its box."""
     count, k = start.shape
-    shares = np.repeat((start + end) / 2, 2 * k, axis=0).reshape(count, k, 2, k)
+    ends = np.repeat((start + end) / 2, 2 * k, axis=0).reshape(count, k, 2, k)
     for i in range(k):
-        shares[:, i, 0, i], shares[:, i, 1, i] = start[:, i], end[:, i]
-    shares = shares.reshape(-1, k)
+        ends[:, i, 0, i], ends[:, i, 1, i] = start[:, i], end[:, i]
+    shares = ends.reshape(-1, k)
     s = 1j * np.repeat(w, 2 * k)[:, None]
     plain, late = values(statement, shares, s)
     p = (plain + late * np.exp(-s * delays(statement, shares)[:, None])).reshape(count, k, 2)

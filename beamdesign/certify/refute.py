@@ -1,6 +1,6 @@
 """Members of a box that are not stable: looked for in floats, confirmed in exact arithmetic."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from flint import fmpq
@@ -16,17 +16,26 @@ _STEPS = 1000
 
 
 def unstable_member(
-    statement: Statement, population: int = 32, rounds: int = 6, seed: int = 0
+    statement: Statement, near: Sequence[Sequence[float]] = (), population: int = 32, rounds: int = 6
 ) -> dict[str, fmpq] | None:
     """Parameters of a member that is proved not to be stable, or None where none was found.
 
     A population of corners and midpoints climbs, one variable at a time, towards less damping of the least damped
     root. Finding nothing means nothing.
+
+    Args:
+        statement: the family over its box.
+        near: members to start from, as shares of the varying variables' ranges, beside those drawn.
+        population: how many members climb; at most half of them start from those given.
+        rounds: most rounds over all variables.
     """
     k = len(statement.varying)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     shares = generator.choice([0.0, 0.5, 1.0], size=(population, k))
     shares[:3] = np.array([0.0, 0.5, 1.0])[:, None]
+    if near:
+        given = np.array(near)[generator.permutation(len(near))[: population // 2]]
+        shares[-len(given) :] = given
     score = undamping(statement, shares)
     for turn in range(rounds if k else 0):
         before = score.copy()
@@ -60,18 +69,19 @@ def refutes(statement: Statement, parameters: Mapping[str, fmpq]) -> bool:
 
 
 def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
-    """Largest Re(s) / |s| over the roots of members at shares (B, k) of the ranges, in floats; 1 where degree is lost."""
-    n = max(statement.degree)
+    """Largest Re(s) / |s| over the roots of members at shares (B, k) of the ranges, in floats; 1 at a lost degree."""
+    n, _ = statement.degree
     scale = _frequency(statement, shares.shape[1], n)
-    delay = np.maximum(delays(statement, shares), 1e-3 / scale) if statement.delay else None
-    degree = n + (_PADE if delay is not None else 0)
+    delay = delays(statement, shares)
+    order = _PADE if delay.any() else 0
+    step = np.maximum(delay, 1e-3 / scale) / (2 * _PADE) if order else np.ones(len(shares))
+    degree = n + order
     s = scale * np.exp(2j * np.pi * np.arange(degree + 1) / (degree + 1))[None, :]
     plain, late = values(statement, shares, s)
-    if delay is not None:
-        half = s * delay[:, None] / (2 * _PADE)
-        plain, late = plain * (1 + half) ** _PADE, late * (1 - half) ** _PADE
-    coefficients = np.fft.fft(plain + late, axis=1).real
-    lost = coefficients[:, -1] == 0
+    half = s * step[:, None]
+    coefficients = np.fft.fft(plain * (1 + half) ** order + late * (1 - half) ** order, axis=1).real
+    lead = np.abs(coefficients[:, -1]) / (scale * step) ** order
+    lost = lead < 1e-13 * np.abs(coefficients).max(axis=1)
     coefficients[lost, -1] = 1.0
     companion = np.zeros((len(shares), degree, degree))
     companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0

@@ -6,7 +6,7 @@ member, and a tree that cuts (frequency, parameters) into pieces. Stability of t
 1. the member is stable: exact Routh test or, with a delay, a count of its unstable roots by the argument principle;
 2. on every piece [w1, w2] x Q of the tree some line through the origin keeps p(jw, q) on one side. At w1 and w2 the
    value lies in the convex hull of control points (corners where p is affine in a parameter, the mapping theorem;
-   Bernstein coefficients where it is not), and in between it strays from the chord by at most max |p''| (w2 - w1)^2 / 8;
+   Bernstein coefficients where it is not); in between it strays from the chord by at most max |p''| (w2 - w1)^2 / 8;
 3. on every piece [w1, infinity) x Q the leading coefficient outweighs all others, so that no degree is lost either.
 
 Then no root can cross the imaginary axis anywhere in the box (zero exclusion). The tree is in prefix order, each cut
@@ -20,7 +20,7 @@ import ast
 import hashlib
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import comb
@@ -71,11 +71,15 @@ class Term(NamedTuple):
 
 
 class Node(NamedTuple):
-    """Part of p: a "leaf" or "delay" by its name, or the "sum" or "product" of other parts."""
+    """Part of p: a "leaf" or "delay" by its name, or the "sum" or "product" of other parts.
+
+    `bound` says whether it depends on a leaf that is enumerated.
+    """
 
     kind: str
     name: str
     parts: tuple["Node", ...]
+    bound: bool
 
 
 def polynomial(text: str) -> tuple[Term, ...]:
@@ -141,17 +145,17 @@ def _reciprocal(a: _Expanded) -> _Expanded:
     return {tuple((name, -power) for name, power in powers): 1 / c}
 
 
-def _structure(node: ast.expr, leaves: Mapping[str, Any], delays: Mapping[str, str]) -> Node:
+def _structure(node: ast.expr, leaves: Iterable[str], delays: Mapping[str, str], bound: Iterable[str]) -> Node:
     match node:
         case ast.Name(id=name) if name in leaves:
-            return Node("leaf", name, ())
+            return Node("leaf", name, (), name in bound)
         case ast.Name(id=name) if name in delays:
-            return Node("delay", delays[name], ())
+            return Node("delay", delays[name], (), False)
         case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
             kind = "sum" if isinstance(operation, ast.Add) else "product"
-            parts = [_structure(side, leaves, delays) for side in (left, right)]
+            parts = [_structure(side, leaves, delays, bound) for side in (left, right)]
             flat = [p for part in parts for p in (part.parts if part.kind == kind else (part,))]
-            return Node(kind, "", tuple(flat))
+            return Node(kind, "", tuple(flat), any(part.bound for part in flat))
     raise Malformed(f"not a sum or product of leaves: {ast.unparse(node)}")
 
 
@@ -183,7 +187,8 @@ class Statement:
             leaves, p = {"p": p}, "p"
         self.leaves = {"s": polynomial("s")} | {name: polynomial(text) for name, text in leaves.items()}
         self.bound, self.groups = [tuple(pack) for pack in bound], list(groups)
-        self.body = _structure(_parsed(p), self.leaves, delays or {})
+        enumerated = {name for pack in self.bound for name in pack}
+        self.body = _structure(_parsed(p), self.leaves, delays or {}, enumerated)
         if len(delays or {}) > 1:
             raise Malformed("there may be one delay")
         self.delay = next(iter((delays or {}).values()), None)
@@ -204,6 +209,8 @@ class Statement:
         self.varying = tuple(name for name, (low, high) in self.ranges.items() if low < high)
         self.components = {name: self._components(leaf) for name, leaf in self.leaves.items()}
         self.degree = self._degree(self.body)
+        if self.degree[1] >= self.degree[0]:
+            raise Malformed("the highest power of s is delayed: loops of neutral type are not covered")
         self._affine(self.body)
 
     def merged(self, parameters: Mapping[str, Interval]) -> dict[str, Interval]:
@@ -245,11 +252,6 @@ class Statement:
             for _, own, _ in self.components[name]:
                 degrees = {n: max(own.get(n, 0), degrees.get(n, 0)) for n in sorted(own | degrees)}
         return degrees
-
-    def is_bound(self, node: Node) -> bool:
-        """Whether a node depends on what is enumerated."""
-        names = {name for pack in self.bound for name in pack}
-        return node.name in names if node.kind == "leaf" else any(self.is_bound(part) for part in node.parts)
 
     def _affine(self, node: Node) -> dict[Any, int]:
         """Degree in each pack of bound leaves, and in the delays under None; none may exceed one."""
@@ -329,11 +331,11 @@ def is_stable(statement: Statement, one: Member) -> bool:
     Raises:
         Undecided: with a delay, where a root is on the axis or too near to it.
     """
-    n, late = statement.degree
+    n, _ = statement.degree
     if one.delay == 0 or not any(one.late.coeffs()):
         whole = one.plain + one.late
-        return whole.degree() == max(n, late) and is_hurwitz(whole)
-    return one.plain.degree() == n and late < n and unstable_roots(one) == 0
+        return whole.degree() == n and is_hurwitz(whole)
+    return one.plain.degree() == n and unstable_roots(one) == 0
 
 
 def is_hurwitz(whole: fmpq_poly) -> bool:
@@ -367,7 +369,7 @@ def unstable_roots(one: Member) -> int:
     bends = [_second_derivative([abs(c) for c in part.coeffs()], d) for part, d in ((plain, fmpq(0)), (late, delay))]
 
     def value(w: fmpq) -> acb:
-        return plain(acb(0, w)) + late(acb(0, w)) * _unit(arb(w * delay))
+        return _on_axis(plain, w) + _on_axis(late, w) * _unit(arb(w * delay))
 
     turned = arb(0)
     stack = [(fmpq(0), reach, value(fmpq(0)), value(reach))]
@@ -394,6 +396,13 @@ def unstable_roots(one: Member) -> int:
 
 def _at(coefficients: Sequence[fmpq], w: fmpq) -> fmpq:
     return sum((c * w**i for i, c in enumerate(coefficients)), fmpq(0))
+
+
+def _on_axis(polynomial: fmpq_poly, w: fmpq) -> acb:
+    """A real polynomial at s = jw; exact until the very end."""
+    coefficients, square = polynomial.coeffs(), -w * w
+    parts = [sum((c * square**i for i, c in enumerate(coefficients[side::2])), fmpq(0)) for side in (0, 1)]
+    return acb(parts[0], w * parts[1])
 
 
 def _second_derivative(sizes: Sequence[fmpq], delay: fmpq) -> list[fmpq]:
@@ -441,7 +450,9 @@ class Cell:
                 total: dict[int, fmpq] = {}
                 for c, degree, powers in terms:
                     for name, power in powers.items():
-                        c = c * _control_value(*self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0))
+                        c = c * _control_value(
+                            *self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0)
+                        )
                     for name in degrees.keys() - powers.keys():
                         c = c * _control_value(*self.values[name], 0, degrees[name], corner[name])
                     total[degree] = total.get(degree, fmpq(0)) + c
@@ -458,7 +469,7 @@ class Cell:
 
 
 def _control_value(low: fmpq, high: fmpq, power: int, degree: int, i: int) -> fmpq:
-    """Bernstein coefficient i of x^power on [low, high], raised to the given degree; x^power itself where x is fixed."""
+    """Bernstein coefficient i of x^power on [low, high], raised to a degree; x^power itself where that is 0."""
     if degree == 0:
         return low**power
     terms = (comb(i, j) * comb(degree - i, power - j) * high**j * low ** (power - j) for j in range(power + 1))
@@ -471,7 +482,7 @@ class Frame:
     def __init__(self, cell: Cell, w: fmpq):
         self.cell, self.w = cell, w
         self._powers = [arb(w**i) for i in range(max(*cell.statement.degree, 2) + 1)]
-        self._fixed: dict[int, list[acb]] = {}
+        self._known: dict[tuple[int, int], list[acb]] = {}
         packs = [self._pack(pack) for pack in cell.statement.bound]
         self.controls = [{name: v for part in chosen for name, v in part.items()} for chosen in product(*packs)]
 
@@ -513,10 +524,11 @@ class Frame:
 
     def points(self, node: Node, control: Mapping[str, acb]) -> list[acb]:
         """Points whose hull holds a part of p, with what is bound at one of its control points."""
-        if node.kind == "leaf" and node.name in control:
+        if node.kind == "leaf" and node.bound:
             return [control[node.name]]
-        if id(node) in self._fixed:
-            return self._fixed[id(node)]
+        key = (id(node), id(control) if node.bound else 0)
+        if key in self._known:
+            return self._known[key]
         if node.kind == "leaf":
             found = self._leaf(node.name)
         elif node.kind == "delay":
@@ -526,9 +538,7 @@ class Frame:
             for part in node.parts[1:]:
                 other = self.points(part, control)
                 found = [a + b if node.kind == "sum" else a * b for a in found for b in other]
-            if self.cell.statement.is_bound(node):
-                return found
-        self._fixed[id(node)] = found
+        self._known[key] = found
         return found
 
     def _arc(self, least: fmpq, most: fmpq) -> list[acb]:
@@ -543,13 +553,12 @@ class Frame:
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
-        u, nodes, statement = acb(direction[0], -direction[1]), _summands(self.cell.statement), self.cell.statement
-        free = [node for node in nodes if not statement.is_bound(node)]
-        common = sum((_least(u, self.points(node, {})) for node in free), arb(0))
+        u, nodes = acb(direction[0], -direction[1]), _summands(self.cell.statement)
+        common = sum((_least(u, self.points(node, {})) for node in nodes if not node.bound), arb(0))
         least = arb.pos_inf()
         for control in self.controls:
-            bound = (_least(u, self.points(node, control)) for node in nodes if statement.is_bound(node))
-            least = least.min(sum(bound, common))
+            own = (_least(u, self.points(node, control)) for node in nodes if node.bound)
+            least = least.min(sum(own, common))
         return least
 
 
@@ -584,7 +593,7 @@ def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
         slope, bend = sum((df for _, df, _ in parts), arb(0)), sum((ddf for _, _, ddf in parts), arb(0))
     size = arb(0)
     for frame in frames:
-        for control in frame.controls if statement.is_bound(node) else [{}]:
+        for control in frame.controls if node.bound else [{}]:
             for point in frame.points(node, control):
                 size = size.max(abs(point))
     return size + _stray(frames, bend), slope, bend
@@ -616,8 +625,8 @@ def separated(cell: Cell, w1: fmpq, w2: fmpq, direction: tuple[int, int]) -> boo
 
 def dominated(cell: Cell, w: fmpq) -> bool:
     """Whether the leading term outweighs all others from a frequency up, so that p vanishes nowhere there."""
-    n, late_degree = cell.statement.degree
-    if not w > 0 or late_degree >= n:
+    n, _ = cell.statement.degree
+    if not w > 0:
         return False
     plain, late = coefficients(cell, cell.statement.body)
     low, high = plain[n]

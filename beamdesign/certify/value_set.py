@@ -79,7 +79,7 @@ def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
 
 
 def values(statement: Statement, shares: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Plain and delayed part of p, each (B, N), of members at shares (B, k) of the ranges and complex s, (B or 1, N)."""
+    """Plain and delayed part of p, each (B, N), of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
     where = pieces(statement, shares, shares, np.zeros((2, len(shares))))
 
     def at(node: Node) -> tuple[np.ndarray, np.ndarray]:
