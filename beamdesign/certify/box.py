@@ -13,7 +13,7 @@ from beamdesign.certify.rational import nearest, text
 from beamdesign.certify.refute import refutes, unstable_member
 from beamdesign.certify.replay_box import PRECISION_BITS, Interval, Piece, Statement, holds, member, pieces
 from beamdesign.certify.rig_family import Family, rig_family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype
 
 _ENOUGH = 1e-4
@@ -163,8 +163,7 @@ def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:
         return f"the leading coefficient vanishes{where}, so that a root passes through infinity"
     if one.delay != 0:
         return f"not stable{where}"
-    roots = [complex(root) for root, _ in (one.plain + one.late).numer().complex_roots()]
-    worst = max(roots, key=lambda root: root.real)
+    worst = max(roots(one.plain + one.late), key=lambda root: root.real)
     return f"not stable{where}: a root at {worst.real:.4g} 1/s, {abs(worst.imag) / (2 * pi):.4g} Hz"
 
 
