@@ -153,6 +153,7 @@ def codesign_program(
         reach=0.5,
         tighten_below=1e-3,
         rig=lambda sections: _rig(problem, rounded_tubes(sections)),
+        flaw=lambda variables: structural_flaw(problem, variables[count + 2 :]),
         cost=lambda proved: section_mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
     )
 
@@ -186,12 +187,16 @@ def _samples(problem: DesignProblem, program: LoopProgram) -> np.ndarray:
     )
 
 
-def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint | str:
-    """The finished design of a proved loop, or which structural check its rounded sections miss."""
+def structural_flaw(problem: DesignProblem, sections: np.ndarray) -> str:
+    """Which structural checks the rounded sections miss, in words; empty where they pass."""
+    failing = check_sections(problem, *rounded_tubes(sections)).failing
+    return "the refined sections miss: " + ", ".join(check.name for check in failing) if failing else ""
+
+
+def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint:
+    """The finished design of a proved loop, whose sections have no structural flaw."""
     outer, inner = rounded_tubes(proved.variables[head:])
     checked = check_sections(problem, outer, inner)
-    if not checked.feasible:
-        return "rounded sections miss: " + ", ".join(check.name for check in checked.failing)
     payload = Payload(outer_end_mass_kg=masses_kg, inner_end_mass_kg=proved.inner_end_mass_kg)
     return CodesignPoint(
         prototype=problem.prototype(outer, inner).but(controller=proved.controller, payload=payload),
@@ -244,11 +249,8 @@ def codesign(
             attempts.append(refined.reason)
             continue
         point = _point(problem, outer_end_mass_kg, refined.proved, head)
-        if isinstance(point, str):
-            attempts.append(point)
-        else:
-            points.append(point)
-            attempts.append(point.moving_mass_kg)
+        points.append(point)
+        attempts.append(point.moving_mass_kg)
     if not points:
         low, high = outer_end_mass_kg
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
