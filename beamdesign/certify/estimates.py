@@ -12,6 +12,9 @@ from beamdesign.polynomial import exact, roots
 
 _FREQUENCIES = np.geomspace(1e-1, 1e5, 400)  # rad/s
 _ZOOMS, _POINTS = 4, 21
+_CLIMBS, _SHRINK = 14, 0.4
+_CLIMBED = 1e-5
+"""Relative gain below which climbing along the masses ends."""
 
 
 def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
@@ -20,24 +23,46 @@ def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
 
 
 def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
-    """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones."""
-    masses = np.array(sampled_masses(low, high))[:, None]
+    """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
     constant, slope, returned = (_floats(p) for p in (loop.opened.constant, loop.opened.slope, loop.returned))
-    families = np.polyadd(constant, returned), slope
-    poles = [np.abs(np.roots(np.polyadd(families[0], mass * families[1]))) for mass in masses[:, 0]]
-    most = max(len(found) for found in poles)
-    near = [np.pad(found, (0, most - len(found)), constant_values=1.0) for found in poles]
-    frequencies = np.hstack([np.broadcast_to(_FREQUENCIES, (len(masses), len(_FREQUENCIES))), np.array(near)])
-    best, spread = 1.0, 1.05
-    for _ in range(_ZOOMS):
+
+    def seen(masses: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest |S| of each mass over its row of frequencies, and where."""
         s = 1j * frequencies
-        opened = np.polyval(constant, s) + masses * np.polyval(slope, s)
+        opened = np.polyval(constant, s) + masses[:, None] * np.polyval(slope, s)
         values = np.abs(opened / (opened + np.polyval(returned, s)))
-        best = max(best, float(values.max()))
-        peaks = np.take_along_axis(frequencies, values.argmax(axis=1)[:, None], axis=1)
-        frequencies = peaks * np.geomspace(1 / spread, spread, _POINTS)
-        spread = spread ** (2 / _POINTS)
-    return best
+        rows, columns = np.arange(len(masses)), values.argmax(axis=1)
+        return values[rows, columns], frequencies[rows, columns]
+
+    def with_poles(masses: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+        """The frequencies, and for each mass those of its poles."""
+        closed = np.polyadd(constant, returned)
+        found = [np.abs(np.roots(np.polyadd(closed, mass * slope))) for mass in masses]
+        most = max(len(poles) for poles in found)
+        near = [np.pad(poles, (0, most - len(poles)), constant_values=1.0) for poles in found]
+        return np.hstack([np.broadcast_to(frequencies, (len(masses), len(frequencies))), np.array(near)])
+
+    masses = np.array(sampled_masses(low, high))
+    ends = masses[0], masses[-1]
+    peaks, at = seen(masses, with_poles(masses, _FREQUENCIES))
+    spread = 1.05
+    for _ in range(_ZOOMS - 1):
+        finer, at = seen(masses, at[:, None] * np.geomspace(1 / spread, spread, _POINTS))
+        peaks, spread = np.maximum(peaks, finer), spread ** (2 / _POINTS)
+    # From the best mass on, climb along the masses: a sharp peak may lie between the sampled ones.
+    best, mass, frequency = (float(values[peaks.argmax()]) for values in (peaks, masses, at))
+    reach, spread = float(ends[1] - ends[0]) / 8, 1.02
+    stalled = 0
+    for _ in range(_CLIMBS if reach > 0 else 0):
+        masses = np.unique(np.clip(mass + reach * np.linspace(-1, 1, 5), *ends))
+        peaks, at = seen(masses, with_poles(masses, frequency * np.geomspace(1 / spread, spread, _POINTS)))
+        stalled = 0 if peaks.max() > best * (1 + _CLIMBED) else stalled + 1
+        if peaks.max() > best:
+            best, mass, frequency = (float(values[peaks.argmax()]) for values in (peaks, masses, at))
+        if stalled and (stalled > 1 or mass in ends):
+            break
+        reach, spread = reach * _SHRINK, spread**_SHRINK
+    return max(best, 1.0)
 
 
 def decay_rate(loop: Loop, low: fmpq, high: fmpq) -> float:

@@ -271,7 +271,7 @@ def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
         return stable_ranges(family, low, high).stable
     with ctx.workprec(64):
         ends = arb(low).union(arb(high))
-        for square, _ in real_roots(equation, 64):
+        for square, _ in real_roots(equation, 32):
             if not square > 0:
                 continue
             even, odd = value_at(even1, square), value_at(odd1, square)
