@@ -42,17 +42,26 @@ class BeamProblem(Record):
             yield Problem("material", reason)
 
 
+_SIZES = {"least_wall_m": 0.002, "largest_width_m": 0.2}
+
+
 class Sections(Record):
     """How the square tubes are chosen, and what limits them."""
 
     choose: Annotated[
         Literal["free", "stock", "fixed"], Field(description="free sizes, stock sizes, or the sections given")
     ] = "stock"
-    least_wall_m: Annotated[Positive, Field(description="thinnest wall that may be used")] = 0.002
-    largest_width_m: Annotated[Positive, Field(description="widest tube that may be used")] = 0.2
+    least_wall_m: Annotated[Positive, Field(description="thinnest wall that may be used")] = _SIZES["least_wall_m"]
+    largest_width_m: Annotated[Positive, Field(description="widest tube that may be used")] = _SIZES["largest_width_m"]
     width_to_wall_at_most: Annotated[
         Positive | None, Field(description="limit of b / t, beside the check of local buckling")
     ] = None
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The thinnest wall fits into the widest tube."""
+        if (pair := numbers({**_SIZES, **table}, *_SIZES)) and pair[0] >= pair[1] / 2:
+            yield Problem("least_wall_m", f"{pair[0]} is not less than half of largest_width_m, {pair[1] / 2}")
 
 
 class Clearance(Record):
@@ -83,7 +92,7 @@ class ControllerKind(Record):
 class DesignProblem(Record):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     load: Load
     sections: Sections = Sections()
     outer_beam: BeamProblem

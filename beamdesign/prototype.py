@@ -68,7 +68,7 @@ class Servovalve(Record):
     """Second-order servovalve with leakage, equations (13) and (14)."""
 
     flow_gain_m3_per_s_per_A: Annotated[Positive, Field(lt=10, description="K_q, no-load flow gain")]
-    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-6, description="K_pq = K_q / K_p")]
+    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-8, description="K_pq = K_q / K_p")]
     natural_frequency_Hz: Annotated[Positive, Field(description="f_n of the spool")]
     damping_ratio: Annotated[
         Positive, Field(lt=10, description="xi; the paper does not give it, 0.5 reproduces its critical gains")
@@ -158,7 +158,7 @@ class Guarantee(Record):
 class Prototype(Record):
     """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     kind: Literal["twin_beam"] = "twin_beam"
     outer_beam: Beam
     inner_beam: Beam
