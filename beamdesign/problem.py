@@ -32,9 +32,9 @@ class BeamProblem(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """A given section is whole and possible; the free length lies within the length."""
-        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
             yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
-        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
+        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
             yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
         if (table.get("width_m") is None) != (table.get("wall_m") is None):
             yield Problem("", "width_m and wall_m go together: give both or neither")
@@ -60,7 +60,7 @@ class Sections(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The thinnest wall fits into the widest tube."""
-        if (pair := numbers({**_SIZES, **table}, *_SIZES)) and pair[0] >= pair[1] / 2:
+        if (pair := numbers({**_SIZES, **table}, *_SIZES)) and pair[0] >= pair[1] / 2 > 0:
             yield Problem("least_wall_m", f"{pair[0]} is not less than half of largest_width_m, {pair[1] / 2}")
 
 
@@ -111,7 +111,7 @@ class DesignProblem(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Given sections fit into each other, fixed ones are given, and there is a payload range."""
         figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]):
+        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]) > 0:
             yield Problem(
                 "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
             )

@@ -41,13 +41,13 @@ class Beam(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Walls fit in widths, free lengths in lengths, and the lumped figures can be had."""
-        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
             yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
         if (pair := numbers(table, "corner_radius_m", "wall_m")) and 0 < pair[0] < pair[1]:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} is less than the wall, {pair[1]}")
-        if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2:
+        if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2 > 0:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} exceeds half the width, {pair[1] / 2}")
-        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
+        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
             yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
         if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
             yield Problem("material", reason)
@@ -116,7 +116,7 @@ class Payload(Record):
         if not isinstance(bounds, tuple) or len(bounds) != 2:
             return
         pair = numbers({"least": bounds[0], "most": bounds[1]}, "least", "most")
-        if pair and pair[0] > pair[1]:
+        if pair and pair[0] > pair[1] >= 0:
             yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}")
 
 
@@ -176,7 +176,7 @@ class Prototype(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The inner beam fits inside the outer one."""
         figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]):
+        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]) > 0:
             yield Problem(
                 "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
             )

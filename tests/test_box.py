@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from flint import ctx, fmpq, fmpq_poly
 
-from beamdesign.certify import replay_box
-from beamdesign.certify.box import box_of, certify_box
-from beamdesign.certify.replay_box import Statement, replay, unstable_roots
-from beamdesign.certify.rig_family import Family
-from beamdesign.certify.scaling import largest_scaling
-from beamdesign.certify.stability import stable_ranges
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
+from beamdesign.proof import replay_box
+from beamdesign.proof.box import box_of, certify_box
+from beamdesign.proof.replay_box import Statement, replay, unstable_roots
+from beamdesign.proof.rig_family import Family
+from beamdesign.proof.scaling import largest_scaling
+from beamdesign.proof.stability import stable_ranges
 
 
 def family(p: str, **values: float) -> Family:

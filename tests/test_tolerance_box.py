@@ -10,16 +10,16 @@ import typer
 from flint import ctx, fmpq
 from typer.testing import CliRunner
 
-from beamdesign.certify import replay_box
-from beamdesign.certify.box import box_of, certify_box
-from beamdesign.certify.replay_box import Cell, growth, member, replay
-from beamdesign.certify.rig_family import rig_family
-from beamdesign.certify.scaling import largest_scaling
-from beamdesign.certify.tolerance_box import tolerance_box
 from beamdesign.cli.certify_box import certify_box as command
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
+from beamdesign.proof import replay_box
+from beamdesign.proof.box import box_of, certify_box
+from beamdesign.proof.replay_box import Cell, growth, member, replay
+from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.scaling import largest_scaling
+from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Lag, Payload, Proportional, Prototype, Sensor, Tolerance, write_prototype
 from beamdesign.records import InputError
 

@@ -10,8 +10,8 @@ from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_r
 from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from beamdesign.certify.certificate import Asked, Certificate
     from beamdesign.crossing import Crossing
+    from beamdesign.proof.certificate import Asked, Certificate
     from beamdesign.prototype import Prototype
 
 
@@ -75,7 +75,7 @@ def certify(
     asked = _asked(record, figures)
     path = Path(f"{prototype.stem}.certificate.toml") if out is None else out
 
-    from beamdesign.certify.certificate import certify as prove
+    from beamdesign.proof.certificate import certify as prove
 
     certificate = prove(record, *masses, asked)
     write_whole(path, certificate.text)
@@ -88,7 +88,7 @@ def certify(
 
 def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked"]:
     """The claims made on the command line."""
-    from beamdesign.certify.certificate import Asked
+    from beamdesign.proof.certificate import Asked
     from beamdesign.records import InputError
 
     problems = [
@@ -111,7 +111,7 @@ def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked
 
 
 def _say(record: "Prototype", certificate: "Certificate") -> None:
-    from beamdesign.certify.certificate import describe
+    from beamdesign.proof.certificate import describe
 
     low, high = certificate.outer_end_mass_kg
     if certificate.stable:
@@ -190,8 +190,8 @@ def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
 
 def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
     """Prove a certificate again from its text; exit status 1 where that fails."""
-    from beamdesign.certify.document import states_figures_of
-    from beamdesign.certify.replay import Malformed, replay
+    from beamdesign.proof.document import states_figures_of
+    from beamdesign.proof.replay import Malformed, replay
     from beamdesign.records import InputError
 
     try:

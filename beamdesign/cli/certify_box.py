@@ -9,8 +9,8 @@ import typer
 from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
-    from beamdesign.certify.box import Box, BoxVerdict
-    from beamdesign.certify.scaling import Scaling
+    from beamdesign.proof.box import Box, BoxVerdict
+    from beamdesign.proof.scaling import Scaling
     from beamdesign.prototype import Prototype
 
 
@@ -61,9 +61,9 @@ def certify_box(
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
 
-    from beamdesign.certify.box import certify_box as prove
-    from beamdesign.certify.scaling import largest_scaling
-    from beamdesign.certify.tolerance_box import tolerance_box
+    from beamdesign.proof.box import certify_box as prove
+    from beamdesign.proof.scaling import largest_scaling
+    from beamdesign.proof.tolerance_box import tolerance_box
 
     masses = None
     if outer_end_mass is not None:
@@ -87,8 +87,8 @@ def certify_box(
 
 
 def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
-    from beamdesign.certify.rational import nearest
-    from beamdesign.certify.tolerance_box import figure_key
+    from beamdesign.proof.rational import nearest
+    from beamdesign.proof.tolerance_box import figure_key
 
     words = {True: "stable for every member of the box", False: "NOT stable throughout the box", None: "undecided"}
     say(f"{record.name}: {words[verdict.stable]}")
@@ -111,8 +111,8 @@ def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
 
 
 def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
-    from beamdesign.certify.rational import nearest
-    from beamdesign.certify.tolerance_box import figure_key, in_units
+    from beamdesign.proof.rational import nearest
+    from beamdesign.proof.tolerance_box import figure_key, in_units
 
     def point(of: Any) -> dict[str, float] | None:
         return None if of is None else in_units(of, list(of))
@@ -162,7 +162,7 @@ def _write(path: Path, text: str) -> None:
 
 def _replay(path: Path, json: Path | None) -> None:
     """Prove a certificate again from its text; exit status 1 where that fails."""
-    from beamdesign.certify.replay_box import Malformed, replay
+    from beamdesign.proof.replay_box import Malformed, replay
     from beamdesign.records import InputError
 
     try:

@@ -10,7 +10,7 @@ from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_r
 from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from beamdesign.certify.lyapunov import Switching
+    from beamdesign.proof.lyapunov import Switching
 
 
 def certify_switching(
@@ -53,8 +53,8 @@ def certify_switching(
     if problems:
         raise InputError("certify-switching", problems)
 
-    from beamdesign.certify.lyapunov import describe, switching
-    from beamdesign.certify.switching_document import switching_document
+    from beamdesign.proof.lyapunov import describe, switching
+    from beamdesign.proof.switching_document import switching_document
 
     with progress("Lyapunov functions") as update:
         found = switching(record, low, high, rate, update)
@@ -72,7 +72,7 @@ def certify_switching(
 
 
 def _fields(found: "Switching") -> dict[str, Any]:
-    from beamdesign.certify.rational import nearest
+    from beamdesign.proof.rational import nearest
 
     common, cycle = found.any_change, found.any_change.counterexample
     return {

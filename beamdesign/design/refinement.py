@@ -11,13 +11,13 @@ from math import exp, log
 import casadi as ca
 import numpy as np
 
-from beamdesign.certify.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
-from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
 from beamdesign.linear import LinearRig
 from beamdesign.loop import Loop, close_loop
 from beamdesign.polynomial import exact
+from beamdesign.proof.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
+from beamdesign.proof.stability import is_stable_over
 from beamdesign.prototype import Goal, Lag, Proportional
 
 ROUNDS = 24

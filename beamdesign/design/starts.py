@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, GridPlant, best_gain, grid_plant
 from beamdesign.design.refinement import LoopProgram
 from beamdesign.loop import close_loop
 from beamdesign.polynomial import exact
+from beamdesign.proof.stability import is_stable_over
 
 _APART = 0.1
 """Least distance between starts, as a share of the range of each variable that is free."""

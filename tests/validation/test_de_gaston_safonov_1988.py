@@ -8,12 +8,12 @@ Automatic Control 33 (1988) 156-171: plant 800 (1 + 0.1 d1) / (s (s + 4 + 0.2 d2
 import pytest
 from flint import fmpq
 
-from beamdesign.certify.box import box_of
-from beamdesign.certify.replay_box import member, replay
-from beamdesign.certify.rig_family import Family
-from beamdesign.certify.scaling import largest_scaling
 from beamdesign.crossing import crossings
 from beamdesign.polynomial import Affine, exact
+from beamdesign.proof.box import box_of
+from beamdesign.proof.replay_box import member, replay
+from beamdesign.proof.rig_family import Family
+from beamdesign.proof.scaling import largest_scaling
 
 FAMILY = Family(
     "de Gaston and Safonov",

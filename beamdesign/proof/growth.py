@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from flint import arb_mat, ctx, fmpq
 
-from beamdesign.certify.lmi import at, modal_coordinates
-from beamdesign.certify.mass_family import MassFamily
-from beamdesign.certify.rational import nearest
-from beamdesign.certify.stability import stable_ranges
 from beamdesign.polynomial import exact, is_hurwitz
+from beamdesign.proof.lmi import at, modal_coordinates
+from beamdesign.proof.mass_family import MassFamily
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stability import stable_ranges
 
 PRECISION_BITS = 384
 DOUBLINGS = 13

@@ -6,11 +6,11 @@ from math import pi
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.certify.rational import text
-from beamdesign.certify.replay_box import Interval, Statement
 from beamdesign.controller import transfer_function
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact
+from beamdesign.proof.rational import text
+from beamdesign.proof.replay_box import Interval, Statement
 from beamdesign.prototype import Lag, Prototype
 
 

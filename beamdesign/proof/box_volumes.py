@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from flint import fmpq
 
-from beamdesign.certify.refute import parameters_at
-from beamdesign.certify.replay_box import Interval, Piece, Statement, Undecided, is_stable, member
+from beamdesign.proof.refute import parameters_at
+from beamdesign.proof.replay_box import Interval, Piece, Statement, Undecided, is_stable, member
 
 Cube = tuple[Interval, ...]
 """A sub-box as the shares of the varying variables' ranges."""

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.certify.rational import bounds
 from beamdesign.loop import Loop
 from beamdesign.polynomial import Affine, even_odd
+from beamdesign.proof.rational import bounds
 
 Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
 

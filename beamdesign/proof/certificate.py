@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isinf
 
-from beamdesign.certify.document import document
-from beamdesign.certify.performance import (
+from beamdesign.crossing import Crossing
+from beamdesign.loop import Loop, loop
+from beamdesign.polynomial import exact
+from beamdesign.proof.document import document
+from beamdesign.proof.performance import (
     Claim,
     Kind,
     guaranteed_bandwidth,
@@ -16,11 +19,8 @@ from beamdesign.certify.performance import (
     prove_gain_margin,
     prove_peak_sensitivity,
 )
-from beamdesign.certify.rational import nearest
-from beamdesign.certify.stability import StabilityMap, stable_ranges
-from beamdesign.crossing import Crossing
-from beamdesign.loop import Loop, loop
-from beamdesign.polynomial import exact
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import Goal, Prototype
 
 METHOD = (
@@ -63,7 +63,7 @@ class Certificate:
         stability: ranges and crossings, exact.
         claims: what was asked, each held or refuted.
         guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
-        text: the certificate as `beamdesign.certify.replay` reads it.
+        text: the certificate as `beamdesign.proof.replay` reads it.
         method: how it was proved, in words.
     """
 

@@ -29,8 +29,8 @@ from typing import Any, Literal
 
 from flint import arb, ctx, fmpq, fmpq_mat
 
-from beamdesign.certify.definite import Definite, positive_definite, positive_on
-from beamdesign.certify.mass_family import MassFamily
+from beamdesign.proof.definite import Definite, positive_definite, positive_on
+from beamdesign.proof.mass_family import MassFamily
 
 Joining = Literal["matched", "from_rest"]
 """How payload joins: with the tip's velocity, or with any velocity from rest to the tip's."""

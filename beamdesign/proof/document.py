@@ -1,4 +1,4 @@
-"""The text of a certificate over one mass: TOML that a person can read and `beamdesign.certify.replay` proves again."""
+"""The text of a certificate over one mass: TOML that a person can read and `beamdesign.proof.replay` proves again."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -7,14 +7,14 @@ from math import isinf
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.certify.performance import Claim
-from beamdesign.certify.rational import bounds, simple_between, text
-from beamdesign.certify.stability import StabilityMap
 from beamdesign.controller import transfer_function
 from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact
+from beamdesign.proof.performance import Claim
+from beamdesign.proof.rational import bounds, simple_between, text
+from beamdesign.proof.stability import StabilityMap
 from beamdesign.prototype import Prototype
 
 KIND = "beamdesign.mass_range"
@@ -52,7 +52,7 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
     above = [
         *(f"# {line}".rstrip() for line in summary.splitlines()),
         "#",
-        "# To prove it again with python-flint alone: python replay.py THIS-FILE  (beamdesign/certify/replay.py).",
+        "# To prove it again with python-flint alone: python replay.py THIS-FILE  (beamdesign/proof/replay.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
         "# text. Polynomials list the coefficients of s^0, s^1, ... The checksum is of the text without its own line.",
         "",

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from flint import fmpq
 
-from beamdesign.certify.replay_box import Statement, Undecided, is_stable, member_at
-from beamdesign.certify.value_set import delays, values
+from beamdesign.proof.replay_box import Statement, Undecided, is_stable, member_at
+from beamdesign.proof.value_set import delays, values
 
 _PADE = 3
 """exp(-x) is taken as ((1 - x / 6) / (1 + x / 6))^3 where roots are only looked for."""

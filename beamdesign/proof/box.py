@@ -6,14 +6,14 @@ from math import inf, pi
 
 from flint import ctx, fmpq
 
-from beamdesign.certify.box_document import box_document
-from beamdesign.certify.box_volumes import Volumes, verdict_at, volumes_of
-from beamdesign.certify.branch import Search
-from beamdesign.certify.rational import nearest, text
-from beamdesign.certify.refute import refutes, unstable_member
-from beamdesign.certify.replay_box import PRECISION_BITS, Interval, Piece, Statement, holds, member, pieces
-from beamdesign.certify.rig_family import Family, rig_family
 from beamdesign.polynomial import exact, roots
+from beamdesign.proof.box_document import box_document
+from beamdesign.proof.box_volumes import Volumes, verdict_at, volumes_of
+from beamdesign.proof.branch import Search
+from beamdesign.proof.rational import nearest, text
+from beamdesign.proof.refute import refutes, unstable_member
+from beamdesign.proof.replay_box import PRECISION_BITS, Interval, Piece, Statement, holds, member, pieces
+from beamdesign.proof.rig_family import Family, rig_family
 from beamdesign.prototype import Prototype
 
 _ENOUGH = 1e-4

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.certify.rational import bounds, shortened, simple_between
 from beamdesign.polynomial import real_roots
+from beamdesign.proof.rational import bounds, shortened, simple_between
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from beamdesign.certify.decrease import holds_for_any_change
-from beamdesign.certify.growth import Cycle, growing_cycle
-from beamdesign.certify.lmi import SOLVERS, Answer, Solve, Sought, at, lyapunov_candidates, modal_coordinates, solve
-from beamdesign.certify.mass_family import MassFamily, rationals
-from beamdesign.certify.rational import nearest, shortened
+from beamdesign.proof.decrease import holds_for_any_change
+from beamdesign.proof.growth import Cycle, growing_cycle
+from beamdesign.proof.lmi import SOLVERS, Answer, Solve, Sought, at, lyapunov_candidates, modal_coordinates, solve
+from beamdesign.proof.mass_family import MassFamily, rationals
+from beamdesign.proof.rational import nearest, shortened
 
 Status = Literal["proved", "unverified", "refuted", "undecided"]
 """proved: verified in rationals. unverified: a solver claims it and the exact check does not confirm it, which is

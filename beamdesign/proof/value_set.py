@@ -12,8 +12,8 @@ from math import comb
 import numpy as np
 from flint import fmpq
 
-from beamdesign.certify.rational import nearest
-from beamdesign.certify.replay_box import ARC_PARTS, Node, Statement, Term
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.replay_box import ARC_PARTS, Node, Statement, Term
 
 _TURN = (1.0, 1j, -1.0, -1j)
 

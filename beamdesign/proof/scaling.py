@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from flint import fmpq
 
-from beamdesign.certify.box import Box, BoxVerdict, certify_box
-from beamdesign.certify.rational import nearest, shortened
-from beamdesign.certify.refute import unstable_member
-from beamdesign.certify.rig_family import Family, rig_family
 from beamdesign.polynomial import exact
+from beamdesign.proof.box import Box, BoxVerdict, certify_box
+from beamdesign.proof.rational import nearest, shortened
+from beamdesign.proof.refute import unstable_member
+from beamdesign.proof.rig_family import Family, rig_family
 from beamdesign.prototype import Prototype
 
 _TRIES = 10

@@ -7,12 +7,12 @@ from math import log
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from beamdesign.certify.any_change import Status
-from beamdesign.certify.decrease import Joining, dwell_suffices, holds_across_jumps, holds_at_rate, jump, jump_shares
-from beamdesign.certify.lmi import Answer, Sought, slowest_decay, solve_across_jumps
-from beamdesign.certify.mass_family import MassFamily, floats, rationals
-from beamdesign.certify.rational import nearest, shortened
 from beamdesign.polynomial import exact
+from beamdesign.proof.any_change import Status
+from beamdesign.proof.decrease import Joining, dwell_suffices, holds_across_jumps, holds_at_rate, jump, jump_shares
+from beamdesign.proof.lmi import Answer, Sought, slowest_decay, solve_across_jumps
+from beamdesign.proof.mass_family import MassFamily, floats, rationals
+from beamdesign.proof.rational import nearest, shortened
 
 DECAY_SHARES = (0.3, 0.6, 0.9)
 """Decay rates to try, as shares of the slowest one of a mass that stays."""
@@ -29,7 +29,7 @@ class SuddenChange:
     dwell > log(factor) / (2 decay) (average dwell time; Hespanha and Morse, 1999).
 
     Attributes:
-        status: see `beamdesign.certify.any_change.Status`.
+        status: see `beamdesign.proof.any_change.Status`.
         reason: in words, why it is not proved; empty where it is.
         joining: how payload joins.
         dwell_s: average time between changes that is proved to be enough; None where nothing is proved.

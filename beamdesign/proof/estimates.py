@@ -6,9 +6,9 @@ Nothing here is proved, and no proof rests on it; a poor guess only costs furthe
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.certify.rational import nearest
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact, roots
+from beamdesign.proof.rational import nearest
 
 _FREQUENCIES = np.geomspace(1e-1, 1e5, 400)  # rad/s
 _ZOOMS, _POINTS = 4, 21

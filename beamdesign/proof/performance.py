@@ -13,11 +13,13 @@ from typing import Literal
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.certify import estimates
-from beamdesign.certify.quadratic import Verdict, quadratic_nonnegative
-from beamdesign.certify.rational import bounds, nearest, shortened
-from beamdesign.certify.stability import StabilityMap, is_stable_over, stable_ranges
-from beamdesign.certify.statements import (
+from beamdesign.loop import Loop
+from beamdesign.polynomial import Affine, exact, roots
+from beamdesign.proof import estimates
+from beamdesign.proof.quadratic import Verdict, quadratic_nonnegative
+from beamdesign.proof.rational import bounds, nearest, shortened
+from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.proof.statements import (
     compliance_slack,
     frequency_below,
     gain_edges,
@@ -25,8 +27,6 @@ from beamdesign.certify.statements import (
     shifted,
     squared_frequency_above,
 )
-from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine, exact, roots
 
 Kind = Literal["compliance", "peak_sensitivity", "decay_rate", "gain_margin"]
 

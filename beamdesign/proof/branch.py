@@ -8,10 +8,10 @@ from time import monotonic
 import numpy as np
 from flint import fmpq
 
-from beamdesign.certify.rational import nearest, text
-from beamdesign.certify.replay_box import Cell, Statement, coefficients, dominated
-from beamdesign.certify.value_set import Pieces, delays, hulls, pieces, support, values
 from beamdesign.polynomial import exact
+from beamdesign.proof.rational import nearest, text
+from beamdesign.proof.replay_box import Cell, Statement, coefficients, dominated
+from beamdesign.proof.value_set import Pieces, delays, hulls, pieces, support, values
 
 TURN = 192
 """Directions of separating lines: multiples of a full turn over this."""

@@ -5,14 +5,14 @@ from math import inf
 
 from flint import fmpq
 
-from beamdesign.certify.any_change import AnyChange, Status, any_change
-from beamdesign.certify.bounded_rate import BoundedRate, Update, bounded_rate, quiet
-from beamdesign.certify.decrease import Joining
-from beamdesign.certify.growth import Frozen, frozen
-from beamdesign.certify.mass_family import MassFamily, closed_loop
-from beamdesign.certify.rational import nearest
-from beamdesign.certify.sudden_change import SuddenChange, sudden_change
 from beamdesign.polynomial import exact
+from beamdesign.proof.any_change import AnyChange, Status, any_change
+from beamdesign.proof.bounded_rate import BoundedRate, Update, bounded_rate, quiet
+from beamdesign.proof.decrease import Joining
+from beamdesign.proof.growth import Frozen, frozen
+from beamdesign.proof.mass_family import MassFamily, closed_loop
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.sudden_change import SuddenChange, sudden_change
 from beamdesign.prototype import Prototype
 
 JOININGS: tuple[Joining, ...] = ("matched", "from_rest")

@@ -6,10 +6,10 @@ from math import isinf
 
 from flint import fmpq_mat
 
-from beamdesign.certify.document import controller_lines, quoted, rig_lines
-from beamdesign.certify.lyapunov import Switching
-from beamdesign.certify.rational import text
 from beamdesign.polynomial import exact
+from beamdesign.proof.document import controller_lines, quoted, rig_lines
+from beamdesign.proof.lyapunov import Switching
+from beamdesign.proof.rational import text
 from beamdesign.prototype import Prototype
 
 KIND = "beamdesign.switching"
@@ -29,7 +29,7 @@ def switching_document(prototype: Prototype, found: Switching, summary: str) -> 
         *(f"# {line}".rstrip() for line in summary.splitlines()),
         "#",
         "# To prove it again with python-flint alone: python replay_lyapunov.py THIS-FILE",
-        "# (beamdesign/certify/replay_lyapunov.py). All numbers are exact: decimals or quotients, as text. P lists the",
+        "# (beamdesign/proof/replay_lyapunov.py). All numbers are exact: decimals or quotients, as text. P lists the",
         "# matrix coefficients of m^0, m^1, ... by the rows of their lower triangles, for the state",
         f"# ({', '.join(found.family.states)}).",
         "# The checksum is of the text without its own line.",

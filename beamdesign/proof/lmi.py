@@ -1,6 +1,6 @@
 """Candidates for Lyapunov functions from semidefinite programs, in coordinates in which the stiff plant is tame.
 
-Nothing here is a result. What a solver returns, and whatever it says about it, goes to `beamdesign.certify.decrease`,
+Nothing here is a result. What a solver returns, and whatever it says about it, goes to `beamdesign.proof.decrease`,
 which decides in rationals.
 """
 
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from flint import fmpq
 
-from beamdesign.certify.decrease import Joining, Terms, decrease, extremes
-from beamdesign.certify.definite import bernstein
-from beamdesign.certify.mass_family import MassFamily, floats
+from beamdesign.proof.decrease import Joining, Terms, decrease, extremes
+from beamdesign.proof.definite import bernstein
+from beamdesign.proof.mass_family import MassFamily, floats
 
 SOLVERS = ("CLARABEL", "SCS")
 ZERO = fmpq(0)

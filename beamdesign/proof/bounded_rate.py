@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from beamdesign.certify.any_change import Status
-from beamdesign.certify.decrease import Joining, holds_at_rate
-from beamdesign.certify.lmi import SOLVERS, Answer, Solve, Sought, solve
-from beamdesign.certify.mass_family import MassFamily, rationals
-from beamdesign.certify.rational import nearest, shortened
+from beamdesign.proof.any_change import Status
+from beamdesign.proof.decrease import Joining, holds_at_rate
+from beamdesign.proof.lmi import SOLVERS, Answer, Solve, Sought, solve
+from beamdesign.proof.mass_family import MassFamily, rationals
+from beamdesign.proof.rational import nearest, shortened
 
 FIRST_RATE, LEAST_RATE, LARGEST_RATE = 16.0, 1e-3, 1e6
 """kg/s at which the search starts, below which it gives up, and above which it does not ask."""
@@ -32,7 +32,7 @@ class BoundedRate:
     """Stability for every m(t) within a range that changes at no more than a given rate.
 
     Attributes:
-        status: see `beamdesign.certify.any_change.Status`; for the rate asked for, or for the largest one found.
+        status: see `beamdesign.proof.any_change.Status`; for the rate asked for, or for the largest one found.
         reason: in words, why it is not proved; empty where it is.
         joining: how payload joins.
         rate_kg_per_s: bound on |dm/dt|; None where nothing is proved.

@@ -5,10 +5,10 @@ from math import pi
 
 from flint import arb, fmpq
 
-from beamdesign.certify.box import Box
-from beamdesign.certify.rational import bounds, nearest, shortened
-from beamdesign.certify.rig_family import rig_family
 from beamdesign.polynomial import exact
+from beamdesign.proof.box import Box
+from beamdesign.proof.rational import bounds, nearest, shortened
+from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 

@@ -6,9 +6,9 @@ from itertools import chain, pairwise
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.certify.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 from beamdesign.crossing import Crossing, crossings, degree_drop, elimination, shares_axis_root
 from beamdesign.polynomial import Affine, even_odd, is_hurwitz, real_roots, value_at
+from beamdesign.proof.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The text of a certificate over a box of parameters; `beamdesign.certify.replay_box` proves it again."""
+"""The text of a certificate over a box of parameters; `beamdesign.proof.replay_box` proves it again."""
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,9 +7,9 @@ from textwrap import wrap
 import tomli_w
 from flint import fmpq
 
-from beamdesign.certify.rational import nearest, text
-from beamdesign.certify.replay_box import KIND, VERSION, Statement
-from beamdesign.certify.rig_family import Family
+from beamdesign.proof.rational import nearest, text
+from beamdesign.proof.replay_box import KIND, VERSION, Statement
+from beamdesign.proof.rig_family import Family
 
 
 def box_document(family: Family, statement: Statement, member: Mapping[str, fmpq], tree: Sequence[str] | None) -> str:
@@ -33,7 +33,7 @@ def box_document(family: Family, statement: Statement, member: Mapping[str, fmpq
         ),
         "#",
         "# To prove it again with python-flint alone: python replay_box.py THIS-FILE",
-        "# (beamdesign/certify/replay_box.py).",
+        "# (beamdesign/proof/replay_box.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
         "# text. SI units, frequencies in rad/s. The checksum is of the text without its own line.",
         "",
