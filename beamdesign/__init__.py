@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
     from beamdesign.proof.certificate import certify
-    from beamdesign.proof.replay import replay
+    from beamdesign.proof.replay_any import replay
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
     from beamdesign.state_space import state_space
@@ -29,7 +29,7 @@ _ROOMS = {
     "critical_gain": "beamdesign.loop",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
-    "replay": "beamdesign.proof.replay",
+    "replay": "beamdesign.proof.replay_any",
     "run_design": "beamdesign.study.design_run",
     "size": "beamdesign.design.sizing",
     "state_space": "beamdesign.state_space",

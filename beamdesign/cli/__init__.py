@@ -6,6 +6,7 @@ import traceback
 import typer
 
 from beamdesign.cli.certify import certify
+from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.codesign import codesign
 from beamdesign.cli.front import front
@@ -22,7 +23,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (run, size, tune, certify, certify_switching, codesign, front, remedies, paper):
+for command in (run, size, tune, certify, certify_box, certify_switching, codesign, front, remedies, paper):
     app.command(command.__name__.replace("_", "-"))(command)
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def certify_box(
-    prototype: Annotated[Path | None, typer.Argument(help="The prototype.toml to certify.")] = None,
+    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to certify.")],
     outer_end_mass: RangeOption = None,
     sigmas: Annotated[float, typer.Option(help="Standard deviations to either side of every figure.")] = 3.0,
     only: Annotated[
@@ -30,9 +30,6 @@ def certify_box(
     out: Annotated[
         Path | None, typer.Option(help="File for the certificate; else STEM.box.toml in this folder.")
     ] = None,
-    replay: Annotated[
-        Path | None, typer.Option(metavar="CERTIFICATE", help="Prove this certificate again, from its own figures.")
-    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Prove stability of a prototype for all its tolerances at once, and write the proof.
@@ -43,13 +40,6 @@ def certify_box(
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
-    if replay is not None:
-        if prototype is not None:
-            raise InputError("certify-box", [("PROTOTYPE", "has no meaning with --replay")])
-        _replay(replay, json)
-        return
-    if prototype is None:
-        raise InputError("certify-box", [("PROTOTYPE", "missing; or give --replay CERTIFICATE")])
     problems = [
         (name, f"must be a number from zero up, is {value:g}")
         for name, value in (("--sigmas", sigmas), ("--delay-s", delay_s))
@@ -158,22 +148,3 @@ def _write(path: Path, text: str) -> None:
         os.replace(partial, path)
     except OSError as error:
         raise InputError("--out", [(str(path), error.strerror or str(error))]) from error
-
-
-def _replay(path: Path, json: Path | None) -> None:
-    """Prove a certificate again from its text; exit status 1 where that fails."""
-    from beamdesign.proof.replay_box import Malformed, replay
-    from beamdesign.records import InputError
-
-    try:
-        outcome = replay(path)
-    except Malformed as error:
-        raise InputError(path, [("(certificate)", str(error))]) from error
-    for words in outcome.claims:
-        say(f"checked: {words}")
-    for words in outcome.reasons:
-        say(f"FAILED: {words}")
-    say(f"{path}: {'valid' if outcome.valid else 'NOT valid'}")
-    write_json(json, {"valid": outcome.valid, "reasons": outcome.reasons, "checked": outcome.claims})
-    if not outcome.valid:
-        raise typer.Exit(1)

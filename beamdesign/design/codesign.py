@@ -6,6 +6,7 @@ from math import log
 
 import casadi as ca
 import numpy as np
+from pydantic import ValidationError
 from scipy.stats import qmc
 
 from beamdesign.design.checks import Check, beam_mass, checks, materials
@@ -112,8 +113,12 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     return figures
 
 
-def _rig(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> LinearRig:
-    return linear_rig(problem.prototype(*tubes))
+def _rig(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> LinearRig | None:
+    """The rig with these tubes; None where the record of it refuses them."""
+    try:
+        return linear_rig(problem.prototype(*tubes))
+    except ValidationError:
+        return None
 
 
 def codesign_program(

@@ -62,7 +62,8 @@ class LoopProgram:
             finite again, so that a long step can end in an unstable loop that meets every constraint.
         tighten_below: excess of |S| (in logarithms) below which a refuted limit is tightened by it; above it, only
             check points are added, which costs rounds but nothing of the optimum.
-        rig: section variables to the rig they stand for, rounded as it will be written down.
+        rig: section variables to the rig they stand for, rounded as it will be written down; None where they are the
+            sizes of no tubes, or of an inner one that does not go into the outer one.
         flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
         cost: of a proved loop, to choose the best one by.
     """
@@ -78,7 +79,7 @@ class LoopProgram:
     upper: np.ndarray
     reach: float
     tighten_below: float
-    rig: Callable[[np.ndarray], LinearRig]
+    rig: Callable[[np.ndarray], LinearRig | None]
     flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
 
@@ -223,9 +224,14 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         variables = solver(anchor, points, inside, reach)
         if not np.isfinite(variables).all():
             return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
+        rig = program.rig(variables[count + 2 :])
+        if rig is None:
+            reason = "the refined sizes are no pair of tubes"
+            reach *= 0.4
+            continue
         controller = program.form.rounded([float(value) for value in variables[:count]])
         inner = round(float(variables[count]), 6)
-        loop = close_loop(program.rig(variables[count + 2 :]).plant(inner), controller)
+        loop = close_loop(rig.plant(inner), controller)
         certificates += 1
         if not is_stable_over(loop.characteristic, exact(low), exact(high)):
             reason = "the refined loop is not stable over the whole range"

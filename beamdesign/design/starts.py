@@ -36,7 +36,10 @@ def best_starts(
     for sample in samples:
         sections = sample[names + 2 :]
         if sections.tobytes() not in grids:
-            grids = {sections.tobytes(): grid_plant(program.rig(sections), SEARCH_FREQUENCIES_HZ)}
+            rig = program.rig(sections)
+            if rig is None:
+                continue
+            grids = {sections.tobytes(): grid_plant(rig, SEARCH_FREQUENCIES_HZ)}
         best = best_gain(
             grids[sections.tobytes()],
             program.form,
@@ -59,8 +62,10 @@ def best_starts(
             break
         if any(np.linalg.norm((variables - other)[free] / spread[free]) < _APART for other in chosen):
             continue
-        proofs += 1
         rig = program.rig(variables[names + 2 :])
+        if rig is None:
+            continue
+        proofs += 1
         controller = program.form.rounded(variables[:names].tolist())
         loop = close_loop(rig.plant(float(variables[names])), controller)
         if is_stable_over(loop.characteristic, exact(low), exact(high)):
