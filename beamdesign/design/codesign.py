@@ -236,7 +236,7 @@ def codesign(
     head = len(form.names) + 2
     told(0.0, "coarse search")
     program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)
-    starts = [point.proved.variables for point in near]
+    starts, nothing = [point.proved.variables for point in near], ""
     if not near:
 
         def score(variables: np.ndarray) -> float:
@@ -244,7 +244,14 @@ def codesign(
             missing = max(1.0, bandwidth_Hz / float(np.exp(variables[head - 1])))
             return missing * (section_mass(problem, variables[head:]) + float(variables[head - 2]))
 
-        starts, _ = best_starts(program, _samples(problem, program), score, STARTS)
+        samples = _samples(problem, program)
+        starts, _ = best_starts(program, samples, score, STARTS)
+        if not starts:
+            nothing = (
+                "no sampled gain keeps the peak sensitivity over the whole range"
+                if len(samples)
+                else "no sampled sections come near the structural checks; `beamdesign size` says which to relax"
+            )
     points: list[CodesignPoint] = []
     attempts: list[float | str] = []
     for k, start in enumerate(starts):
@@ -259,7 +266,7 @@ def codesign(
     if not points:
         low, high = outer_end_mass_kg
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
-            "; ".join(str(attempt) for attempt in dict.fromkeys(attempts)) or "no sampled design has a feasible gain"
+            "; ".join(str(attempt) for attempt in dict.fromkeys(attempts)) or nothing
         )
         return Codesign(bandwidth_Hz, outer_end_mass_kg, None, tuple(attempts), reason)
     best = min(points, key=lambda point: point.moving_mass_kg)
