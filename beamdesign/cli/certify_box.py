@@ -32,7 +32,9 @@ def certify_box(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Prove stability of a prototype for all its tolerances at once, and write the proof.
+    """Prove stability for all tolerances at once.
+
+    Figures, end masses and a delay vary together; the proof is written down.
 
     Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
@@ -90,8 +92,7 @@ def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
     last = () if verdict.unstable_point is None else ("not stable at",)
     say_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
     if verdict.stable is not True:
-        if verdict.stable is None:
-            say(f"  {verdict.reason}")
+        say(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
         if verdict.volumes is not None:
             shares = [nearest(share) for share in verdict.volumes]
             say("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
