@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from flint import ctx, fmpq
 from typer.testing import CliRunner
 
-from beamdesign.cli.certify_box import certify_box as command
+from beamdesign.cli import app
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
@@ -206,47 +205,51 @@ def test_rig_with_delay_agrees_with_its_loop_response(rig):
     assert certify_box(fixed, box_of({"delay": (0.0, float(1.01 * limit))}), volumes=False).stable is False
 
 
-APP = typer.Typer()
-APP.command()(command)
-
-
 def test_command(rig, tmp_path: Path):
     path, out, table = tmp_path / "rig.toml", tmp_path / "proof" / "box.toml", tmp_path / "result.json"
     write_prototype(rig, path)
     run = CliRunner().invoke
-    done = run(APP, [str(path), "--sigmas", "1", "--out", str(out), "--json", str(table)])
+    done = run(app, ["certify-box", str(path), "--sigmas", "1", "--out", str(out), "--json", str(table)])
     assert done.exit_code == 0, done.output
     result = json.loads(table.read_text())
     assert result["stable"] is True
     assert result["box"]["valve_frequency_Hz"] == pytest.approx([142.5, 157.5])
     assert result["certificate"] == str(out)
-    assert run(APP, ["--replay", str(out)]).exit_code == 0
+    assert run(app, ["certify", "--replay", str(out)]).exit_code == 0
     out.write_text(out.read_text().replace('outer_end_mass = ["0", "6.8"]', 'outer_end_mass = ["0", "99"]'))
-    assert run(APP, ["--replay", str(out)]).exit_code == 1
+    assert run(app, ["certify", "--replay", str(out)]).exit_code == 1
 
     refuted = ["--only", "flow_gain", "--outer-end-mass", "0:40", "--out", str(out), "--json", str(table)]
-    done = run(APP, [str(path), *refuted])
+    done = run(app, ["certify-box", str(path), *refuted])
     assert done.exit_code == 1
     result = json.loads(table.read_text())
     assert result["stable"] is False
     assert 6.8 < result["unstable_point"]["outer_end_mass_kg"] <= 40
     assert result["stable_fraction"] + result["unstable_fraction"] + result["undecided_fraction"] == pytest.approx(1)
-    assert run(APP, ["--replay", str(out)]).exit_code == 0
+    assert run(app, ["certify", "--replay", str(out)]).exit_code == 0
 
 
-def test_command_refuses_bad_input(rig, paper, tmp_path: Path):
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (["--sigmas", "-1"], "--sigmas"),
+        (["--sigmas", "6"], "reach zero"),
+        (["--only", "colour"], "colour"),
+        (["--outer-end-mass", "3:1"], "3:1"),
+        (["--delay-s", "nan"], "--delay-s"),
+    ],
+)
+def test_command_refuses_bad_input(rig, tmp_path: Path, arguments, key):
     path = tmp_path / "rig.toml"
     write_prototype(rig, path)
-    bare = tmp_path / "bare.toml"
-    write_prototype(paper, bare)
-    for arguments, key in (
-        ([str(path), "--sigmas", "-1"], "--sigmas"),
-        ([str(path), "--only", "colour"], "colour"),
-        ([str(path), "--outer-end-mass", "3:1"], "3:1"),
-        ([str(bare)], "controller"),
-        ([], "PROTOTYPE"),
-        (["--replay", str(path)], "kind"),
-    ):
-        result = CliRunner().invoke(APP, arguments)
-        assert isinstance(result.exception, InputError)
-        assert key in str(result.exception)
+    result = CliRunner().invoke(app, ["certify-box", str(path), *arguments])
+    assert isinstance(result.exception, InputError)
+    assert key in str(result.exception)
+
+
+def test_command_needs_a_controller(paper, tmp_path: Path):
+    path = tmp_path / "bare.toml"
+    write_prototype(paper, path)
+    result = CliRunner().invoke(app, ["certify-box", str(path)])
+    assert isinstance(result.exception, InputError)
+    assert "controller" in str(result.exception)

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, say_table, write_json
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    file_to_write,
+    mass_range,
+    progress,
+    say,
+    say_table,
+    write_json,
+)
+from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.proof.box import Box, BoxVerdict
@@ -28,7 +38,8 @@ def certify_box(
     budget: Annotated[int, typer.Option(min=1, help="Most pieces of frequency and parameters to look at.")] = 4000,
     seconds: Annotated[float, typer.Option(help="Most time for the search of one box.")] = inf,
     out: Annotated[
-        Path | None, typer.Option(help="File for the certificate; else STEM.box.toml in this folder.")
+        Path | None,
+        typer.Option(callback=file_to_write, help="File for the certificate; else STEM.box.toml in this folder."),
     ] = None,
     json: JsonOption = None,
 ) -> None:
@@ -71,7 +82,7 @@ def certify_box(
     if found is not None:
         say(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
     if verdict.certificate:
-        _write(path, verdict.certificate)
+        write_whole(path, verdict.certificate)
         say(f"certificate: {path}")
     write_json(json, _fields(record, box, verdict, found) | {"certificate": path if verdict.certificate else None})
     if not verdict.stable:
@@ -134,18 +145,3 @@ def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Sc
         },
         "not_covered": list(record.effects),
     }
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    import os
-
-    from beamdesign.records import InputError
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".part")
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    except OSError as error:
-        raise InputError("--out", [(str(path), error.strerror or str(error))]) from error
