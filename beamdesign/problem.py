@@ -8,7 +8,7 @@ from pydantic import Field
 
 from beamdesign import records
 from beamdesign.materials import unknown_material
-from beamdesign.prototype import Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
+from beamdesign.prototype import FIT_M, Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 
 
@@ -111,7 +111,7 @@ class DesignProblem(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Given sections fit into each other, fixed ones are given, and there is a payload range."""
         figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]) > 0:
+        if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
             yield Problem(
                 "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
             )

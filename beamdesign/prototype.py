@@ -14,6 +14,9 @@ from beamdesign.whole_file import write_whole
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
 
+FIT_M = 1e-9
+"""Least play of a tube inside another; what differs by less is the same size, rounded differently."""
+
 
 class Beam(Record):
     """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
@@ -176,7 +179,7 @@ class Prototype(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The inner beam fits inside the outer one."""
         figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]) > 0:
+        if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
             yield Problem(
                 "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
             )
