@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from beamdesign.control_models import state_space
     from beamdesign.design.codesign import codesign
     from beamdesign.design.sizing import size
     from beamdesign.design.tuning import tune
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from beamdesign.proof.replay_any import replay
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
-    from beamdesign.state_space import state_space
     from beamdesign.study.design_run import run_design
 
 _ROOMS = {
@@ -32,7 +32,7 @@ _ROOMS = {
     "replay": "beamdesign.proof.replay_any",
     "run_design": "beamdesign.study.design_run",
     "size": "beamdesign.design.sizing",
-    "state_space": "beamdesign.state_space",
+    "state_space": "beamdesign.control_models",
     "tune": "beamdesign.design.tuning",
     "write_prototype": "beamdesign.prototype",
 }
