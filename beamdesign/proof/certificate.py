@@ -12,8 +12,8 @@ from beamdesign.proof.document import document
 from beamdesign.proof.performance import (
     Claim,
     Kind,
-    guaranteed_bandwidth,
-    guaranteed_peak_sensitivity,
+    bandwidth_where_stable,
+    peak_sensitivity_where_stable,
     prove_compliance,
     prove_decay_rate,
     prove_gain_margin,
@@ -137,10 +137,10 @@ def decide(closed: Loop, asked: Asked, low_kg: float, high_kg: float) -> Claim:
 
 
 def _guarantees(closed: Loop, goal: Goal, low_kg: float, high_kg: float) -> tuple[Guaranteed, list[Claim]]:
-    """The best figures, and each as a claim that holds."""
-    ends = (low_kg, high_kg)
-    bandwidth = guaranteed_bandwidth(closed, goal.compliance_m_per_N, *ends)
-    peak = guaranteed_peak_sensitivity(closed, *ends)
+    """The best figures of a range that is proved to be stable, and each as a claim that holds."""
+    ends, masses = (low_kg, high_kg), (exact(low_kg), exact(high_kg))
+    bandwidth = bandwidth_where_stable(closed, exact(goal.compliance_m_per_N), *masses)
+    peak = peak_sensitivity_where_stable(closed, *masses)
     proved = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
     if bandwidth > 0:
         proved.append(Claim("compliance", goal.compliance_m_per_N, ends, True, bandwidth))

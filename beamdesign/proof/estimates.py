@@ -24,7 +24,8 @@ def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
 
 def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
     """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
-    constant, slope, returned = (_floats(p) for p in (loop.opened.constant, loop.opened.slope, loop.returned))
+    degree = max(polynomial.degree() for polynomial in (loop.opened.constant, loop.opened.slope, loop.returned))
+    constant, slope, returned = (_floats(p, degree) for p in (loop.opened.constant, loop.opened.slope, loop.returned))
 
     def seen(masses: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest |S| of each mass over its row of frequencies, and where."""
@@ -36,11 +37,12 @@ def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
 
     def with_poles(masses: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
         """The frequencies, and for each mass those of its poles."""
-        closed = np.polyadd(constant, returned)
-        found = [np.abs(np.roots(np.polyadd(closed, mass * slope))) for mass in masses]
-        most = max(len(poles) for poles in found)
-        near = [np.pad(poles, (0, most - len(poles)), constant_values=1.0) for poles in found]
-        return np.hstack([np.broadcast_to(frequencies, (len(masses), len(frequencies))), np.array(near)])
+        closed = constant + returned + masses[:, None] * slope
+        companions = np.zeros((len(masses), degree, degree))
+        companions[:, :1] = -closed[:, None, 1:] / closed[:, None, :1]
+        companions[:, 1:, :-1] = np.eye(max(degree - 1, 0))
+        poles = np.abs(np.linalg.eigvals(companions))
+        return np.hstack([np.broadcast_to(frequencies, (len(masses), len(frequencies))), poles])
 
     masses = np.array(sampled_masses(low, high))
     ends = masses[0], masses[-1]
@@ -76,6 +78,6 @@ def gain_margin(loop: Loop, low: fmpq, high: fmpq) -> float:
     return min((value for value in crossings if value > 1), default=np.inf)
 
 
-def _floats(polynomial: fmpq_poly) -> np.ndarray:
-    """Coefficients, highest power first."""
-    return np.array([nearest(value) for value in reversed(polynomial.coeffs())])
+def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:
+    """Coefficients from that of the given degree down."""
+    return np.array([nearest(polynomial[power]) for power in range(degree, -1, -1)])

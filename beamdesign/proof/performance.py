@@ -223,9 +223,12 @@ def guaranteed_bandwidth(loop: Loop, limit_m_per_N: float | fmpq, low: float | f
     It comes from the cell in which the inequality first fails; everything up to there is proved by the same cells.
     """
     limit, masses = _positive(limit_m_per_N), _rationals(low, high)
-    if not is_stable_over(loop.characteristic, *masses):
-        return 0.0
-    verdict = quadratic_nonnegative(*compliance_slack(loop, limit), *masses, fmpq(0), None)
+    return bandwidth_where_stable(loop, limit, *masses) if is_stable_over(loop.characteristic, *masses) else 0.0
+
+
+def bandwidth_where_stable(loop: Loop, limit_m_per_N: fmpq, low: fmpq, high: fmpq) -> float:
+    """The same for a range that is proved to be stable already."""
+    verdict = quadratic_nonnegative(*compliance_slack(loop, limit_m_per_N), low, high, fmpq(0), None)
     if verdict.holds_to is None:
         return inf
     reached = frequency_below(verdict.holds_to)
@@ -276,13 +279,16 @@ def _most_proved(start: float, proves: Callable[[fmpq], bool], least: float) -> 
 def guaranteed_peak_sensitivity(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:
     """The least peak sensitivity that is proved, to 1e-4 and rounded up; infinite where the range is not stable."""
     masses = _rationals(low, high)
-    if not is_stable_over(loop.characteristic, *masses):
-        return inf
+    return peak_sensitivity_where_stable(loop, *masses) if is_stable_over(loop.characteristic, *masses) else inf
+
+
+def peak_sensitivity_where_stable(loop: Loop, low: fmpq, high: fmpq) -> float:
+    """The same for a range that is proved to be stable already."""
 
     def proves(limit: fmpq) -> bool:
-        return quadratic_nonnegative(*sensitivity_slack(loop, limit), *masses, fmpq(0), None).holds
+        return quadratic_nonnegative(*sensitivity_slack(loop, limit), low, high, fmpq(0), None).holds
 
-    return _least_proved(estimates.peak_sensitivity(loop, *masses), proves, 1e12)
+    return _least_proved(estimates.peak_sensitivity(loop, low, high), proves, 1e12)
 
 
 def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:

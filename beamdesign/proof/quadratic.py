@@ -1,6 +1,6 @@
 """Proof that a quadratic in the mass, its coefficients polynomials in x = w^2, is nowhere negative on a rectangle."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -87,21 +87,20 @@ def _negative_at(a: fmpq, b: fmpq, c: fmpq, low: fmpq, high: fmpq) -> fmpq | Non
     return mass
 
 
-def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> list[tuple[fmpq, fmpq]]:
+def _cells(dividers: Sequence[fmpq_poly], x_low: fmpq, x_high: fmpq | None) -> Iterator[tuple[fmpq, fmpq]]:
     """For each open cell between the dividers' roots, ascending: a rational just below its start, and one inside it."""
     if x_low == x_high:
-        return [(x_low, x_low)]
+        yield x_low, x_low
+        return
     precision = 32  # mostly enough, and arb takes a third of the time it needs for 64
     while (roots := _inner_roots(dividers, x_low, x_high, precision)) is None:
         precision *= 2
         if precision == 256:  # common roots of two dividers would never be told apart
             dividers = _coprime(dividers)
     edges = [(x_low, x_low), *roots]
-    cells = []
     for i, (below, start) in enumerate(edges):
         end = edges[i + 1][0] if i + 1 < len(edges) else x_high
-        cells.append((below, simple_between(start, 2 * start + 2 if end is None else end)))
-    return cells
+        yield below, simple_between(start, 2 * start + 2 if end is None else end)
 
 
 def _inner_roots(
