@@ -684,7 +684,6 @@ def test_command_says_no_for_an_unstable_loop(remedy, tmp_path):
         (["--outer-end-mass", "3:2"], "3:2"),
         (["--rate", "-1"], "--rate"),
         (["--rate", "nan"], "--rate"),
-        (["--out", "."], "--out"),
     ],
 )
 def test_command_refuses_bad_input(loose, tmp_path, extra, key):
