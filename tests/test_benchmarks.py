@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beamdesign.control_models import state_space
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.state_space import state_space
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "studies" / "benchmarks"))
