@@ -8,31 +8,31 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from beamdesign.certify.certificate import certify
-    from beamdesign.certify.replay import replay
+    from beamdesign.control_models import state_space
     from beamdesign.design.codesign import codesign
     from beamdesign.design.sizing import size
     from beamdesign.design.tuning import tune
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
+    from beamdesign.proof.certificate import certify
+    from beamdesign.proof.replay_any import replay
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
-    from beamdesign.state_space import state_space
     from beamdesign.study.design_run import run_design
 
 _ROOMS = {
     "DesignProblem": "beamdesign.problem",
     "InputError": "beamdesign.records",
     "Prototype": "beamdesign.prototype",
-    "certify": "beamdesign.certify.certificate",
+    "certify": "beamdesign.proof.certificate",
     "codesign": "beamdesign.design.codesign",
     "critical_gain": "beamdesign.loop",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
-    "replay": "beamdesign.certify.replay",
+    "replay": "beamdesign.proof.replay_any",
     "run_design": "beamdesign.study.design_run",
     "size": "beamdesign.design.sizing",
-    "state_space": "beamdesign.state_space",
+    "state_space": "beamdesign.control_models",
     "tune": "beamdesign.design.tuning",
     "write_prototype": "beamdesign.prototype",
 }

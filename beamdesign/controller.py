@@ -22,7 +22,7 @@ class TransferFunction:
 
 
 def _break(frequency_Hz: float) -> fmpq_poly:
-    """1 + s / (2 pi f), with the float of 2 pi f taken as exact."""
+    """1 + s / (2 pi f), with the decimal form of 2 pi f taken as exact."""
     return fmpq_poly([1, 1 / exact(2 * pi * frequency_Hz)])
 
 

@@ -2,16 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly, fmpz
 
 
 def exact(value: float) -> fmpq:
-    """The rational of a float's shortest decimal form: 0.1 gives 1/10, not the nearest binary fraction."""
-    fraction = Fraction(repr(float(value)))
-    return fmpq(fraction.numerator, fraction.denominator)
+    """The rational of a float's shortest decimal form: 0.1 gives 1/10, not the nearest binary fraction.
+
+    Raises:
+        ValueError: for infinity and for what is not a number.
+    """
+    digits, _, exponent = repr(float(value)).partition("e")
+    whole, _, decimals = digits.partition(".")
+    power = int(exponent or 0) - len(decimals)
+    integer = int(whole + decimals)
+    return fmpq(integer * 10**power) if power >= 0 else fmpq(integer, 10**-power)
 
 
 @dataclass(frozen=True)

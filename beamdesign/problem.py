@@ -8,7 +8,7 @@ from pydantic import Field
 
 from beamdesign import records
 from beamdesign.materials import unknown_material
-from beamdesign.prototype import Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
+from beamdesign.prototype import FIT_M, Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 
 
@@ -32,14 +32,17 @@ class BeamProblem(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """A given section is whole and possible; the free length lies within the length."""
-        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
             yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
-        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
+        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
             yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
         if (table.get("width_m") is None) != (table.get("wall_m") is None):
             yield Problem("", "width_m and wall_m go together: give both or neither")
         if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
             yield Problem("material", reason)
+
+
+_SIZES = {"least_wall_m": 0.002, "largest_width_m": 0.2}
 
 
 class Sections(Record):
@@ -48,11 +51,17 @@ class Sections(Record):
     choose: Annotated[
         Literal["free", "stock", "fixed"], Field(description="free sizes, stock sizes, or the sections given")
     ] = "stock"
-    least_wall_m: Annotated[Positive, Field(description="thinnest wall that may be used")] = 0.002
-    largest_width_m: Annotated[Positive, Field(description="widest tube that may be used")] = 0.2
+    least_wall_m: Annotated[Positive, Field(description="thinnest wall that may be used")] = _SIZES["least_wall_m"]
+    largest_width_m: Annotated[Positive, Field(description="widest tube that may be used")] = _SIZES["largest_width_m"]
     width_to_wall_at_most: Annotated[
         Positive | None, Field(description="limit of b / t, beside the check of local buckling")
     ] = None
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The thinnest wall fits into the widest tube."""
+        if (pair := numbers({**_SIZES, **table}, *_SIZES)) and pair[0] >= pair[1] / 2 > 0:
+            yield Problem("least_wall_m", f"{pair[0]} is not less than half of largest_width_m, {pair[1] / 2}")
 
 
 class Clearance(Record):
@@ -83,7 +92,7 @@ class ControllerKind(Record):
 class DesignProblem(Record):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     load: Load
     sections: Sections = Sections()
     outer_beam: BeamProblem
@@ -102,7 +111,7 @@ class DesignProblem(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Given sections fit into each other, fixed ones are given, and there is a payload range."""
         figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]):
+        if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
             yield Problem(
                 "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
             )

@@ -9,9 +9,13 @@ from pydantic import Field, FiniteFloat
 from beamdesign import records
 from beamdesign.materials import unknown_material
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+from beamdesign.whole_file import write_whole
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
+
+FIT_M = 1e-9
+"""Least play of a tube inside another; what differs by less is the same size, rounded differently."""
 
 
 class Beam(Record):
@@ -40,13 +44,13 @@ class Beam(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Walls fit in widths, free lengths in lengths, and the lumped figures can be had."""
-        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
             yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
         if (pair := numbers(table, "corner_radius_m", "wall_m")) and 0 < pair[0] < pair[1]:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} is less than the wall, {pair[1]}")
-        if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2:
+        if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2 > 0:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} exceeds half the width, {pair[1] / 2}")
-        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1]:
+        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
             yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
         if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
             yield Problem("material", reason)
@@ -67,7 +71,7 @@ class Servovalve(Record):
     """Second-order servovalve with leakage, equations (13) and (14)."""
 
     flow_gain_m3_per_s_per_A: Annotated[Positive, Field(lt=10, description="K_q, no-load flow gain")]
-    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-6, description="K_pq = K_q / K_p")]
+    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-8, description="K_pq = K_q / K_p")]
     natural_frequency_Hz: Annotated[Positive, Field(description="f_n of the spool")]
     damping_ratio: Annotated[
         Positive, Field(lt=10, description="xi; the paper does not give it, 0.5 reproduces its critical gains")
@@ -115,7 +119,7 @@ class Payload(Record):
         if not isinstance(bounds, tuple) or len(bounds) != 2:
             return
         pair = numbers({"least": bounds[0], "most": bounds[1]}, "least", "most")
-        if pair and pair[0] > pair[1]:
+        if pair and pair[0] > pair[1] >= 0:
             yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}")
 
 
@@ -157,7 +161,7 @@ class Guarantee(Record):
 class Prototype(Record):
     """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     kind: Literal["twin_beam"] = "twin_beam"
     outer_beam: Beam
     inner_beam: Beam
@@ -175,7 +179,7 @@ class Prototype(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The inner beam fits inside the outer one."""
         figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] >= (opening := figures[1] - 2 * figures[2]):
+        if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
             yield Problem(
                 "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
             )
@@ -197,7 +201,7 @@ def read_prototype(path: str | Path) -> Prototype:
 
 def write_prototype(prototype: Prototype, path: str | Path) -> None:
     """Write a prototype.toml from which `read_prototype` gives back an equal record."""
-    Path(path).write_text(records.to_toml(prototype), encoding="utf-8")
+    write_whole(Path(path), records.to_toml(prototype))
 
 
 def prototype_from(table: dict[str, Any], source: str | Path = "prototype") -> Prototype:

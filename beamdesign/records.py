@@ -107,10 +107,13 @@ def numbers(table: Mapping[str, Any], *keys: str) -> tuple[float, ...] | None:
         value: Any = table
         for step in key.split("."):
             value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float):
             return None
-        values.append(float(value))
-    return tuple(values)
+        try:
+            values.append(float(value))
+        except OverflowError:  # an integer beyond every float
+            return None
+    return tuple(values) if all(map(isfinite, values)) else None
 
 
 R = TypeVar("R", bound=Record)
@@ -133,17 +136,18 @@ def _nested_records(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _walk(record: type[BaseModel], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
-    """The path as a user would write it (without tags of unions), and the keys allowed at its end."""
+    """The path as a user would write it, without tags of unions and places in lists; and the keys allowed there."""
     written: list[str] = []
     choices = [record]
     for step in path:
-        name = str(step)
-        tagged = [c for c in choices if len(choices) > 1 and c.model_fields["kind"].default == name]
+        if isinstance(step, int):
+            continue
+        tagged = [c for c in choices if len(choices) > 1 and c.model_fields["kind"].default == step]
         if tagged:
             choices = tagged
             continue
-        written.append(name)
-        fields = [c.model_fields[name].annotation for c in choices if name in c.model_fields]
+        written.append(step)
+        fields = [c.model_fields[step].annotation for c in choices if step in c.model_fields]
         choices = [nested for annotation in fields for nested in _nested_records(annotation)]
     return written, list(dict.fromkeys(key for choice in choices for key in choice.model_fields))
 
@@ -155,31 +159,60 @@ def _unknown_key_reason(key: str, known: Sequence[str]) -> str:
         if stem != key and f"{stem}_{right}" in known:
             return f"wrong unit {wrong}: give {stem}_{right}, in {right.replace('_per_', '/')}"
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
-    return "unknown key" + (f"; did you mean {close[0]}?" if close else "")
+    if close:
+        return f"unknown key; did you mean {close[0]}?"
+    return f"unknown key; known here are {', '.join(known)}" if known else "unknown key"
+
+
+def _shown(value: Any) -> str:
+    """A value as it might stand in the file, cut where it is long."""
+    text = repr(list(value) if isinstance(value, tuple) else value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+_COMPARED = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+}
+
+_NOUNS = {
+    "float_type": "a number",
+    "string_type": "text in quotes",
+    "tuple_type": "a list in square brackets",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+}
 
 
 def _reason(item: Any) -> str:
     """One validation error in words."""
-    match item["type"]:
+    kind, context, given = item["type"], item.get("ctx", {}), item["input"]
+    if kind in _COMPARED:
+        words, bound = _COMPARED[kind]
+        return f"must be {words} {context[bound]:g}, is {_shown(given)}"
+    if kind in _NOUNS:
+        return f"must be {_NOUNS[kind]}, is {_shown(given)}"
+    match kind:
         case "missing":
             return "missing"
-        case "value_error":
-            return str(item["ctx"]["error"])
         case "relation" | "said":
             return str(item["msg"])
         case "finite_number":
-            return f"must be a finite number, is {item['input']}"
-        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-            return f"must be {item['msg'].removeprefix('Input should be ')}, is {item['input']}"
-        case "float_type" | "int_type":
-            return f"must be a number, is {item['input']!r}"
-        case "model_type" | "model_attributes_type" | "dict_type":
-            return f"must be a table, is {item['input']!r}"
+            return f"must be a finite number, is {_shown(given)}"
+        case "too_long":
+            return f"must hold {context['max_length']} entries, holds {context['actual_length']}"
+        case "string_too_short":
+            return "must not be empty"
+        case "literal_error":
+            return f"must be {context['expected']}, is {_shown(given)}"
         case "union_tag_not_found":
             return "missing kind"
         case "union_tag_invalid":
-            return f"kind must be one of {item['ctx']['expected_tags']}, is {item['ctx']['tag']!r}"
-    return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {item['input']!r}"
+            return f"kind must be one of {context['expected_tags']}, is {context['tag']!r}"
+    return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {_shown(given)}"
 
 
 def _problems(error: ValidationError, record: type[BaseModel]) -> list[Problem]:
@@ -191,7 +224,8 @@ def _problems(error: ValidationError, record: type[BaseModel]) -> list[Problem]:
             reason = _unknown_key_reason(written[-1], known)
         else:
             reason = _reason(item)
-        problems.append(Problem(".".join(written) or "(whole file)", reason))
+        places = "".join(f"entry {step + 1}: " for step in item["loc"] if isinstance(step, int))
+        problems.append(Problem(".".join(written) or "(whole file)", places + reason))
     return problems
 
 

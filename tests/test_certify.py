@@ -11,13 +11,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from beamdesign.certify.certificate import Asked, certify, describe
-from beamdesign.certify.replay import Family, replay
-from beamdesign.certify.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.cli.certify import certify as command
 from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
+from beamdesign.proof.certificate import Asked, certify, describe
+from beamdesign.proof.replay import Family, replay
+from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import InputError
 

@@ -9,9 +9,9 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamdesign.control_models import state_space
 from beamdesign.loop import LoopAtMass, critical_gain, loop
 from beamdesign.prototype import Lag, Payload, Proportional, Prototype
-from beamdesign.state_space import state_space
 
 
 @pytest.fixture(params=["remedy", "lag", "proportional", "filter", "loaded at low gain"])

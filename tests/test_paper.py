@@ -10,6 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from beamdesign.cli import app
 from beamdesign.cli.paper import paper as command
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam, notes
@@ -30,9 +31,9 @@ def comparison() -> Comparison:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the command writes, once for all tests."""
     out = tmp_path_factory.mktemp("paper") / "result"
-    app = typer.Typer()
-    app.command()(command)
-    result = CliRunner().invoke(app, ["--out", str(out), "--json", str(out / "again" / "copy.json")])
+    alone = typer.Typer()
+    alone.command()(command)
+    result = CliRunner().invoke(alone, ["--out", str(out), "--json", str(out / "again" / "copy.json")])
     assert result.exit_code == 0, result.output
     (out / "printed.txt").write_text(result.output, encoding="utf-8")
     return out
@@ -160,5 +161,6 @@ def test_cliff_is_where_a_second_pair_of_crossings_appears():
 
 def test_a_file_in_the_way_is_bad_input(tmp_path: Path):
     (tmp_path / "taken").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match="not a folder that can be written"):
-        command(tmp_path / "taken")
+    result = CliRunner().invoke(app, ["paper", "--out", str(tmp_path / "taken")])
+    assert isinstance(result.exception, InputError)
+    assert "is a file, not a folder" in str(result.exception)

@@ -8,7 +8,10 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign.certify.performance import (
+from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.loop import Loop, loop
+from beamdesign.polynomial import Affine, exact
+from beamdesign.proof.performance import (
     LARGEST_GAIN_MARGIN,
     guaranteed_bandwidth,
     guaranteed_decay_rate,
@@ -19,13 +22,10 @@ from beamdesign.certify.performance import (
     prove_gain_margin,
     prove_peak_sensitivity,
 )
-from beamdesign.certify.quadratic import quadratic_nonnegative
-from beamdesign.certify.rational import nearest
-from beamdesign.certify.replay import Slack
-from beamdesign.certify.statements import frequency_below, shifted, squared_frequency_above
-from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.loop import Loop, loop
-from beamdesign.polynomial import Affine, exact
+from beamdesign.proof.quadratic import quadratic_nonnegative
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.replay import Slack
+from beamdesign.proof.statements import frequency_below, shifted, squared_frequency_above
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, Proportional, Prototype
 
 quick = settings(max_examples=80, deadline=None)

@@ -9,8 +9,8 @@ import pytest
 import typer.main
 
 import beamdesign
-from beamdesign.certify.certificate import Asked, certify
 from beamdesign.cli import app
+from beamdesign.proof.certificate import Asked, certify
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, read_prototype
 
 ROOT = Path(__file__).parent.parent

@@ -13,10 +13,10 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign.certify import replay as module
-from beamdesign.certify.certificate import Asked, certify
-from beamdesign.certify.replay import Malformed, rational, replay
 from beamdesign.polynomial import roots
+from beamdesign.proof import replay as module
+from beamdesign.proof.certificate import Asked, certify
+from beamdesign.proof.replay import Malformed, rational, replay
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 
 ASKED = (

@@ -14,10 +14,10 @@ from finished_run import finished_run
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.certify.replay import replay
 from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam
+from beamdesign.proof.replay import replay
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
 from beamdesign.report.acceptance import acceptance

@@ -1,10 +1,12 @@
 """The command line: one file per command, each importing its engine only when it runs."""
 
 import sys
+import traceback
 
 import typer
 
 from beamdesign.cli.certify import certify
+from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.codesign import codesign
 from beamdesign.cli.front import front
@@ -22,17 +24,26 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (run, size, tune, certify, certify_switching, codesign, front, remedies, simulate, paper):
+for command in (run, size, tune, certify, certify_box, certify_switching, codesign, front, remedies, simulate, paper):
     app.command(command.__name__.replace("_", "-"))(command)
+
+
+FAULT = 3
+"""Exit status where the program itself has failed."""
 
 
 def main() -> None:
     """Run the command line; bad input ends with exit status 2 and one line per problem on stderr."""
-    from beamdesign.records import InputError
-
     try:
         app()
-    except InputError as error:
-        for line in str(error).splitlines():
-            print(line, file=sys.stderr)
+    except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
+        print(f"{error.filename or 'beamdesign'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(2)
+    except Exception as error:
+        from beamdesign.records import InputError
+
+        if isinstance(error, InputError):
+            print(error, file=sys.stderr)
+            sys.exit(2)
+        traceback.print_exc()
+        sys.exit(FAULT)  # not 1: a fault of the program is no answer

@@ -1,17 +1,17 @@
 """`beamdesign certify`: stability and performance proved over a range of end masses, and proved again from text."""
 
-import os
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, RangeOption, mass_range, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, say, say_table, write_json
+from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from beamdesign.certify.certificate import Asked, Certificate
     from beamdesign.crossing import Crossing
+    from beamdesign.proof.certificate import Asked, Certificate
     from beamdesign.prototype import Prototype
 
 
@@ -31,7 +31,12 @@ def certify(
         float | None, typer.Option("--gain-margin", help="Claim stability with the gain times all from 1 to this.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File for the certificate; else STEM.certificate.toml in this folder.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=file_to_write,
+            help="File for the certificate; else STEM.certificate.toml in this folder.",
+        ),
     ] = None,
     replay: Annotated[
         Path | None,
@@ -39,10 +44,10 @@ def certify(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Prove stability and performance of a prototype for every outer end mass of a range, and write the proof.
+    """Prove stability and performance over a payload range.
 
-    All decisions are exact, none is sampled. Exit status 0 if the loop is stable over the whole range and every claim
-    that was made holds, 1 otherwise.
+    For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
+    Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
     """
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -69,13 +74,11 @@ def certify(
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     asked = _asked(record, figures)
     path = Path(f"{prototype.stem}.certificate.toml") if out is None else out
-    if path.is_dir():
-        raise InputError("--out", [(str(path), "is a folder; name a file for the certificate")])
 
-    from beamdesign.certify.certificate import certify as prove
+    from beamdesign.proof.certificate import certify as prove
 
     certificate = prove(record, *masses, asked)
-    _write(path, certificate.text)
+    write_whole(path, certificate.text)
     _say(record, certificate)
     say(f"certificate: {path}")
     write_json(json, _fields(certificate) | {"certificate": path})
@@ -85,7 +88,7 @@ def certify(
 
 def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked"]:
     """The claims made on the command line."""
-    from beamdesign.certify.certificate import Asked
+    from beamdesign.proof.certificate import Asked
     from beamdesign.records import InputError
 
     problems = [
@@ -107,21 +110,8 @@ def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked
     return asked
 
 
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    from beamdesign.records import InputError
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".part")
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    except OSError as error:
-        raise InputError("--out", [(str(path), error.strerror or str(error))]) from error
-
-
 def _say(record: "Prototype", certificate: "Certificate") -> None:
-    from beamdesign.certify.certificate import describe
+    from beamdesign.proof.certificate import describe
 
     low, high = certificate.outer_end_mass_kg
     if certificate.stable:
@@ -200,16 +190,12 @@ def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
 
 def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
     """Prove a certificate again from its text; exit status 1 where that fails."""
-    from beamdesign.certify.document import states_figures_of
-    from beamdesign.certify.replay import Malformed, replay
-    from beamdesign.records import InputError
+    from beamdesign.proof.document import states_figures_of
+    from beamdesign.proof.replay_any import replay
 
-    try:
-        outcome = replay(path)
-    except Malformed as error:
-        raise InputError(path, [("(certificate)", str(error))]) from error
+    outcome = replay(path)
     reasons = list(outcome.reasons)
-    if record is not None and not states_figures_of(path.read_text(encoding="utf-8"), record):
+    if record is not None and not states_figures_of(outcome.text, record):
         reasons.append(f"its figures are not those of {record.name}")
     for words in outcome.claims:
         say(f"checked: {words}")

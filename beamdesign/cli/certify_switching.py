@@ -1,16 +1,16 @@
 """`beamdesign certify-switching`: what is proved while the payload changes in motion."""
 
-import os
 from math import isfinite, isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, write_json
+from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, progress, say, write_json
+from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from beamdesign.certify.lyapunov import Switching
+    from beamdesign.proof.lyapunov import Switching
 
 
 def certify_switching(
@@ -21,15 +21,21 @@ def certify_switching(
         typer.Option(metavar="KG_PER_S", help="Prove stability up to this rate of change; else find the largest."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File for the certificate; else STEM.switching.toml in this folder.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=file_to_write,
+            help="File for the certificate; else STEM.switching.toml in this folder.",
+        ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Prove stability while the outer end mass changes in motion: gripping, releasing, filling, pouring.
+    """Prove stability while the payload changes in motion.
 
-    Lyapunov functions come from a semidefinite program and are verified in rational arithmetic; what only the solver
-    claims is reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload
-    that joins with the tip's velocity and for payload at rest; 1 otherwise.
+    That is gripping, releasing, filling, pouring. Lyapunov functions come from a semidefinite program and are
+    verified in rational arithmetic; what only the solver claims is reported as unverified. Exit status 0 if the
+    rate asked for, or else some rate, is proved both for payload that joins with the tip's velocity and for
+    payload at rest; 1 otherwise.
     """
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -44,13 +50,11 @@ def certify_switching(
     if rate is not None and not (isfinite(rate) and rate > 0):
         problems.append(("--rate", f"must be a finite number above zero, is {rate:g}"))
     path = Path(f"{prototype.stem}.switching.toml") if out is None else out
-    if path.is_dir():
-        problems.append(("--out", f"{path} is a folder; name a file for the certificate"))
     if problems:
         raise InputError("certify-switching", problems)
 
-    from beamdesign.certify.lyapunov import describe, switching
-    from beamdesign.certify.switching_document import switching_document
+    from beamdesign.proof.lyapunov import describe, switching
+    from beamdesign.proof.switching_document import switching_document
 
     with progress("Lyapunov functions") as update:
         found = switching(record, low, high, rate, update)
@@ -60,28 +64,15 @@ def certify_switching(
         say(f"  {line}")
     if record.effects:
         say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
-    _write(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
+    write_whole(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
     say(f"certificate: {path}")
     write_json(json, _fields(found) | {"not_covered": list(record.effects), "certificate": path})
     if not found.stable:
         raise typer.Exit(1)
 
 
-def _write(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    from beamdesign.records import InputError
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".part")
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    except OSError as error:
-        raise InputError("--out", [(str(path), error.strerror or str(error))]) from error
-
-
 def _fields(found: "Switching") -> dict[str, Any]:
-    from beamdesign.certify.rational import nearest
+    from beamdesign.proof.rational import nearest
 
     common, cycle = found.any_change, found.any_change.counterexample
     return {

@@ -5,25 +5,44 @@ from typing import Annotated
 
 import typer
 
-from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, say_table, write_json
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    folder_to_write,
+    mass_range,
+    progress,
+    say,
+    say_table,
+    write_json,
+)
+from beamdesign.whole_file import write_whole
 
 
 def codesign(
     study: Annotated[Path, typer.Argument(help="The study file with the design problem.")],
     bandwidth_Hz: Annotated[float, typer.Option("--bandwidth-Hz", help="Bandwidth to guarantee, Hz.")],
     outer_end_mass: RangeOption = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for prototype.toml and certificate.toml.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            callback=folder_to_write,
+            help="Folder for prototype.toml and certificate.toml; else STEM-codesign.",
+        ),
+    ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Find the lightest link that guarantees a bandwidth over a payload range.
+    """Find the lightest link that guarantees a bandwidth.
 
     Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
-    their full length and the inner end mass. The result is proved, not sampled.
+    their full length and the inner end mass. The result is proved for every mass of the payload range, not sampled.
+    Exit status 1 if no design can be proved.
     """
     from beamdesign.design import codesign as room
     from beamdesign.problem import read_problem
     from beamdesign.prototype import write_prototype
     from beamdesign.records import InputError
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
     problem = read_problem(study)
@@ -39,9 +58,8 @@ def codesign(
         write_json(json, dict.fromkeys(fields) | {"reason": found.reason, "attempts": found.attempts})
         raise typer.Exit(1)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
-    folder = out if out is not None else Path(f"{problem.name}-codesign")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / CERTIFICATE_NAME).write_text(certificate.text, encoding="utf-8")
+    folder = out if out is not None else Path(f"{study.stem}-codesign")
+    write_whole(folder / CERTIFICATE_NAME, certificate.text)
     write_prototype(guaranteed, folder / "prototype.toml")
     rows = [
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
@@ -51,9 +69,9 @@ def codesign(
         ("inner beam", f"{point.inner.width_m * 1e3:.2f} x {point.inner.wall_m * 1e3:.3f} mm"),
         *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
         ("governing structural check", point.governing),
-        ("guaranteed bandwidth", f"{point.proved.bandwidth_Hz:.4f} Hz"),
-        ("guaranteed peak sensitivity", f"{point.proved.peak_sensitivity:.4f}"),
-        ("for every outer end mass", f"{masses[0]:g} to {masses[1]:g} kg"),
+        ("guaranteed bandwidth", at_least(point.proved.bandwidth_Hz, "Hz")),
+        ("guaranteed peak sensitivity", at_most(point.proved.peak_sensitivity, "1")),
+        ("for every outer end mass", mass_range_text(masses)),
     ]
     say_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
     say(f"prototype: {folder / 'prototype.toml'}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, progress, say, say_table, write_csv, write_json
+from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_csv, write_json
 
 if TYPE_CHECKING:
     from beamdesign.design.codesign import Codesign
@@ -58,16 +58,19 @@ def _row(design: "Codesign") -> dict[str, Any]:
 
 def front(
     study: Annotated[Path, typer.Argument(help="The study file with the design problem.")],
-    out: Annotated[Path, typer.Option(help="Folder for front.csv and the picture.")],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for front.csv and the picture.")
+    ],
     bandwidths_Hz: Annotated[str, typer.Option("--bandwidths-Hz", help="Bandwidths to guarantee.")] = "3,4,5,6,8",
     payloads_kg: Annotated[
         str | None, typer.Option("--payloads-kg", help="Upper ends of the payload range; else the study's.")
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Draw the front of moving mass against guaranteed bandwidth against payload range.
+    """Draw moving mass against bandwidth and payload range.
 
-    Every point is a proved design; points that failed stay in the table with their reason.
+    Every point is a proved design; points that failed stay in the table with their reason. Exit
+    status 1 if there is no proved point at all.
     """
     from beamdesign.design.front import pareto_front
     from beamdesign.problem import read_problem
@@ -82,7 +85,6 @@ def front(
     with progress("front") as update:
         found = pareto_front(problem, bandwidths, [(min(masses[0], end), end) for end in ends], update)
     rows = [_row(design) for design in found.designs]
-    out.mkdir(parents=True, exist_ok=True)
     write_csv(out / "front.csv", rows)
     figure = new_figure()
     plot_front(figure.add_subplot(), found)

@@ -1,8 +1,10 @@
 """What every command prints and writes: tables for people, JSON for programs, ranges as LO:HI."""
 
 import csv
+import io
 import json
 import os
+import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, is_dataclass
@@ -12,31 +14,78 @@ from typing import Annotated, Any
 
 import typer
 
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result to this JSON file as well.")]
+from beamdesign.whole_file import write_whole
+
+
+def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Callback of an option: refuse a path that no file can be written to, before any work is done for it.
+
+    Raises:
+        InputError: naming the option, the path and what is in its way.
+    """
+    if path is not None and path.is_dir():
+        _refuse(option, path, "is a folder; name a file")
+    return path if path is None else _need_folder(option, path, path.absolute().parent)
+
+
+def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Callback of an option: refuse a path at which no folder is or can be made, before any work is done for it.
+
+    Raises:
+        InputError: naming the option, the path and what is in its way.
+    """
+    return path if path is None else _need_folder(option, path, path.absolute())
+
+
+def _need_folder(option: typer.CallbackParam, path: Path, folder: Path) -> Path:
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if not folder.is_dir():
+        _refuse(option, path, f"cannot be written: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        _refuse(option, path, f"cannot be written: no permission to write in {folder}")
+    return path
+
+
+def _refuse(option: typer.CallbackParam, path: Path, reason: str) -> None:
+    from beamdesign.records import InputError
+
+    raise InputError(option.opts[0], [(str(path), reason)])
+
+
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", callback=file_to_write, help="Write the result to this JSON file as well."),
+]
 RangeOption = Annotated[
     str | None, typer.Option("--outer-end-mass", metavar="LO:HI", help="Range of mass on the outer tip, kg.")
 ]
 
 
 def say(text: str) -> None:
-    """Print a line for people; rich markup is understood, colours go only to terminals."""
-    from rich.console import Console
-
-    Console(highlight=False, soft_wrap=True).print(text)
+    """Print a line for people. Where nobody reads on (`| head`), the work goes on without a word."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Print a table; floats get four significant digits."""
+    """Print a table; floats get four significant digits. Styles go only to terminals."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD)
     for column in columns:
-        table.add_column(column)
+        table.add_column(Text(column))
     for row in rows:
-        table.add_row(*(f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row))
-    Console(highlight=False).print(table)
+        table.add_row(*(Text(f"{cell:.4g}" if isinstance(cell, float) else str(cell)) for cell in row))
+    console = Console(highlight=False, file=sys.stdout)
+    with console.capture() as captured:
+        console.print(table)
+    say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
 
 
 def _plain(value: Any) -> Any:
@@ -56,21 +105,18 @@ def _plain(value: Any) -> Any:
 
 def write_json(path: Path | None, fields: dict[str, Any]) -> None:
     """Write fields as JSON, whole or not at all; nothing without a path."""
-    if path is None:
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(json.dumps(_plain(fields), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    if path is not None:
+        write_whole(path, json.dumps(_plain(fields), indent=2, allow_nan=False) + "\n")
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows as CSV; columns in order of first appearance, absent cells empty."""
+    """Write rows as CSV, whole or not at all; columns in order of first appearance, absent cells empty."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(rows)
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, columns)
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())
 
 
 def mass_range(text: str | None, default: tuple[float, float] | None, source: str | Path) -> tuple[float, float]:

@@ -5,23 +5,27 @@ from typing import Annotated
 
 import typer
 
-from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 
 def paper(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for paper.html, paper.json and figures.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", callback=folder_to_write, help="Folder for paper.html, paper.json and figures."
+        ),
+    ],
     json: JsonOption = None,
 ) -> None:
-    """Recompute the numbers and figures of Zalucky and Hardt (1984), paper beside model."""
+    """Recompute the numbers of Zalucky and Hardt (1984).
+
+    Every number and the figures 8 to 14, the paper's beside the model's; where they disagree, why.
+    """
     from beamdesign.paper.comparison import CHOICES, compare
     from beamdesign.paper.page import write_page
-    from beamdesign.records import InputError
 
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("--out", [(str(out), f"not a folder that can be written: {error.strerror}")]) from error
     comparison = compare()
+    out.mkdir(parents=True, exist_ok=True)
     with progress("drawing") as update:
         written = write_page(comparison, out, update)
     fields = comparison.fields() | {"report": written.page.name, "figures": [path.name for path in written.figures]}

@@ -6,21 +6,34 @@ from typing import Annotated
 
 import typer
 
-from beamdesign.cli.output import JsonOption, RangeOption, mass_range, progress, say, say_table, write_csv, write_json
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    folder_to_write,
+    mass_range,
+    progress,
+    say,
+    say_table,
+    write_csv,
+    write_json,
+)
 
 
 def remedies(
     study: Annotated[Path, typer.Argument(help="The study file; its given sections are the ones to remedy.")],
-    out: Annotated[Path, typer.Option(help="Folder for remedies.csv and the picture.")],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for remedies.csv and the picture.")
+    ],
     outer_end_mass: RangeOption = None,
     added_mass_kg: Annotated[
         float, typer.Option("--added-mass-kg", help="Most moving mass that a remedy may add.")
     ] = 4.5,
     json: JsonOption = None,
 ) -> None:
-    """Compare stiffer outer beam, heavier or softer inner beam, more phase, and a scheduled lag.
+    """Compare the paper's four remedies for payload.
 
-    Each is optimised for the same payload range and limits, and proved in the same way.
+    They are a stiffer outer beam, a heavier or softer inner beam, more phase, and a lag scheduled on the
+    payload. Each is optimised for the same payload range and limits, and proved in the same way.
     """
     from beamdesign.design import remedies as room
     from beamdesign.problem import read_problem
@@ -56,7 +69,6 @@ def remedies(
         }
         for remedy in found
     ]
-    out.mkdir(parents=True, exist_ok=True)
     write_csv(out / "remedies.csv", rows)
     figure = new_figure(height_mm=80)
     plot_remedies(figure.add_subplot(), found)

@@ -5,16 +5,23 @@ from typing import Annotated
 
 import typer
 
-from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 
 def run(
     study: Annotated[Path, typer.Argument(help="The study file, such as studies/prototype.toml.")],
-    out: Annotated[Path, typer.Option(help="Folder for the results; made if need be.")],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for the results; made if need be.")
+    ],
     json: JsonOption = None,
 ) -> None:
-    """Carry a study from its design problem to a certified prototype, a report and a specification."""
+    """Carry a study to a certified prototype.
+
+    Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
+    certificate, a report and a specification. Exit status 1 if there is no design, with the reason.
+    """
     from beamdesign.problem import read_problem
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.report.result_folder import write_result_folder
     from beamdesign.study.design_run import run_design
 
@@ -38,9 +45,9 @@ def run(
         ("inner beam", f"{result.sizing.inner.width_m * 1e3:.4g} x {result.sizing.inner.wall_m * 1e3:.3g} mm"),
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
-        ("guaranteed bandwidth", f"{guarantee.bandwidth_Hz:.3f} Hz"),
-        ("guaranteed peak sensitivity", f"{guarantee.peak_sensitivity:.3f}"),
-        ("for every outer end mass", "{:g} to {:g} kg".format(*guarantee.outer_end_mass_kg)),
+        ("guaranteed bandwidth", at_least(guarantee.bandwidth_Hz, "Hz")),
+        ("guaranteed peak sensitivity", at_most(guarantee.peak_sensitivity, "1")),
+        ("for every outer end mass", mass_range_text(guarantee.outer_end_mass_kg)),
     ]
     say_table(f"{problem.name}: designed and certified", ("", ""), rows)
     for path in folder.values():

@@ -25,8 +25,9 @@ def size(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Find the lightest pair of tubes for a study; check the sections of a prototype.
+    """Find the lightest tubes for a study, or check a rig's.
 
+    For a study, the pair of least mass that passes every structural check; for a prototype, its own sections checked.
     Exit status 1 if no pair fits, or if a section fails a check; the reason says which requirement to relax.
     """
     from beamdesign.records import read_table

@@ -6,6 +6,7 @@ from math import log
 
 import casadi as ca
 import numpy as np
+from pydantic import ValidationError
 from scipy.stats import qmc
 
 from beamdesign.design.checks import Check, beam_mass, checks, materials
@@ -112,8 +113,12 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     return figures
 
 
-def _rig(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> LinearRig:
-    return linear_rig(problem.prototype(*tubes))
+def _rig(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> LinearRig | None:
+    """The rig with these tubes; None where the record of it refuses them."""
+    try:
+        return linear_rig(problem.prototype(*tubes))
+    except ValidationError:
+        return None
 
 
 def codesign_program(
@@ -153,6 +158,7 @@ def codesign_program(
         reach=0.5,
         tighten_below=1e-3,
         rig=lambda sections: _rig(problem, rounded_tubes(sections)),
+        flaw=lambda variables: structural_flaw(problem, variables[count + 2 :]),
         cost=lambda proved: section_mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
     )
 
@@ -186,12 +192,16 @@ def _samples(problem: DesignProblem, program: LoopProgram) -> np.ndarray:
     )
 
 
-def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint | str:
-    """The finished design of a proved loop, or which structural check its rounded sections miss."""
+def structural_flaw(problem: DesignProblem, sections: np.ndarray) -> str:
+    """Which structural checks the rounded sections miss, in words; empty where they pass."""
+    failing = check_sections(problem, *rounded_tubes(sections)).failing
+    return "the refined sections miss: " + ", ".join(check.name for check in failing) if failing else ""
+
+
+def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint:
+    """The finished design of a proved loop, whose sections have no structural flaw."""
     outer, inner = rounded_tubes(proved.variables[head:])
     checked = check_sections(problem, outer, inner)
-    if not checked.feasible:
-        return "rounded sections miss: " + ", ".join(check.name for check in checked.failing)
     payload = Payload(outer_end_mass_kg=masses_kg, inner_end_mass_kg=proved.inner_end_mass_kg)
     return CodesignPoint(
         prototype=problem.prototype(outer, inner).but(controller=proved.controller, payload=payload),
@@ -226,7 +236,7 @@ def codesign(
     head = len(form.names) + 2
     told(0.0, "coarse search")
     program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)
-    starts = [point.proved.variables for point in near]
+    starts, nothing = [point.proved.variables for point in near], ""
     if not near:
 
         def score(variables: np.ndarray) -> float:
@@ -234,7 +244,14 @@ def codesign(
             missing = max(1.0, bandwidth_Hz / float(np.exp(variables[head - 1])))
             return missing * (section_mass(problem, variables[head:]) + float(variables[head - 2]))
 
-        starts, _ = best_starts(program, _samples(problem, program), score, STARTS)
+        samples = _samples(problem, program)
+        starts, _ = best_starts(program, samples, score, STARTS)
+        if not starts:
+            nothing = (
+                "no sampled gain keeps the peak sensitivity over the whole range"
+                if len(samples)
+                else "no sampled sections come near the structural checks; `beamdesign size` says which to relax"
+            )
     points: list[CodesignPoint] = []
     attempts: list[float | str] = []
     for k, start in enumerate(starts):
@@ -244,15 +261,12 @@ def codesign(
             attempts.append(refined.reason)
             continue
         point = _point(problem, outer_end_mass_kg, refined.proved, head)
-        if isinstance(point, str):
-            attempts.append(point)
-        else:
-            points.append(point)
-            attempts.append(point.moving_mass_kg)
+        points.append(point)
+        attempts.append(point.moving_mass_kg)
     if not points:
         low, high = outer_end_mass_kg
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
-            "; ".join(str(attempt) for attempt in dict.fromkeys(attempts)) or "no sampled design has a feasible gain"
+            "; ".join(str(attempt) for attempt in dict.fromkeys(attempts)) or nothing
         )
         return Codesign(bandwidth_Hz, outer_end_mass_kg, None, tuple(attempts), reason)
     best = min(points, key=lambda point: point.moving_mass_kg)

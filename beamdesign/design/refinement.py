@@ -11,13 +11,13 @@ from math import exp, log
 import casadi as ca
 import numpy as np
 
-from beamdesign.certify.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
-from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
 from beamdesign.linear import LinearRig
 from beamdesign.loop import Loop, close_loop
 from beamdesign.polynomial import exact
+from beamdesign.proof.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
+from beamdesign.proof.stability import is_stable_over
 from beamdesign.prototype import Goal, Lag, Proportional
 
 ROUNDS = 24
@@ -33,6 +33,12 @@ _STUCK = 1e-4
 
 _SPARE = (60, 20)
 """Slots for further check points of sensitivity and compliance, before a solver is built anew with more."""
+
+_SMALLEST_SHARE = 1e-3
+"""Least share of the bandwidth at which compliance is enforced: at rest it may vanish, and has no logarithm then."""
+
+LARGEST_BANDWIDTH_HZ = 500.0
+"""Most that is guaranteed, also of a rig that keeps the compliance at every frequency."""
 
 _SHARES = np.linspace(0.0, 1.0, 5)
 """Masses, as shares of the range, at which a compliance found too large is enforced."""
@@ -56,7 +62,9 @@ class LoopProgram:
             finite again, so that a long step can end in an unstable loop that meets every constraint.
         tighten_below: excess of |S| (in logarithms) below which a refuted limit is tightened by it; above it, only
             check points are added, which costs rounds but nothing of the optimum.
-        rig: section variables to the rig they stand for, rounded as it will be written down.
+        rig: section variables to the rig they stand for, rounded as it will be written down; None where they are the
+            sizes of no tubes, or of an inner one that does not go into the outer one.
+        flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
         cost: of a proved loop, to choose the best one by.
     """
 
@@ -71,7 +79,8 @@ class LoopProgram:
     upper: np.ndarray
     reach: float
     tighten_below: float
-    rig: Callable[[np.ndarray], LinearRig]
+    rig: Callable[[np.ndarray], LinearRig | None]
+    flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
 
 
@@ -213,9 +222,16 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         if not solver.holds(points):
             solver = _Solver(program, points)
         variables = solver(anchor, points, inside, reach)
+        if not np.isfinite(variables).all():
+            return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
+        rig = program.rig(variables[count + 2 :])
+        if rig is None:
+            reason = "the refined sizes are no pair of tubes"
+            reach *= 0.4
+            continue
         controller = program.form.rounded([float(value) for value in variables[:count]])
         inner = round(float(variables[count]), 6)
-        loop = close_loop(program.rig(variables[count + 2 :]).plant(inner), controller)
+        loop = close_loop(rig.plant(inner), controller)
         certificates += 1
         if not is_stable_over(loop.characteristic, exact(low), exact(high)):
             reason = "the refined loop is not stable over the whole range"
@@ -236,16 +252,19 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             else:
                 inside = _INSIDE + (excess if excess < program.tighten_below else 0.0)
             continue
-        bandwidth = guaranteed_bandwidth(loop, program.goal.compliance_m_per_N, low, high)
-        if bandwidth >= needed_Hz:
+        bandwidth = min(guaranteed_bandwidth(loop, program.goal.compliance_m_per_N, low, high), LARGEST_BANDWIDTH_HZ)
+        flaw = program.flaw(variables)
+        if bandwidth < needed_Hz:
+            reason = f"guarantees {bandwidth:.4g} Hz, {needed_Hz:.4g} Hz are needed"
+        elif flaw:
+            reason = flaw
+        else:
             peak = min(guaranteed_peak_sensitivity(loop, low, high), program.goal.peak_sensitivity)
             found = Proved(controller, inner, bandwidth, peak, variables)
             best = found if best is None else min(best, found, key=program.cost)
-        else:
-            reason = f"guarantees {bandwidth:.4g} Hz, {needed_Hz:.4g} Hz are needed"
         aimed = exp(variables[count + 1])
-        if bandwidth < max(needed_Hz, aimed * (1 - 1e-4)):  # the compliance is too large between the check points
-            points = points.with_compliance(bandwidth / aimed, low + _SHARES * (high - low))
+        if bandwidth < aimed * (1 - 1e-4) or bandwidth < needed_Hz <= aimed:  # refuted between the check points
+            points = points.with_compliance(max(bandwidth / aimed, _SMALLEST_SHARE), low + _SHARES * (high - low))
         elif moved < 0.99 * reach:
             break
     return Refinement(best, certificates, "" if best else reason)

@@ -13,11 +13,18 @@ import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
-from beamdesign.design.codesign import ROUNDED_SLACK, codesign_program, rounded_tubes, section_mass
+from beamdesign.design.codesign import (
+    ROUNDED_SLACK,
+    codesign_program,
+    rounded_tubes,
+    section_mass,
+    structural_flaw,
+)
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.program import sizing_program, start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.design.starts import best_starts
+from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Lag
 from beamdesign.section import SquareTube
@@ -28,6 +35,9 @@ PAPER_BREAKS_HZ = (1.75, 26.0)
 """Lag breaks of the paper, kept where no remedy is applied."""
 
 SAMPLES, STARTS = 128, 2
+_ROUNDED_MASS_KG = 5e-4
+"""By how much rounding the sizes may add to the mass."""
+
 SCHEDULE_PARTS = 4
 """Parts of the payload range with a lag of their own."""
 
@@ -112,7 +122,16 @@ def _program(
     def structure(variables: ca.MX) -> ca.MX:
         constraints, mass = parts(variables[count + 2 :], sizing.figures)
         budget = bare_mass + added_mass_kg - mass - variables[count]
-        return ca.vertcat(-constraints - ROUNDED_SLACK, budget) if freedom.sections else ca.MX(0, 1)
+        return ca.vertcat(-constraints - ROUNDED_SLACK, budget - _ROUNDED_MASS_KG) if freedom.sections else ca.MX(0, 1)
+
+    def flaw(variables: np.ndarray) -> str:
+        """Sections that were not chosen here need not pass: the given ones are what a remedy is compared with."""
+        if not freedom.sections:
+            return ""
+        added = section_mass(problem, variables[count + 2 :]) + float(variables[count]) - bare_mass
+        if added > added_mass_kg:
+            return f"adds {added:.6g} kg, more than {added_mass_kg:g} kg"
+        return structural_flaw(problem, variables[count + 2 :])
 
     return replace(
         lightest,
@@ -120,6 +139,7 @@ def _program(
         objective=lambda variables: -variables[count + 1],
         lower=lower,
         upper=upper,
+        flaw=flaw,
         cost=lambda proved: -proved.bandwidth_Hz,
     )
 
@@ -143,7 +163,9 @@ def _best(program: LoopProgram, problem: DesignProblem, near: Sequence[Proved]) 
     samples[:, head:] = np.where(free, given * (1 + 0.25 * (unit[:, head:] - 0.5)), given)
     samples = np.vstack([samples, np.concatenate([program.lower[:head], given])])
     starts, _ = best_starts(program, samples, lambda variables: -float(variables[head - 1]), STARTS)
-    refined = [refine(program, start) for start in (*starts, *(proved.variables for proved in near))]
+    refined = [
+        refine(program, start, SMALLEST_BANDWIDTH_HZ) for start in (*starts, *(proved.variables for proved in near))
+    ]
     proved = [refinement.proved for refinement in refined if refinement.proved is not None]
     if proved:
         return max(proved, key=lambda found: found.bandwidth_Hz)

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from beamdesign.certify.stability import is_stable_over
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, GridPlant, best_gain, grid_plant
 from beamdesign.design.refinement import LoopProgram
 from beamdesign.loop import close_loop
 from beamdesign.polynomial import exact
+from beamdesign.proof.stability import is_stable_over
 
 _APART = 0.1
 """Least distance between starts, as a share of the range of each variable that is free."""
@@ -36,7 +36,10 @@ def best_starts(
     for sample in samples:
         sections = sample[names + 2 :]
         if sections.tobytes() not in grids:
-            grids = {sections.tobytes(): grid_plant(program.rig(sections), SEARCH_FREQUENCIES_HZ)}
+            rig = program.rig(sections)
+            if rig is None:
+                continue
+            grids = {sections.tobytes(): grid_plant(rig, SEARCH_FREQUENCIES_HZ)}
         best = best_gain(
             grids[sections.tobytes()],
             program.form,
@@ -59,8 +62,10 @@ def best_starts(
             break
         if any(np.linalg.norm((variables - other)[free] / spread[free]) < _APART for other in chosen):
             continue
-        proofs += 1
         rig = program.rig(variables[names + 2 :])
+        if rig is None:
+            continue
+        proofs += 1
         controller = program.form.rounded(variables[:names].tolist())
         loop = close_loop(rig.plant(float(variables[names])), controller)
         if is_stable_over(loop.characteristic, exact(low), exact(high)):

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullLocator
 
-from beamdesign.certify.rational import nearest
-from beamdesign.certify.stability import StabilityMap, stable_ranges
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact, is_hurwitz
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stability import StabilityMap, stable_ranges
 
 _STABLE, _UNSTABLE = "0.72", "white"
 

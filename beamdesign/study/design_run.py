@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from beamdesign.certify.certificate import Asked, Certificate, certify
 from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import Sizing, size
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.problem import DesignProblem
+from beamdesign.proof.certificate import Asked, Certificate, certify
 from beamdesign.prototype import Guarantee, Prototype
 
 CERTIFICATE_NAME = "certificate.toml"

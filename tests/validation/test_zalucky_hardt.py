@@ -10,6 +10,7 @@ valve damping 0.5 and fixed dashpots. The model has to meet the second to 2 %.
 import numpy as np
 import pytest
 
+from beamdesign.control_models import state_space
 from beamdesign.crossing import crossings
 from beamdesign.loop import critical_gain, loop
 from beamdesign.paper.rig import (
@@ -28,7 +29,6 @@ from beamdesign.paper.rig import (
 )
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 from beamdesign.report.compliance_scale import decibels, from_decibels
-from beamdesign.state_space import state_space
 
 REPLICATION = 0.02
 PROPORTIONAL, LAG, LOADED, RELIEVED = CASES

@@ -1,0 +1,147 @@
+"""`beamdesign certify-box`: stability proved over a box of tolerances, end masses and delay."""
+
+from math import inf, isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    file_to_write,
+    mass_range,
+    progress,
+    say,
+    say_table,
+    write_json,
+)
+from beamdesign.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from beamdesign.proof.box import Box, BoxVerdict
+    from beamdesign.proof.scaling import Scaling
+    from beamdesign.prototype import Prototype
+
+
+def certify_box(
+    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to certify.")],
+    outer_end_mass: RangeOption = None,
+    sigmas: Annotated[float, typer.Option(help="Standard deviations to either side of every figure.")] = 3.0,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="FIGURE", help="Let this figure vary; may be repeated. Default: all.")
+    ] = None,
+    delay_s: Annotated[
+        float, typer.Option("--delay-s", help="Allow every pure delay in the loop up to this, s.")
+    ] = 0.0,
+    scaling: Annotated[bool, typer.Option(help="Find the largest scaling of the tolerances that is stable.")] = False,
+    budget: Annotated[int, typer.Option(min=1, help="Most pieces of frequency and parameters to look at.")] = 4000,
+    seconds: Annotated[float, typer.Option(help="Most time for the search of one box.")] = inf,
+    out: Annotated[
+        Path | None,
+        typer.Option(callback=file_to_write, help="File for the certificate; else STEM.box.toml in this folder."),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Prove stability for all tolerances at once.
+
+    Figures, end masses and a delay vary together; the proof is written down.
+
+    Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
+    nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
+    """
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    problems = [
+        (name, f"must be a number from zero up, is {value:g}")
+        for name, value in (("--sigmas", sigmas), ("--delay-s", delay_s))
+        if not (isfinite(value) and value >= 0)
+    ]
+    if problems:
+        raise InputError("certify-box", problems)
+    record = read_prototype(prototype)
+    if record.controller is None:
+        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+
+    from beamdesign.proof.box import certify_box as prove
+    from beamdesign.proof.scaling import largest_scaling
+    from beamdesign.proof.tolerance_box import tolerance_box
+
+    masses = None
+    if outer_end_mass is not None:
+        masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    box = tolerance_box(record, sigmas, only or None, masses, delay_s=(0.0, delay_s) if delay_s else None)
+    with progress("branch and bound") as update:
+        update(0.1, f"{len(box.names)} figures")
+        verdict = prove(record, box, budget, seconds)
+        update(0.5, "scaling the tolerances" if scaling else "")
+        found = largest_scaling(record, box, budget=budget) if scaling else None
+    path = Path(f"{prototype.stem}.box.toml") if out is None else out
+    _say(record, box, verdict)
+    if found is not None:
+        say(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
+    if verdict.certificate:
+        write_whole(path, verdict.certificate)
+        say(f"certificate: {path}")
+    write_json(json, _fields(record, box, verdict, found) | {"certificate": path if verdict.certificate else None})
+    if not verdict.stable:
+        raise typer.Exit(1)
+
+
+def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
+    from beamdesign.proof.rational import nearest
+    from beamdesign.proof.tolerance_box import figure_key
+
+    words = {True: "stable for every member of the box", False: "NOT stable throughout the box", None: "undecided"}
+    say(f"{record.name}: {words[verdict.stable]}")
+    rows = []
+    for name, (low, high) in box.ranges.items():
+        key, factor = figure_key(name)
+        row = [key, nearest(low) / factor, nearest(high) / factor]
+        rows.append(row if verdict.unstable_point is None else [*row, nearest(verdict.unstable_point[name]) / factor])
+    last = () if verdict.unstable_point is None else ("not stable at",)
+    say_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
+    if verdict.stable is not True:
+        say(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
+        if verdict.volumes is not None:
+            shares = [nearest(share) for share in verdict.volumes]
+            say("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
+    if record.effects:
+        say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
+    say(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+
+
+def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
+    from beamdesign.proof.rational import nearest
+    from beamdesign.proof.tolerance_box import figure_key, in_units
+
+    def point(of: Any) -> dict[str, float] | None:
+        return None if of is None else in_units(of, list(of))
+
+    shares = [None] * 3 if verdict.volumes is None else [nearest(share) for share in verdict.volumes]
+    return {
+        "stable": verdict.stable,
+        "reason": verdict.reason,
+        "box": {
+            key: [nearest(low) / factor, nearest(high) / factor]
+            for name, (low, high) in box.ranges.items()
+            for key, factor in [figure_key(name)]
+        },
+        "stable_fraction": shares[0],
+        "unstable_fraction": shares[1],
+        "undecided_fraction": shares[2],
+        "unstable_point": point(verdict.unstable_point),
+        "pieces": verdict.pieces,
+        "looked_at": verdict.looked_at,
+        "largest_scaling": None
+        if scaling is None
+        else {
+            "proved": scaling.proved,
+            "refuted": scaling.refuted,
+            "limit": scaling.limit,
+            "unstable_point": point(scaling.unstable_point),
+            "reason": scaling.reason,
+        },
+        "not_covered": list(record.effects),
+    }

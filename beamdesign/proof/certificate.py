@@ -1,0 +1,179 @@
+"""The certificate of a prototype over a range of outer end masses: what is stable and guaranteed, and the proof."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, isinf
+
+from beamdesign.crossing import Crossing
+from beamdesign.loop import Loop, loop
+from beamdesign.polynomial import exact
+from beamdesign.proof.document import document
+from beamdesign.proof.performance import (
+    Claim,
+    Kind,
+    bandwidth_where_stable,
+    peak_sensitivity_where_stable,
+    prove_compliance,
+    prove_decay_rate,
+    prove_gain_margin,
+    prove_peak_sensitivity,
+)
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stability import StabilityMap, stable_ranges
+from beamdesign.prototype import Goal, Prototype
+
+METHOD = (
+    "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
+    " one Routh test per range between them; inequalities over mass and frequency by real-root isolation"
+)
+
+_UNITS = {"compliance": " m/N", "peak_sensitivity": "", "decay_rate": " 1/s", "gain_margin": " times the gain"}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A claim that is to be decided.
+
+    Attributes:
+        kind: what is claimed.
+        limit: its figure: m/N, a plain number, 1/s or a factor.
+        bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
+    """
+
+    kind: Kind
+    limit: float
+    bandwidth_Hz: float = inf
+
+
+@dataclass(frozen=True)
+class Guaranteed:
+    """The best figures that are proved of a loop that is stable over the whole range, rounded to the safe side."""
+
+    bandwidth_Hz: float
+    peak_sensitivity: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proved of a prototype over a range of outer end masses.
+
+    Attributes:
+        outer_end_mass_kg: the range.
+        stability: ranges and crossings, exact.
+        claims: what was asked, each held or refuted.
+        guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
+        text: the certificate as `beamdesign.proof.replay` reads it.
+        method: how it was proved, in words.
+    """
+
+    outer_end_mass_kg: tuple[float, float]
+    stability: StabilityMap
+    claims: tuple[Claim, ...]
+    guaranteed: Guaranteed | None
+    text: str
+    method: str = METHOD
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mass of the closed range is stable."""
+        return self.stability.stable
+
+    @property
+    def holds(self) -> bool:
+        """Whether the range is stable and every claim that was asked holds."""
+        return self.stable and all(claim.holds for claim in self.claims)
+
+    @property
+    def stable_ranges_kg(self) -> list[tuple[float, float]]:
+        """The stable ranges inside what was asked, ends at crossings rounded inwards."""
+        return self.stability.stable_ranges
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """The crossings inside the range."""
+        return self.stability.crossings
+
+    @cached_property
+    def reason(self) -> str:
+        """In words, why the answer is no; empty where it is yes."""
+        refused = [f"{describe(claim)}: {claim.reason}" for claim in self.claims if not claim.holds]
+        return "; ".join([self.stability.reason, *refused] if self.stability.reason else refused)
+
+
+def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
+    """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
+
+    Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
+    are worked out and proved as well.
+
+    Raises:
+        ValueError: for an empty range, or without a controller.
+        InputError: for effects that the linear model does not have.
+    """
+    closed = loop(prototype)
+    stability = stable_ranges(closed.characteristic, exact(low_kg), exact(high_kg))
+    decided = [decide(closed, asked, low_kg, high_kg) for asked in claims]
+    guaranteed: Guaranteed | None = None
+    proved: list[Claim] = []
+    if stability.stable:
+        guaranteed, proved = _guarantees(closed, prototype.goal, low_kg, high_kg)
+    written = decided + [claim for claim in proved if not any(_implies(other, claim) for other in decided)]
+    text = document(prototype, closed, stability, written, _summary(prototype, stability, written))
+    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text)
+
+
+def decide(closed: Loop, asked: Asked, low_kg: float, high_kg: float) -> Claim:
+    """Prove or refute one claim over a range of outer end masses."""
+    match asked.kind:
+        case "compliance":
+            return prove_compliance(closed, asked.limit, asked.bandwidth_Hz, low_kg, high_kg)
+        case "peak_sensitivity":
+            return prove_peak_sensitivity(closed, asked.limit, low_kg, high_kg)
+        case "decay_rate":
+            return prove_decay_rate(closed, asked.limit, low_kg, high_kg)
+        case "gain_margin":
+            return prove_gain_margin(closed, asked.limit, low_kg, high_kg)
+
+
+def _guarantees(closed: Loop, goal: Goal, low_kg: float, high_kg: float) -> tuple[Guaranteed, list[Claim]]:
+    """The best figures of a range that is proved to be stable, and each as a claim that holds."""
+    ends, masses = (low_kg, high_kg), (exact(low_kg), exact(high_kg))
+    bandwidth = bandwidth_where_stable(closed, exact(goal.compliance_m_per_N), *masses)
+    peak = peak_sensitivity_where_stable(closed, *masses)
+    proved = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
+    if bandwidth > 0:
+        proved.append(Claim("compliance", goal.compliance_m_per_N, ends, True, bandwidth))
+    return Guaranteed(bandwidth, peak), proved
+
+
+def _implies(one: Claim, other: Claim) -> bool:
+    """Whether a claim of the same kind, if it holds, says at least as much as another."""
+    stronger = one.limit <= other.limit and (one.bandwidth_Hz or 0.0) >= (other.bandwidth_Hz or 0.0)
+    return one.holds and one.kind == other.kind and stronger
+
+
+def describe(claim: Claim) -> str:
+    """A claim in words."""
+    if claim.kind == "compliance":
+        up_to = "at every frequency" if isinf(claim.bandwidth_Hz or 0) else f"up to {claim.bandwidth_Hz:.7g} Hz"
+        return f"compliance |x/F_d| at most {claim.limit:.6g} m/N {up_to}"
+    name = {
+        "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
+        "decay_rate": "decay rate of every pole above",
+        "gain_margin": "stable at every gain up to" if claim.limit >= 1 else "stable at every gain down to",
+    }[claim.kind]
+    return f"{name} {claim.limit:.6g}{_UNITS[claim.kind]}"
+
+
+def _summary(prototype: Prototype, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+    """The result in words, for the top of the certificate."""
+    low, high = nearest(stability.low), nearest(stability.high)
+    lines = [f"Certificate of {prototype.name!r} for every outer end mass from {low:g} to {high:g} kg."]
+    if stability.stable:
+        lines.append("The closed loop is stable over the whole range.")
+    else:
+        lines.append(f"The closed loop is NOT stable over the whole range: {stability.reason}.")
+        lines += [f"It is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
+    lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
+    return "\n".join(lines)

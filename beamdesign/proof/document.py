@@ -1,0 +1,300 @@
+"""The text of a certificate over one mass: TOML that a person can read and `beamdesign.proof.replay` proves again."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import isinf
+
+from flint import arb, ctx, fmpq, fmpq_poly
+
+from beamdesign.controller import transfer_function
+from beamdesign.crossing import Crossing
+from beamdesign.loop import Loop
+from beamdesign.lumped import figures
+from beamdesign.polynomial import exact
+from beamdesign.proof.performance import Claim
+from beamdesign.proof.rational import bounds, simple_between, text
+from beamdesign.proof.stability import StabilityMap
+from beamdesign.prototype import Prototype
+
+KIND = "beamdesign.mass_range"
+VERSION = 1
+
+_RIG_KEYS = {
+    "outer_stiffness": "outer_stiffness_N_per_m",
+    "outer_mass": "outer_mass_kg",
+    "outer_damping": "outer_damping_N_s_per_m",
+    "inner_stiffness": "inner_stiffness_N_per_m",
+    "inner_mass": "inner_mass_kg",
+    "inner_damping": "inner_damping_N_s_per_m",
+    "oil_stiffness": "oil_stiffness_N_per_m",
+    "piston_area": "piston_area_m2",
+    "flow_gain": "flow_gain_m3_per_s_per_A",
+    "leakage": "leakage_m3_per_s_per_Pa",
+    "valve_frequency": "valve_frequency_rad_per_s",
+    "valve_damping_ratio": "valve_damping_ratio",
+    "sensor_gain": "sensor_gain_V_per_m",
+    "filter_frequency": "filter_frequency_rad_per_s",
+}
+_DIGITS = 12
+
+
+def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: Sequence[Claim], summary: str) -> str:
+    """Write the certificate.
+
+    Args:
+        prototype: whose figures it states.
+        loop: its closed loop.
+        stability: what was found over the range.
+        claims: statements of performance, held or refuted.
+        summary: the result in words, put on top as a comment.
+    """
+    above = [
+        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        "#",
+        "# To prove it again with python-flint alone: python replay.py THIS-FILE  (beamdesign/proof/replay.py).",
+        "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
+        "# text. Polynomials list the coefficients of s^0, s^1, ... The checksum is of the text without its own line.",
+        "",
+        f'kind = "{KIND}"',
+        f"version = {VERSION}",
+        "",
+    ]
+    below = [
+        f"name = {quoted(prototype.name)}",
+        'parameter = "outer_end_mass_kg"',
+        f'low = "{text(stability.low)}"',
+        f'high = "{text(stability.high)}"',
+        "",
+        *rig_lines(prototype),
+        *controller_lines(prototype),
+        *_polynomials(loop),
+        *_stability(stability),
+        *(line for claim in claims for line in _claim(claim)),
+    ]
+    head, body = "\n".join(above), "\n".join(below)
+    return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
+
+
+def states_figures_of(certificate: str, prototype: Prototype) -> bool:
+    """Whether the text of a certificate states the rig and the controller of a prototype, and nothing else."""
+    return "\n".join([*rig_lines(prototype), *controller_lines(prototype)]) in certificate
+
+
+def quoted(value: str) -> str:
+    """A TOML string."""
+    import tomli_w
+
+    return tomli_w.dumps({"value": value}).removeprefix("value = ").rstrip("\n")
+
+
+def rig_lines(prototype: Prototype) -> Iterator[str]:
+    """The table of the lumped figures."""
+    yield "# The lumped figures of the model, end masses not included; damping is that of fixed dashpots."
+    yield "[rig]"
+    yield f'kind = "{prototype.kind}"'
+    valve, sensor = prototype.servovalve, prototype.sensor
+    for name, value in figures(prototype).items():
+        if name == "filter_frequency" and sensor.filter_Hz is None:
+            continue
+        yield f'{_RIG_KEYS[name]} = "{text(exact(value))}"'
+    yield f'valve_frequency_Hz = "{text(exact(valve.natural_frequency_Hz))}"'
+    if sensor.filter_Hz is not None:
+        yield f'filter_frequency_Hz = "{text(exact(sensor.filter_Hz))}"'
+    yield f'inner_end_mass_kg = "{text(exact(prototype.payload.inner_end_mass_kg))}"'
+    yield ""
+
+
+def controller_lines(prototype: Prototype) -> Iterator[str]:
+    """The table of the controller: its figures and its polynomials."""
+    controller = prototype.controller
+    assert controller is not None  # there is a loop
+    law = transfer_function(controller)
+    yield "# From error voltage (V) to current (A); the polynomials are what counts."
+    yield "[controller]"
+    for name, value in controller.model_dump().items():
+        yield f'{name} = "{value if isinstance(value, str) else text(exact(value))}"'
+    yield f"numerator = {_list(law.numerator)}"
+    yield f"denominator = {_list(law.denominator)}"
+    yield ""
+
+
+def _polynomials(loop: Loop) -> Iterator[str]:
+    """All four over one common factor, so that every coefficient is an integer."""
+    named = {
+        "p0": loop.characteristic.constant,
+        "p1": loop.characteristic.slope,
+        "returned": loop.returned,
+        "disturbance": loop.disturbance,
+    }
+    factor = fmpq(1)
+    for polynomial in named.values():
+        factor *= (polynomial * factor).denom()
+    divisor = fmpq(0)
+    for polynomial in named.values():
+        for value in (polynomial * factor).coeffs():
+            divisor = fmpq(value.p.gcd(divisor.p))
+    yield "# The closed loop's characteristic polynomial is p0 + m p1, m the outer end mass in kg; the open loop is"
+    yield "# returned / (p0 - returned + m p1), and the closed-loop compliance x / F_d is disturbance / (p0 + m p1)."
+    yield "[polynomials]"
+    for name, polynomial in named.items():
+        yield f"{name} = {_list(polynomial * (factor / divisor), one_per_line=True)}"
+    yield ""
+
+
+def _list(polynomial: fmpq_poly, one_per_line: bool = False) -> str:
+    values = [f'"{text(value)}"' for value in polynomial.coeffs()]
+    return "[\n  " + ",\n  ".join(values) + ",\n]" if one_per_line else "[" + ", ".join(values) + "]"
+
+
+def _stability(stability: StabilityMap) -> Iterator[str]:
+    """Ranges, each settled at its sample, and the crossings between them, as decimal enclosures."""
+    groups = _groups(stability)
+    enclosures = _mass_enclosures(groups, stability)
+    yield "# Roots cross the imaginary axis at the crossings and nowhere else; each range is settled by its sample."
+    yield "[stability]"
+    yield f"stable = {_bool(stability.stable)}"
+    if stability.stable:
+        yield from _beyond(stability)
+    if not stability.ranges:
+        yield "range = []"
+    if not groups:
+        yield "crossing = []"
+    yield ""
+    starts = {id(group[0]): pair for group, pair in zip(groups, enclosures, strict=True)}
+    for part in stability.ranges:
+        low = starts[id(part.opens_at)][1] if part.opens_at else part.low
+        high = starts[id(part.closes_at)][0] if part.closes_at else part.high
+        yield "[[stability.range]]"
+        yield f'low = "{text(low)}"'
+        yield f'high = "{text(high)}"'
+        yield f'sample = "{text(part.sample)}"'
+        yield f"stable = {_bool(part.stable)}"
+        yield ""
+    for group, pair in zip(groups, enclosures, strict=True):
+        for crossing in group:
+            yield "[[stability.crossing]]"
+            yield f"outer_end_mass_kg = {_texts(pair)}"
+            if not crossing.finite:
+                yield 'squared_frequency = "infinite"'
+            else:
+                square = _decimals(*bounds(crossing.squared_frequency), _DIGITS)
+                yield f"squared_frequency = {_texts(square)}"
+                yield f"frequency_Hz = {_texts(_frequencies(square))}"
+            yield ""
+
+
+def _beyond(stability: StabilityMap) -> Iterator[str]:
+    """How far a stable range reaches past what was asked, up to the next crossing or down to no mass at all."""
+    above, below = stability.above, stability.below
+    if above is None:
+        yield 'stays_stable_to_kg = "infinite"'
+    else:
+        most = _enclosure(above)[0]
+        if above.rational is not None:
+            most = simple_between(stability.high, above.rational)
+        if most > stability.high:
+            yield f'stays_stable_to_kg = "{text(most)}"'
+    if stability.low > 0:
+        least = fmpq(0)
+        if below is not None and below.rational is not None and below.rational >= 0:
+            least = simple_between(below.rational, stability.low)
+        elif below is not None:
+            least = max(least, _enclosure(below)[1])
+        if least < stability.low:
+            yield f'stays_stable_from_kg = "{text(least)}"'
+
+
+def _groups(stability: StabilityMap) -> list[list[Crossing]]:
+    """The crossings by mass; the ranges name the first of each group."""
+    firsts = {id(part.opens_at) for part in stability.ranges} | {id(part.closes_at) for part in stability.ranges}
+    groups: list[list[Crossing]] = []
+    for crossing in stability.crossings:
+        if not groups or id(crossing) in firsts:
+            groups.append([])
+        groups[-1].append(crossing)
+    return groups
+
+
+def _mass_enclosures(groups: Sequence[Sequence[Crossing]], stability: StabilityMap) -> list[tuple[fmpq, fmpq]]:
+    """Short decimals around each group, with as many digits as it takes to keep them and the samples apart."""
+    digits = _DIGITS
+    samples = [part.sample for part in stability.ranges]
+    while True:
+        found = []
+        for group in groups:
+            pairs = [_enclosure(crossing, digits) for crossing in group]
+            found.append((min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)))
+        edges = [(stability.low, stability.low), *found, (stability.high, stability.high)]
+        apart = all(before[1] < after[0] for before, after in pairwise(found))
+        clear = all(not low <= sample <= high for sample in samples for low, high in found)
+        inside = all(edges[0][0] <= low and high <= edges[-1][1] for low, high in found)
+        if (apart and clear and inside) or digits > 1000:
+            return found
+        digits *= 2
+
+
+def _enclosure(crossing: Crossing, digits: int = _DIGITS) -> tuple[fmpq, fmpq]:
+    if crossing.rational is not None:
+        return crossing.rational, crossing.rational
+    return _decimals(*bounds(crossing.parameter), digits)
+
+
+def _decimals(low: fmpq, high: fmpq, digits: int) -> tuple[fmpq, fmpq]:
+    """Decimals around a narrow interval, to so many digits of its larger end."""
+    if low == high and text(low).find("/") < 0:
+        return low, high
+    step = fmpq(1)
+    size = max(abs(low), abs(high))
+    while step * 10**digits < size:
+        step *= 10
+    while step * 10 ** (digits - 1) > size:
+        step /= 10
+    return (low / step).floor() * step, (high / step).ceil() * step
+
+
+def _frequencies(square: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
+    """Decimals around sqrt(x) / (2 pi) for x in an enclosure."""
+    if square == (0, 0):
+        return fmpq(0), fmpq(0)
+    with ctx.workprec(128):
+        low, high = (bounds(arb(value).sqrt() / (2 * arb.pi())) for value in square)
+    return _decimals(low[0], high[1], _DIGITS)
+
+
+def _claim(claim: Claim) -> Iterator[str]:
+    yield "[[claim]]"
+    yield f'kind = "{claim.kind}"'
+    yield f'limit = "{text(exact(claim.limit))}"'
+    if claim.bandwidth_Hz is not None:
+        yield f'bandwidth_Hz = "{_finite(claim.bandwidth_Hz)}"'
+    yield f"holds = {_bool(claim.holds)}"
+    if not claim.holds:
+        yield f"reason = {quoted(claim.reason)}"
+        yield from _witness(claim)
+    yield ""
+
+
+def _witness(claim: Claim) -> Iterator[str]:
+    """Figures that refute the claim, where there are rational ones."""
+    witness = claim.witness
+    if witness is None or not witness.exact:
+        return
+    yield "[claim.witness]"
+    yield f'outer_end_mass_kg = "{text(witness.mass)}"'
+    if witness.squared_frequency is not None:
+        yield f'squared_frequency = "{text(witness.squared_frequency)}"'
+    if witness.gain_factor is not None:
+        yield f'gain_factor = "{text(witness.gain_factor)}"'
+
+
+def _finite(value: float) -> str:
+    return "infinite" if isinf(value) else text(exact(value))
+
+
+def _texts(pair: tuple[fmpq, fmpq]) -> str:
+    return f'["{text(pair[0])}", "{text(pair[1])}"]'
+
+
+def _bool(value: bool) -> str:
+    return "true" if value else "false"

@@ -1,0 +1,132 @@
+"""The box of a prototype's tolerances, end masses and delay."""
+
+from collections.abc import Collection, Mapping
+from math import pi
+
+from flint import arb, fmpq
+
+from beamdesign.polynomial import exact
+from beamdesign.proof.box import Box
+from beamdesign.proof.rational import bounds, nearest, shortened
+from beamdesign.proof.rig_family import rig_family
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
+
+_TOLERANCES = {
+    "outer_stiffness": "stiffness",
+    "outer_mass": "effective_mass",
+    "outer_damping": "beam_damping_ratio",
+    "inner_stiffness": "stiffness",
+    "inner_mass": "effective_mass",
+    "inner_damping": "beam_damping_ratio",
+    "oil_stiffness": "oil_stiffness",
+    "piston_area": "piston_area",
+    "flow_gain": "flow_gain",
+    "leakage": "leakage",
+    "valve_frequency": "valve_natural_frequency",
+    "valve_damping_ratio": "valve_damping_ratio",
+    "sensor_gain": "sensor_gain",
+    "filter_frequency": "sensor_filter",
+    "outer_end_mass": "outer_end_mass",
+    "inner_end_mass": "inner_end_mass",
+}
+
+_UNITS = {
+    "stiffness": "N_per_m",
+    "mass": "kg",
+    "damping": "N_s_per_m",
+    "area": "m2",
+    "flow_gain": "m3_per_s_per_A",
+    "leakage": "m3_per_s_per_Pa",
+    "sensor_gain": "V_per_m",
+    "controller_gain": "A_per_V",
+    "delay": "s",
+}
+
+
+def figure_key(name: str) -> tuple[str, float]:
+    """The key of a figure with its unit, and what to divide its SI value by: frequencies are shown in Hz."""
+    if (name.startswith("controller_") and name != "controller_gain") or name.endswith("_frequency"):
+        return f"{name}_Hz", 2 * pi
+    for ending, unit in _UNITS.items():
+        if name.endswith(ending):
+            return f"{name}_{unit}", 1.0
+    return name, 1.0
+
+
+def tolerance_box(
+    prototype: Prototype,
+    sigmas: float = 3.0,
+    names: Collection[str] | None = None,
+    outer_end_mass: tuple[float, float] | None = None,
+    inner_end_mass: tuple[float, float] | None = None,
+    delay_s: tuple[float, float] | None = None,
+    spread: Mapping[str, float] | None = None,
+) -> Box:
+    """Ranges of the figures of a prototype: so many standard deviations to either side.
+
+    A dashpot b = 2 zeta sqrt(K M) is a parameter of its own and spans all that its beam's damping ratio, stiffness and
+    mass give within their tolerances. End masses and delay are ranges that are asked for: they do not scale with the
+    tolerances, but a tolerance of an end mass widens its range.
+
+    Args:
+        prototype: with a controller; its `tolerance` holds relative standard deviations.
+        sigmas: how many standard deviations.
+        names: which figures vary, as in `rig_family`; all that have a tolerance where it is None.
+        outer_end_mass: kg; else the range of the payload, where there is one.
+        inner_end_mass: kg; else the payload's one value.
+        delay_s: pure delay in the loop, s.
+        spread: relative standard deviations beside those of the prototype, such as {"controller_gain": 0.01}.
+
+    Raises:
+        InputError: for a figure without tolerance or that the rig does not have, or a range that reaches zero.
+        ValueError: without a controller.
+    """
+    values = rig_family(prototype).values
+    deviations = {n: getattr(prototype.tolerance, key) for n, key in _TOLERANCES.items() if n in values}
+    if unknown := sorted((set(spread or {}) | set(names or ())) - set(values)):
+        raise InputError("names", [Problem(name, f"no such figure; there are {', '.join(values)}") for name in unknown])
+    deviations |= spread or {}
+    part = {name: exact(sigmas) * exact(deviation) for name, deviation in deviations.items()}
+    if wide := [name for name, share in part.items() if share >= 1 and values[name] > 0]:
+        reason = "{:g} standard deviations of {:g} reach zero"
+        raise InputError("tolerance", [Problem(n, reason.format(sigmas, deviations[n])) for n in wide])
+    ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
+    for beam in ("outer", "inner"):
+        if f"{beam}_damping" not in (spread or {}):
+            shares = [part[f"{beam}_{figure}"] for figure in ("stiffness", "mass", "damping")]
+            ranges[f"{beam}_damping"] = _dashpot(values[f"{beam}_damping"], *shares)
+    payload = prototype.payload.outer_end_mass_kg
+    asked = {
+        "outer_end_mass": outer_end_mass if outer_end_mass is not None else payload,
+        "inner_end_mass": inner_end_mass,
+        "delay": delay_s,
+    }
+    rigid = set()
+    for name, pair in asked.items():
+        if pair is not None:
+            share = part.get(name, fmpq(0))
+            ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
+            rigid.add(name)
+    chosen = [name for name in values if name in ranges and ranges[name][0] < ranges[name][1]]
+    if names is not None:
+        if fixed := sorted(set(names) - set(chosen)):
+            raise InputError("names", [Problem(name, "has no tolerance and no range") for name in fixed])
+        chosen = [name for name in chosen if name in names or name in rigid]
+    nominal = [min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen]
+    lows, highs = ([ranges[name][side] for name in chosen] for side in (0, 1))
+    return Box(tuple(chosen), tuple(lows), tuple(highs), tuple(nominal), frozenset(rigid & set(chosen)))
+
+
+def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:
+    """Range of b = 2 zeta sqrt(K M), rounded outwards; the shares are those of K, M and zeta."""
+    if (stiffness == 0 and mass == 0) or value == 0:
+        return value * (1 - ratio), value * (1 + ratio)
+    low = bounds(arb((1 - stiffness) * (1 - mass)).sqrt())[0] * (1 - ratio) * value
+    high = bounds(arb((1 + stiffness) * (1 + mass)).sqrt())[1] * (1 + ratio) * value
+    return shortened(low, 8), shortened(high, 8, up=True)
+
+
+def in_units(point: Mapping[str, fmpq], names: Collection[str]) -> dict[str, float]:
+    """Figures under their keys with units, as floats."""
+    return {key: nearest(point[n]) / factor for n in names for key, factor in [figure_key(n)]}

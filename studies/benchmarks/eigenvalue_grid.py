@@ -1,0 +1,85 @@
+"""The alternative in numpy: closed-loop eigenvalues on a dense grid of outer end masses, all in one batch."""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from beamdesign.linear import LinearRig
+from beamdesign.prototype import Lag, Proportional
+from beamdesign.rig.twin_beam import descriptor
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """A rig's matrices in E x' = A x + B u, y = C x, E affine in both end masses.
+
+    Attributes:
+        bare: (n, n), E without end masses.
+        outer: (n, n), what 1 kg on the outer tip adds.
+        inner: (n, n), what 1 kg on the inner tip adds.
+        a: (n, n).
+        b: (n, 2), force and current.
+        c: (2, n), displacement and sensor voltage.
+    """
+
+    bare: np.ndarray
+    outer: np.ndarray
+    inner: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+
+    def plants(self, masses_kg: np.ndarray, inner_end_mass_kg: float) -> tuple[np.ndarray, np.ndarray]:
+        """A (m, n, n) and B (m, n, 2) of x' = A x + B u at every outer end mass."""
+        e = self.bare + inner_end_mass_kg * self.inner + masses_kg[:, None, None] * self.outer
+        right = np.hstack([self.a, self.b])
+        solved = np.linalg.solve(e, np.broadcast_to(right, (len(e), *right.shape)))
+        return solved[:, :, :-2], solved[:, :, -2:]
+
+
+def matrices(rig: LinearRig) -> Matrices:
+    """The rig's matrices, derived once for all masses."""
+    function, figures = descriptor(rig.filtered).function, list(rig.figures.values())
+    bare, outer, inner = (function([*figures, *masses]) for masses in ((0, 0), (1, 0), (0, 1)))
+    e, a, b, c = (np.asarray(matrix) for matrix in bare)
+    return Matrices(e, np.asarray(outer[0]) - e, np.asarray(inner[0]) - e, a, b, c)
+
+
+def realised(controller: Proportional | Lag) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """A controller's state matrices (k, k), (k, 1), (1, k) and its direct gain, from volts to amperes."""
+    if isinstance(controller, Proportional):
+        return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), controller.gain_A_per_V
+    through = controller.gain_A_per_V * controller.pole_Hz / controller.zero_Hz
+    pole = 2 * pi * controller.pole_Hz
+    return np.array([[-pole]]), np.array([[1.0]]), np.array([[pole * (controller.gain_A_per_V - through)]]), through
+
+
+def closed_loops(
+    rig: Matrices, controller: Proportional | Lag, inner_end_mass_kg: float, masses_kg: np.ndarray
+) -> np.ndarray:
+    """(m, n, n) closed-loop matrices at every outer end mass, equation (12)."""
+    plants, inputs = rig.plants(masses_kg, inner_end_mass_kg)
+    a, b, c, through = realised(controller)
+    n, k = len(rig.a), len(a)
+    current, sensor = inputs[:, :, 1:], rig.c[1:]
+    loops = np.empty((len(masses_kg), n + k, n + k))
+    loops[:, :n, :n] = plants - through * current @ sensor
+    loops[:, :n, n:] = current @ c
+    loops[:, n:, :n] = -b @ sensor
+    loops[:, n:, n:] = a
+    return loops
+
+
+def growth(loops: np.ndarray) -> np.ndarray:
+    """(m,) largest real part of any eigenvalue, 1/s."""
+    return np.linalg.eigvals(loops).real.max(axis=1)
+
+
+def stable_stretches(masses_kg: np.ndarray, stable: np.ndarray) -> list[tuple[float, float]]:
+    """Stretches of the grid that read stable; an edge is put half-way to the neighbour that does not."""
+    edges = np.nonzero(np.diff(stable.astype(int)))[0]
+    cuts = (masses_kg[edges] + masses_kg[edges + 1]) / 2
+    ends = [float(masses_kg[0]), *map(float, cuts), float(masses_kg[-1])]
+    first = 0 if stable[0] else 1
+    return [(ends[i], ends[i + 1]) for i in range(first, len(ends) - 1, 2)]

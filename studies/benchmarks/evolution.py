@@ -1,0 +1,190 @@
+"""The alternative to the tuner: differential evolution on a grid, and what its optimum is worth once it is proved.
+
+The same variables within the same bounds as in `tune` (logarithms of gain and breaks, inner end mass), and the same
+goal, sampled on 300 frequencies and 7 outer end masses: largest bandwidth, a penalty for peak sensitivity above its
+limit, and a larger one for loops with an eigenvalue to the right of the axis at a sampled mass.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import log, pi, tanh
+
+import numpy as np
+from comparison import Comparison, Method
+from effort import Effort
+from eigenvalue_grid import closed_loops, growth, matrices
+from proofs import always_stable, guaranteed_bandwidth, guaranteed_peak_sensitivity, keeps_peak_sensitivity
+from scipy.optimize import OptimizeResult, differential_evolution
+from stopwatch import Cost, timed
+
+from beamdesign.design.controller_forms import FORMS
+from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, grid_plant, sampled_bandwidth
+from beamdesign.design.tuning import tune
+from beamdesign.linear import linear_rig
+from beamdesign.loop import Loop, close_loop
+from beamdesign.prototype import Lag, Proportional, Prototype
+
+LARGEST_INNER_KG = 6.0
+_MASSES = 7
+_PER_EXCESS = 20.0
+"""Penalty per unit of log(peak sensitivity) above its limit: many times what that buys in log(bandwidth)."""
+_UNSTABLE = 10.0
+_LEAST_SHARE = 1e-3
+
+
+class Sampled:
+    """The tuner's goal on a grid, as a function to minimise."""
+
+    def __init__(self, prototype: Prototype, masses_kg: tuple[float, float], kind: str):
+        rig = linear_rig(prototype)
+        self.form, self.goal, self.rig = FORMS[kind], prototype.goal, rig
+        self.masses = np.linspace(*masses_kg, _MASSES)
+        self.bounds = [*self.form.log_bounds, (0.0, LARGEST_INNER_KG)]
+        self._plant, self._matrices = grid_plant(rig, SEARCH_FREQUENCIES_HZ), matrices(rig)
+
+    def record(self, variables: np.ndarray) -> tuple[Proportional | Lag, float]:
+        """Controller and inner end mass with rounded figures, as the tuner rounds its own."""
+        return self.form.rounded([float(value) for value in variables[:-1]]), round(float(variables[-1]), 6)
+
+    def figures(self, variables: np.ndarray) -> tuple[float, float]:
+        """Bandwidth (Hz) and peak sensitivity on the grid."""
+        inner, grid, s = float(variables[-1]), self._plant, 2j * pi * SEARCH_FREQUENCIES_HZ
+        gain, *shape = np.exp(variables[:-1])
+        numerator, denominator = (np.polyval(p[::-1], s) for p in self.form.polynomials(shape))
+        rows = grid.denominator[:, 0] + inner * grid.denominator[:, 1]
+        plant = rows[0] + self.masses[:, None] * rows[1]
+        returned = 1 + gain * (grid.control[0] + inner * grid.control[1]) * (numerator / denominator) / plant
+        compliance = np.abs((grid.disturbance[0] + inner * grid.disturbance[1]) / plant / returned).max(axis=0)
+        bandwidth = sampled_bandwidth(SEARCH_FREQUENCIES_HZ, compliance, self.goal.compliance_m_per_N)
+        return bandwidth, float(1 / np.abs(returned).min())
+
+    def __call__(self, variables: np.ndarray) -> float:
+        """What is minimised."""
+        controller = self.form.record(np.exp(variables[:-1]).tolist())
+        fastest = float(growth(closed_loops(self._matrices, controller, float(variables[-1]), self.masses)).max())
+        if fastest >= 0:
+            return _UNSTABLE + tanh(fastest / 100)
+        bandwidth, peak = self.figures(variables)
+        return -log(bandwidth) + _PER_EXCESS * max(0.0, log(peak / self.goal.peak_sensitivity))
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a sampled optimum is worth.
+
+    Attributes:
+        stable: whether it is stable over the whole range, exactly.
+        bandwidth_Hz: guaranteed at the gain that was found; 0 where not stable.
+        peak_sensitivity: guaranteed there, rounded up to 1e-4.
+        keeps_limit: whether it is proved to keep the limit of peak sensitivity as it stands.
+        gain_share: nearest share of the gain, lower or higher, at which it is proved to keep the limit; 0 for none.
+        proved_bandwidth_Hz: guaranteed at that share; of a lower and a higher one the better.
+    """
+
+    stable: bool
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    keeps_limit: bool
+    gain_share: float
+    proved_bandwidth_Hz: float
+
+
+def worth(sampled: Sampled, variables: np.ndarray, low_kg: float, high_kg: float) -> Worth:
+    """Prove what can be proved of a sampled optimum, and move its gain until it keeps the limit."""
+    controller, inner = sampled.record(variables)
+    plant, goal = sampled.rig.plant(inner), sampled.goal
+
+    def at(share: float) -> Loop:
+        return close_loop(plant, controller.but(gain_A_per_V=controller.gain_A_per_V * share))
+
+    def kept(share: float) -> bool:
+        return keeps_peak_sensitivity(at(share), goal.peak_sensitivity, low_kg, high_kg)
+
+    def reached(share: float) -> float:
+        return guaranteed_bandwidth(at(share), goal.compliance_m_per_N, low_kg, high_kg)
+
+    keeps = kept(1.0)
+    shares = [1.0] if keeps else [_nearest_kept(kept, factor) for factor in (_LEAST_SHARE, 1 / _LEAST_SHARE)]
+    proved = {reached(share): share for share in shares if share is not None}
+    best = max(proved, default=0.0)
+    return Worth(
+        always_stable(at(1.0), low_kg, high_kg),
+        reached(1.0),
+        guaranteed_peak_sensitivity(at(1.0), low_kg, high_kg),
+        keeps,
+        proved.get(best, 0.0),
+        best,
+    )
+
+
+def _nearest_kept(kept: Callable[[float], bool], furthest: float) -> float | None:
+    """The share of the gain nearest to 1, towards the furthest one, at which the limit is kept; None where nowhere."""
+    share, failing, step = 1.0, 1.0, 1e-6
+    while not kept(share):
+        if not min(furthest, 1.0) <= share <= max(furthest, 1.0):
+            return None
+        failing, share, step = share, share * (1 + (step if furthest > 1 else -step)), min(2 * step, 0.5)
+    while abs(failing - share) > 1e-7 * failing:
+        middle = (share + failing) / 2
+        share, failing = (middle, failing) if kept(middle) else (share, middle)
+    return share
+
+
+def compare_tuners(
+    prototype: Prototype, masses_kg: tuple[float, float], effort: Effort, row: str, question: str
+) -> Comparison:
+    """The tuner against one run of the evolution per seed."""
+    cost, tuned = timed(lambda: tune(prototype, masses_kg, effort.kind, LARGEST_INNER_KG), 1, warm=False)
+    assert tuned.best is not None
+    best = tuned.best
+    methods = [
+        Method(
+            f"proof: tune, {effort.kind}",
+            cost,
+            f"{best.bandwidth_Hz:.7g} Hz proved, peak sensitivity at most {best.peak_sensitivity:.6g},"
+            f" {best.inner_end_mass_kg:.3g} kg inside ({tuned.certificates} stability proofs)",
+            facts={"proved_bandwidth_Hz": best.bandwidth_Hz, "peak_sensitivity": best.peak_sensitivity},
+        )
+    ]
+    sampled = Sampled(prototype, masses_kg, effort.kind)
+    for seed in effort.seeds:
+        cost, found = timed(
+            lambda seed=seed: differential_evolution(sampled, sampled.bounds, seed=seed, maxiter=effort.generations),
+            1,
+            warm=False,
+        )
+        methods.append(_searched(sampled, found, seed, cost, masses_kg))
+    return Comparison(row, question, tuple(methods))
+
+
+def _searched(sampled: Sampled, found: OptimizeResult, seed: int, cost: Cost, masses_kg: tuple[float, float]) -> Method:
+    bandwidth, peak = sampled.figures(found.x)
+    value, limit = worth(sampled, found.x, *masses_kg), sampled.goal.peak_sensitivity
+    exact = f"proved, it is worth {value.bandwidth_Hz:.7g} Hz at peak sensitivity {value.peak_sensitivity:.5g}"
+    if not value.stable:
+        exact = "it is not stable over the whole range"
+    elif not value.keeps_limit:
+        exact += f", above the limit {limit:g}"
+    after = "as it stands"
+    if value.gain_share == 0:
+        after = "no gain keeps the limit"
+    elif not value.keeps_limit:
+        after = f"with its gain times {value.gain_share:.6g} the limit is kept, and"
+        after += (
+            f" {value.proved_bandwidth_Hz:.7g} Hz are proved" if value.proved_bandwidth_Hz else " no bandwidth is left"
+        )
+    return Method(
+        f"scipy differential_evolution, seed {seed}",
+        cost,
+        f"{bandwidth:.7g} Hz at peak sensitivity {peak:.5g} on the grid, {found.x[-1]:.3g} kg inside"
+        f" ({found.nfev} evaluations)",
+        f"{exact}; {after}",
+        {
+            "sampled_bandwidth_Hz": bandwidth,
+            "sampled_peak_sensitivity": peak,
+            "peak_sensitivity": value.peak_sensitivity,
+            "keeps_limit": float(value.keeps_limit),
+            "gain_share": value.gain_share,
+            "proved_bandwidth_Hz": value.proved_bandwidth_Hz,
+        },
+    )

@@ -1,0 +1,98 @@
+"""The Python interface: a handful of names, light to import, the verbs as functions on a prototype."""
+
+import inspect
+import pkgutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import control
+import pytest
+
+import beamdesign
+from beamdesign import InputError, Prototype
+
+ROOT = Path(__file__).parent.parent
+HEAVY = {
+    "casadi", "control", "cvxpy", "flint", "jinja2", "matplotlib", "numpy", "pydantic", "rich", "scipy", "tomli_w",
+    "typer",
+}  # fmt: skip
+
+
+def modules_after(code: str) -> set[str]:
+    """Names of the top-level packages that a fresh interpreter has loaded after some code."""
+    script = f"import sys\n{code}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    return {name.split(".")[0] for name in done.stdout.split()}
+
+
+def test_importing_the_package_loads_no_engine():
+    assert modules_after("import beamdesign") & HEAVY == set()
+
+
+def test_a_name_loads_only_what_it_needs():
+    loaded = modules_after("from beamdesign import read_prototype")
+    assert loaded & HEAVY == {"pydantic", "tomli_w"}
+
+
+@pytest.mark.parametrize("name", beamdesign.__all__)
+def test_every_public_name_is_documented_and_stays_what_it_is(name):
+    first = getattr(beamdesign, name)
+    assert getattr(beamdesign, name) is first
+    assert callable(first)
+    assert not inspect.ismodule(first)
+    assert first.__name__ == name
+    assert len(inspect.getdoc(first) or "") > 20
+
+
+def test_public_names_are_listed_once_and_in_order():
+    assert sorted(set(beamdesign.__all__)) == list(beamdesign.__all__) == dir(beamdesign)
+
+
+def test_no_module_goes_by_the_name_of_a_function():
+    """A module of that name would take the function's place as soon as anything imports it."""
+    modules = {module.name for module in pkgutil.iter_modules(beamdesign.__path__)}
+    assert modules & set(beamdesign.__all__) == set()
+
+
+def test_functions_stay_functions_after_their_rooms_are_imported():
+    """The rooms of tuning, sizing and co-design have public functions of like names inside."""
+    code = """
+from importlib import import_module
+import pkgutil
+import beamdesign
+for room in ("design", "proof", "study"):
+    package = import_module(f"beamdesign.{room}")
+    for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+        import_module(module.name)
+for name in beamdesign.__all__:
+    assert callable(getattr(beamdesign, name)), name
+"""
+    modules_after(code)
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'beamdesign' has no attribute 'optimise'"):
+        import_module("beamdesign").optimise  # noqa: B018
+
+
+def test_the_verbs_work_on_a_prototype(tmp_path, paper: Prototype):
+    """Read, certify, replay, hand to python-control: no command line in between."""
+    path = tmp_path / "rig.toml"
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
+    beamdesign.write_prototype(firm, path)
+    assert beamdesign.read_prototype(path) == firm
+
+    certificate = beamdesign.certify(firm, 2.0, 6.8)
+    assert certificate.stable
+    (tmp_path / "certificate.toml").write_text(certificate.text, encoding="utf-8")
+    assert beamdesign.replay(tmp_path / "certificate.toml").valid
+
+    model = beamdesign.state_space(firm, outer_end_mass_kg=3.0)
+    assert isinstance(model, control.StateSpace)
+    assert beamdesign.critical_gain(firm, 6.8).gain_A_per_V > firm.controller.gain_A_per_V
+
+    assert not beamdesign.certify(firm, 0.0, 6.8).stable
+    with pytest.raises(InputError, match="load: missing"):
+        beamdesign.read_problem(path)

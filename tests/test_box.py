@@ -1,0 +1,210 @@
+"""Stability over a box of parameters: against other theory, against sampling, and where short cuts go wrong."""
+
+import re
+from itertools import product
+from math import atan, pi, sqrt
+
+import numpy as np
+import pytest
+from flint import ctx, fmpq, fmpq_poly
+
+from beamdesign.loop import loop
+from beamdesign.polynomial import exact, is_hurwitz
+from beamdesign.polynomial import roots as roots_of
+from beamdesign.proof import replay_box
+from beamdesign.proof.box import box_of, certify_box
+from beamdesign.proof.replay_box import Statement, replay, unstable_roots
+from beamdesign.proof.rig_family import Family
+from beamdesign.proof.scaling import largest_scaling
+from beamdesign.proof.stability import stable_ranges
+
+
+def family(p: str, **values: float) -> Family:
+    """A family without structure."""
+    return Family("test", p, {name: exact(value) for name, value in values.items()})
+
+
+# Against theory.
+
+
+def kharitonov(low: list[fmpq], high: list[fmpq]) -> bool:
+    """V. L. Kharitonov (1978): an interval polynomial is stable if and only if four of its corners are."""
+    patterns = ("llhh", "hhll", "lhhl", "hllh")
+    return all(
+        is_hurwitz(fmpq_poly([(low if pattern[i % 4] == "l" else high)[i] for i in range(len(low))]))
+        for pattern in patterns
+    )
+
+
+def test_interval_polynomials_agree_with_kharitonov():
+    rng = np.random.default_rng(11)
+    verdicts = []
+    for _ in range(40):
+        roots = np.concatenate([-rng.uniform(0.3, 2, 1), -rng.uniform(0.1, 1, 1) + 1j * rng.uniform(0.5, 2, 1)])
+        centre = np.poly([*roots, roots[1].conjugate(), -1.0]).real[::-1]
+        by = rng.uniform(0.02, 0.3, 5)
+        low = [exact(round(float(c * (1 - b)), 4)) for c, b in zip(centre, by, strict=True)]
+        high = [exact(round(float(c * (1 + b)), 4)) for c, b in zip(centre, by, strict=True)]
+        p = " + ".join(f"a{i}*s**{i}" for i in range(5))
+        box = box_of({f"a{i}": (low[i], high[i]) for i in range(5)})
+        verdict = certify_box(family(p, **{f"a{i}": 1.0 for i in range(5)}), box, budget=2000, volumes=False)
+        assert verdict.stable is not None
+        assert verdict.stable == kharitonov(low, high)
+        verdicts.append(verdict.stable)
+    assert 5 < sum(verdicts) < 35
+
+
+def test_one_parameter_agrees_with_the_exact_crossings(remedy):
+    ranges = stable_ranges(loop(remedy).characteristic, fmpq(0), fmpq(20))
+    least, most = (crossing.value for crossing in ranges.crossings)
+    assert certify_box(remedy, box_of({"outer_end_mass": (least * (1 + 1e-6), most * (1 - 1e-6))})).stable is True
+    for beyond in ((least * (1 - 1e-3), 10.0), (10.0, most * (1 + 1e-3))):
+        verdict = certify_box(remedy, box_of({"outer_end_mass": beyond}))
+        assert verdict.stable is False
+        assert not loop(remedy).at(float(verdict.unstable_point["outer_end_mass"])).stable
+    whole = certify_box(remedy, box_of({"outer_end_mass": (0.0, 20.0)}))
+    assert whole.stable is False
+    assert float(whole.volumes.stable.p) / float(whole.volumes.stable.q) == pytest.approx((most - least) / 20, abs=2e-4)
+
+
+# Traps.
+
+
+def test_margin_that_every_frequency_grid_overestimates():
+    """p = s^3 + (2 - q1) s^2 + s + (1 + q2)(1 + q3), |q| <= r.
+
+    Im p(jw) = w (1 - w^2) for every member: a root can cross the axis at w = 1 and nowhere else. On a grid without
+    exactly this frequency no perturbation of any size reaches zero, so that the margin seems infinite. By Routh the
+    member is stable if 2 - q1 > (1 + q2)(1 + q3) > 0, worst at q = (r, r, r): r^2 + 3 r - 1 = 0.
+    """
+    margin = (sqrt(13) - 3) / 2
+    three = family("s**3 + (2 - q1)*s**2 + s + (1 + q2)*(1 + q3)", q1=0, q2=0, q3=0)
+    names = ("q1", "q2", "q3")
+
+    grid = np.geomspace(0.01, 100, 2000)
+    corners = np.array(list(product((-1.0, 1.0), repeat=3))) * 3 * margin
+    at = (
+        (1j * grid) ** 3
+        + (2 - corners[:, :1]) * (1j * grid) ** 2
+        + 1j * grid
+        + (1 + corners[:, 1:2]) * (1 + corners[:, 2:])
+    )
+    assert np.abs(at.imag).min() > 0  # three times the margin, and all corners on one side of zero at every frequency
+    assert np.all(np.sign(at.imag) == np.sign(at.imag[0]))
+
+    found = largest_scaling(three, box_of(dict.fromkeys(names, (-1, 1))), within=1e-3)
+    assert found.proved < margin < found.refuted < 1.002 * margin
+    assert found.proved > 0.998 * margin
+    assert replay(found.verdict.certificate).valid
+
+
+def test_worst_member_inside_the_range():
+    """q^2 - q + c has its least value, c - 1/4, in the middle: both ends of the range are stable for c > 0."""
+    for c, stable in ((0.2501, True), (0.2499, False)):
+        verdict = certify_box(family(f"s**2 + (q**2 - q + {round(c * 10**4)}/10000)*s + 1", q=0), box_of({"q": (0, 1)}))
+        assert verdict.stable is stable
+    assert verdict.unstable_point["q"] == fmpq(1, 2)
+
+
+def test_skewed_range_about_its_nominal_value():
+    """s^3 + 2 s^2 + s + q is stable for 0 < q < 2; from 0.6 the upper side of [0.5, 1] gets there at factor 3.5."""
+    cubic = family("s**3 + 2*s**2 + s + q", q=0.6)
+    found = largest_scaling(cubic, box_of({"q": (0.5, 1.0)}, {"q": 0.6}), within=1e-3)
+    assert found.proved < 3.5 < found.refuted < 3.504
+    assert found.proved > 3.49
+    assert certify_box(cubic, box_of({"q": (0.01, 1.99)})).stable is True  # its centre is far from either end
+    assert certify_box(cubic, box_of({"q": (0.01, 2.01)})).stable is False
+
+
+def test_root_at_zero_frequency():
+    cubic = family("s**3 + 2*s**2 + s + q", q=0.5)
+    assert certify_box(cubic, box_of({"q": (1e-6, 1.0)})).stable is True
+    verdict = certify_box(cubic, box_of({"q": (-0.1, 1.0)}))
+    assert verdict.stable is False
+    assert verdict.unstable_point["q"] < 0
+    touching = certify_box(cubic, box_of({"q": (0.0, 1.0)}))
+    assert touching.stable is False
+    assert touching.unstable_point["q"] == 0
+
+
+def test_degree_drop():
+    """q s^3 + s^2 + s + 1 is stable for 0 < q < 1; at q = 0 a root passes through infinity, not through the axis."""
+    dropping = family("q*s**3 + s**2 + s + 1", q=0.1)
+    assert certify_box(dropping, box_of({"q": (1e-6, 0.9)})).stable is True
+    assert certify_box(dropping, box_of({"q": (-0.1, 0.9)})).stable is False
+    touching = certify_box(dropping, box_of({"q": (0.0, 0.9)}))
+    assert touching.stable is False
+    assert "infinity" in touching.reason
+
+
+def test_tangency_is_not_proved():
+    """(s + 1)(s^2 + (q - 1/3)^2 s + 1) touches the axis at q = 1/3 only, which no midpoint of the search meets."""
+    square = family("(s + 1)*(s**2 + (9*q**2 - 6*q + 1)*s + 1)", q=0.0)
+    verdict = certify_box(square, box_of({"q": (0, 1)}), budget=2000)
+    assert verdict.stable is None
+    assert 0 < verdict.volumes.undecided < fmpq(1, 100)
+    assert verdict.volumes.unstable == 0
+    low, high = map(float, re.search(r"between (\S+) and (\S+) Hz", verdict.reason).groups())
+    assert low < 1 / (2 * pi) < high < 1.1 * low
+
+
+def test_volumes():
+    """Stable for 0 < q < 2, of [-1, 4]: 2/5, bracketed exactly."""
+    verdict = certify_box(family("s**3 + 2*s**2 + s + q", q=1.0), box_of({"q": (-1, 4)}))
+    assert verdict.stable is False
+    stable, unstable, undecided = verdict.volumes
+    assert stable + unstable + undecided == 1
+    assert stable <= fmpq(2, 5) <= stable + undecided
+    assert unstable <= fmpq(3, 5) <= unstable + undecided
+    assert undecided < fmpq(1, 1000)
+
+
+# Delay.
+
+DELAYED = Family(
+    "integrator and lag", "a + k*late", {"K": exact(1.0), "T": fmpq(0)}, {"a": "s**2 + s", "k": "K"}, (), {"late": "T"}
+)
+
+
+def test_number_of_unstable_roots_with_a_delay():
+    """s (s + 1) + sqrt(2) exp(-sT) meets the axis at w = 1 alone: two roots more at T = pi / 4 and every 2 pi after."""
+    a = fmpq_poly([0, 1, 1])
+    with ctx.workprec(96):
+        for delay in (0.1, 0.7, 0.8, 5.0, 7.0, 7.1, 13.3, 13.4):
+            one = replay_box.Member(a, fmpq_poly([exact(sqrt(2))]), exact(delay))
+            crossed = sum(pi / 4 + 2 * pi * i < delay for i in range(5))
+            assert unstable_roots(one) == 2 * crossed
+
+
+def test_number_of_unstable_roots_without_a_delay():
+    rng = np.random.default_rng(2)
+    with ctx.workprec(96):
+        for degree in (1, 2, 3, 5, 8):
+            plain = fmpq_poly([exact(round(c, 3)) for c in rng.normal(size=degree)] + [1])
+            expected = sum(root.real > 0 for root in roots_of(plain))
+            assert unstable_roots(replay_box.Member(plain, fmpq_poly([0]), fmpq(0))) == expected
+
+
+def test_delay_margin_is_phase_margin_over_crossover():
+    """L = K exp(-sT) / (s (s + 1)): crossover where K^2 = w^2 (w^2 + 1), phase margin pi / 2 - atan w."""
+    for gain in (0.3, 1.0, 2.0):
+        crossover = sqrt((sqrt(1 + 4 * gain**2) - 1) / 2)
+        margin = (pi / 2 - atan(crossover)) / crossover
+        fixed = Family("L", DELAYED.p, {"K": exact(gain), "T": fmpq(0)}, DELAYED.leaves, (), DELAYED.delays)
+        assert certify_box(fixed, box_of({"T": (0.0, 0.999 * margin)})).stable is True
+        refuted = certify_box(fixed, box_of({"T": (0.0, 1.002 * margin)}))
+        assert refuted.stable is False
+        assert replay(refuted.certificate).valid
+
+
+def test_delay_and_gain_together():
+    """The margin falls with the gain, so the box's worst corner is the largest of both."""
+    crossover = sqrt((sqrt(1 + 4 * 1.5**2) - 1) / 2)
+    margin = (pi / 2 - atan(crossover)) / crossover
+    assert certify_box(DELAYED, box_of({"K": (0.5, 1.5), "T": (0.1, 0.99 * margin)})).stable is True
+    assert certify_box(DELAYED, box_of({"K": (0.5, 1.5), "T": (0.1, 1.01 * margin)})).stable is False
+
+
+def test_neutral_type_is_refused():
+    with pytest.raises(ValueError, match="neutral"):
+        Statement("a + k*late", {"T": (fmpq(0), fmpq(1))}, {"a": "s + 1", "k": "s/2"}, (), {"late": "T"})

@@ -1,0 +1,80 @@
+"""Controllers: exact transfer functions against arithmetic on complex numbers and against python-control."""
+
+from fractions import Fraction
+from math import pi
+
+import control
+import numpy as np
+import pytest
+from flint import fmpq
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamdesign.controller import control_model, transfer_function
+from beamdesign.design.controller_forms import FORMS
+from beamdesign.prototype import Lag, Proportional
+
+FREQUENCIES_HZ = np.geomspace(1e-3, 1e3, 60)
+breaks = st.floats(1e-3, 1e3)
+
+
+def response(controller, frequency_Hz: np.ndarray) -> np.ndarray:
+    law = transfer_function(controller)
+    s = 2j * pi * frequency_Hz
+    top, bottom = (np.polyval([float(c) for c in reversed(p.coeffs())], s) for p in (law.numerator, law.denominator))
+    return top / bottom
+
+
+@given(gain=st.floats(1e-4, 1e2), pole=breaks, zero=breaks)
+def test_a_lag_is_the_quotient_of_two_breaks(gain, pole, zero):
+    expected = gain * (1 + 1j * FREQUENCIES_HZ / zero) / (1 + 1j * FREQUENCIES_HZ / pole)
+    found = response(Lag(gain_A_per_V=gain, pole_Hz=pole, zero_Hz=zero), FREQUENCIES_HZ)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_figures_are_taken_exactly():
+    """Neither the gain at rest nor the breaks are rounded on the way: a figure is the decimal that is written down."""
+    law = transfer_function(Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0))
+    assert law.numerator(0) / law.denominator(0) == fmpq(1, 10)
+    for polynomial, frequency_Hz in ((law.numerator, 26.0), (law.denominator, 1.75)):
+        decimal = Fraction(repr(2 * pi * frequency_Hz))
+        assert polynomial(-fmpq(decimal.numerator, decimal.denominator)) == 0
+
+
+def test_a_proportional_controller_has_no_dynamics():
+    law = transfer_function(Proportional(gain_A_per_V=0.024))
+    assert law.numerator.degree() == law.denominator.degree() == 0
+    np.testing.assert_array_equal(response(Proportional(gain_A_per_V=0.024), FREQUENCIES_HZ), 0.024)
+
+
+@pytest.mark.parametrize("controller", [Proportional(gain_A_per_V=0.02), Lag(gain_A_per_V=0.3, pole_Hz=2, zero_Hz=20)])
+def test_python_control_gets_the_same_controller(controller):
+    model = control_model(controller)
+    assert (model.input_labels, model.output_labels) == (["error_V"], ["current_A"])
+    found = control.frequency_response(model, 2 * pi * FREQUENCIES_HZ).frdata.ravel()
+    np.testing.assert_allclose(found, response(controller, FREQUENCIES_HZ), rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", FORMS)
+def test_open_parameters_stand_for_the_record(kind):
+    """The form that is tuned and the record that is written down have the same response."""
+    form = FORMS[kind]
+    values = [0.123456, 1.5, 37.0][: len(form.names)]
+    s = 2j * pi * FREQUENCIES_HZ
+    numerator, denominator = (np.polyval(p[::-1], s) for p in form.polynomials(values[1:]))
+    record = form.record(values)
+    assert record.kind == kind
+    assert [getattr(record, name) for name in form.names] == values
+    np.testing.assert_allclose(values[0] * numerator / denominator, response(record, FREQUENCIES_HZ), rtol=1e-12)
+
+
+def test_rounded_parameters_are_short_and_near():
+    form = FORMS["lag"]
+    record = form.rounded(np.log([0.1438141592, 1.138087654, 37.54341234]).tolist())
+    assert record == Lag(gain_A_per_V=0.143814, pole_Hz=1.13809, zero_Hz=37.5434)
+
+
+def test_bounds_are_logarithms_of_bounds():
+    form = FORMS["lag"]
+    np.testing.assert_allclose(np.exp(form.log_bounds), form.bounds)
+    assert all(0 < low < high for low, high in form.bounds)

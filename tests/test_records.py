@@ -1,0 +1,231 @@
+"""Records and their TOML files: what goes out comes back; what is wrong is said at once, by file, key and reason."""
+
+import os
+from collections.abc import Iterator, Mapping
+from math import inf, nan
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field, ValidationError
+
+from beamdesign.records import (
+    InputError,
+    NonNegative,
+    Positive,
+    Problem,
+    Record,
+    numbers,
+    parse,
+    read,
+    read_table,
+    to_toml,
+)
+
+
+class Spring(Record):
+    kind: Literal["spring"] = "spring"
+    stiffness_N_per_m: Positive
+
+
+class Damper(Record):
+    kind: Literal["damper"] = "damper"
+    damping_N_s_per_m: NonNegative
+    seal: Literal["soft", "hard"] = "soft"
+
+
+class Mount(Record):
+    """A record with everything the real ones have."""
+
+    name: Annotated[str, Field(min_length=1)]
+    width_m: Positive | None = None
+    wall_m: Annotated[Positive | None, Field(lt=1)] = None
+    range_kg: tuple[NonNegative, NonNegative] | None = None
+    part: Annotated[Spring | Damper, Field(discriminator="kind")] | None = None
+    parts: tuple[Spring, ...] = ()
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2:
+            yield Problem("wall_m", "too thick")
+
+
+def problems(table: dict[str, Any]) -> list[Problem]:
+    with pytest.raises(InputError) as caught:
+        parse(Mount, table, "mount.toml")
+    assert caught.value.source == "mount.toml"
+    return caught.value.problems
+
+
+# Texts as TOML has them: any character but half of a pair, which no encoding has.
+texts = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)
+positive = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
+parts = st.builds(Spring, stiffness_N_per_m=positive) | st.builds(
+    Damper, damping_N_s_per_m=positive, seal=st.sampled_from(["soft", "hard"])
+)
+
+
+@given(
+    st.builds(
+        Mount,
+        name=texts,
+        width_m=st.none() | positive,
+        range_kg=st.none() | st.tuples(positive, positive),
+        part=st.none() | parts,
+        parts=st.lists(st.builds(Spring, stiffness_N_per_m=positive), max_size=3).map(tuple),
+    )
+)
+def test_toml_and_back_loses_nothing(tmp_path_factory, record):
+    path = tmp_path_factory.mktemp("records") / "mount.toml"
+    path.write_bytes(to_toml(record).encode())
+    again = read(Mount, path)
+    assert again == record
+    assert hash(again) == hash(record)
+
+
+def test_absent_figures_are_left_out():
+    assert "width_m" not in to_toml(Mount(name="a"))
+
+
+def test_records_are_frozen():
+    with pytest.raises(ValidationError, match="frozen"):
+        Mount(name="a").name = "b"
+
+
+def test_a_copy_with_changes_is_checked():
+    mount = Mount(name="a", width_m=0.1, wall_m=0.01)
+    assert mount.but(wall_m=0.02) == Mount(name="a", width_m=0.1, wall_m=0.02)
+    assert mount.wall_m == 0.01
+    with pytest.raises(ValidationError, match="too thick"):
+        mount.but(wall_m=0.06)
+    with pytest.raises(ValidationError, match="wal_m"):
+        mount.but(wal_m=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "reason"),
+    [
+        ({"width_m": -1}, "width_m", "must be greater than 0, is -1"),
+        ({"width_m": 0}, "width_m", "must be greater than 0, is 0"),
+        ({"width_m": nan}, "width_m", "must be a finite number, is nan"),
+        ({"width_m": inf}, "width_m", "must be a finite number, is inf"),
+        ({"width_m": True}, "width_m", "must be a number, is True"),
+        ({"width_m": "0.1"}, "width_m", "must be a number, is '0.1'"),
+        ({"width_m": 10**400}, "width_m", "must be a number, is 1" + 56 * "0" + "..."),
+        ({"wall_m": 1.0}, "wall_m", "must be less than 1, is 1.0"),
+        ({"range_kg": [0.0, -2.5]}, "range_kg", "entry 2: must be at least 0, is -2.5"),
+        ({"range_kg": [True, 1.0]}, "range_kg", "entry 1: must be a number, is True"),
+        ({"range_kg": [1.0]}, "range_kg", "entry 2: missing"),
+        ({"range_kg": [1.0, 2.0, 3.0]}, "range_kg", "must hold 2 entries, holds 3"),
+        ({"range_kg": 3.0}, "range_kg", "must be a list in square brackets, is 3.0"),
+        ({"name": ""}, "name", "must not be empty"),
+        ({"name": 3}, "name", "must be text in quotes, is 3"),
+        ({"part": 3}, "part", "must be a table, is 3"),
+        ({"part": [1, 2]}, "part", "must be a table, is [1, 2]"),
+        ({"part": {"stiffness_N_per_m": 1.0}}, "part", "missing kind"),
+        ({"part": {"kind": "mass"}}, "part", "kind must be one of 'spring', 'damper', is 'mass'"),
+        ({"part": {"kind": "spring"}}, "part.stiffness_N_per_m", "missing"),
+        (
+            {"part": {"kind": "damper", "damping_N_s_per_m": 1.0, "seal": "wet"}},
+            "part.seal",
+            "must be 'soft' or 'hard', is 'wet'",
+        ),
+        ({"parts": [{"stiffness_N_per_m": 0.0}]}, "parts.stiffness_N_per_m", "entry 1: must be greater than 0, is 0.0"),
+    ],
+)
+def test_one_wrong_value(changes, key, reason):
+    assert problems({"name": "a"} | changes) == [(key, reason)]
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "reason"),
+    [
+        ({"widht_m": 1.0}, "widht_m", "unknown key; did you mean width_m?"),
+        ({"width_mm": 1.0}, "width_mm", "wrong unit mm: give width_m, in m"),
+        ({"range_g": [0.0, 1.0]}, "range_g", "wrong unit g: give range_kg, in kg"),
+        ({"payload": 1}, "payload", "unknown key; known here are name, width_m, wall_m, range_kg, part, parts"),
+        (
+            {"part": {"kind": "spring", "stiffness_N_per_m": 1.0, "stiffness_N_per_cm": 1.0}},
+            "part.stiffness_N_per_cm",
+            "wrong unit N_per_cm: give stiffness_N_per_m, in N/m",
+        ),
+        # The keys of the spring are known there, not those of the damper.
+        (
+            {"part": {"kind": "spring", "stiffness_N_per_m": 1.0, "seal": "soft"}},
+            "part.seal",
+            "unknown key; known here are kind, stiffness_N_per_m",
+        ),
+        (
+            {"parts": [{"stiffness_N_per_m": 1.0, "stifness": 1.0}]},
+            "parts.stifness",
+            "entry 1: unknown key; did you mean stiffness_N_per_m?",
+        ),
+    ],
+)
+def test_unknown_keys_with_what_was_meant(table, key, reason):
+    assert problems({"name": "a"} | table) == [(key, reason)]
+
+
+def test_all_problems_come_at_once():
+    found = problems(
+        {"width_m": 0.1, "wall_m": 0.06, "range_kg": [nan, 1.0], "part": {"kind": "spring"}, "colour": "red"}
+    )
+    assert {problem.key for problem in found} == {"name", "wall_m", "range_kg", "part.stiffness_N_per_m", "colour"}
+    assert ("wall_m", "too thick") in found
+
+
+def test_a_line_per_problem():
+    error = InputError("rig.toml", [("name", "missing"), ("width_m", "must be greater than 0, is -1")])
+    assert str(error) == "rig.toml: name: missing\nrig.toml: width_m: must be greater than 0, is -1"
+
+
+def test_long_values_are_cut_in_the_message():
+    ((_, reason),) = problems({"name": "a", "width_m": "x" * 1000})
+    assert len(reason) < 90
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"a = ", "not valid TOML: Invalid value"),
+        (b"a = 1\na = 2", "not valid TOML: Cannot overwrite a value"),
+        (b'name = "\xff"', "not valid TOML: 'utf-8' codec can't decode byte 0xff"),
+        (b"\x00", "not valid TOML"),
+    ],
+)
+def test_what_is_not_toml_is_named(tmp_path, content, reason):
+    path = tmp_path / "bad.toml"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    ((key, words),) = caught.value.problems
+    assert (caught.value.source, key) == (str(path), "(file)")
+    assert words.startswith(reason)
+
+
+def test_no_file_and_a_folder(tmp_path):
+    with pytest.raises(InputError, match=r"nothing\.toml: \(file\): No such file or directory"):
+        read_table(tmp_path / "nothing.toml")
+    with pytest.raises(InputError, match=r"\(file\): "):
+        read_table(tmp_path)
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_empty_file_names_every_table_that_is_needed(tmp_path: Path):
+    path = tmp_path / "empty.toml"
+    path.touch()
+    with pytest.raises(InputError, match="name: missing"):
+        read(Mount, path)
+
+
+@pytest.mark.parametrize("value", [None, True, "1", nan, inf, 10**400, [1.0]])
+def test_numbers_passes_over_what_is_no_figure(value):
+    assert numbers({"a": value, "b": 1.0}, "a", "b") is None
+
+
+def test_numbers_looks_into_tables_and_records():
+    assert numbers({"a": {"b": 2}, "c": 3.5}, "a.b", "c") == (2.0, 3.5)
+    assert numbers({"part": Spring(stiffness_N_per_m=4.0)}, "part.stiffness_N_per_m") == (4.0,)
+    assert numbers({"a": 1.0}, "a.b") is None

@@ -1,0 +1,255 @@
+"""The published rig over its tolerances, payload and delay: expression, hulls, box, and the command that proves it."""
+
+import json
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import ctx, fmpq
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.loop import loop
+from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
+from beamdesign.polynomial import roots as roots_of
+from beamdesign.proof import replay_box
+from beamdesign.proof.box import box_of, certify_box
+from beamdesign.proof.replay_box import Cell, growth, member, replay
+from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.scaling import largest_scaling
+from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.prototype import Lag, Payload, Proportional, Prototype, Sensor, Tolerance, write_prototype
+from beamdesign.records import InputError
+
+TOLERANCE = Tolerance(
+    stiffness=0.03,
+    effective_mass=0.02,
+    beam_damping_ratio=0.2,
+    oil_stiffness=0.1,
+    piston_area=0.005,
+    flow_gain=0.05,
+    leakage=0.2,
+    valve_natural_frequency=0.05,
+    valve_damping_ratio=0.1,
+    sensor_gain=0.005,
+)
+
+
+@pytest.fixture
+def rig(paper: Prototype) -> Prototype:
+    """The published rig with a lag at a gain that leaves room, its payload and the builder's tolerances."""
+    return paper.but(
+        controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0),
+        payload=Payload(inner_end_mass_kg=4.5, outer_end_mass_kg=(0.0, 6.8)),
+        tolerance=TOLERANCE,
+    )
+
+
+@pytest.mark.parametrize("filter_Hz", [None, 400.0])
+@pytest.mark.parametrize(
+    "controller", [Proportional(gain_A_per_V=0.02), Lag(gain_A_per_V=0.1, pole_Hz=1.7, zero_Hz=20.0)]
+)
+def test_expression_is_the_rigs_characteristic_polynomial(paper, controller, filter_Hz):
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        by = rng.uniform(0.5, 2.0, 12)
+        changed = paper.but(
+            outer_beam=paper.outer_beam.but(stiffness_N_per_m=4.9e5 * by[0], effective_mass_kg=3.9 * by[1]),
+            inner_beam=paper.inner_beam.but(stiffness_N_per_m=1.6e5 * by[2], damping_ratio=0.05 * by[3]),
+            actuator=paper.actuator.but(piston_area_m2=1e-4 * by[4], oil_stiffness_N_per_m=1e7 * by[5]),
+            servovalve=paper.servovalve.but(
+                flow_gain_m3_per_s_per_A=1e-2 * by[6],
+                leakage_m3_per_s_per_Pa=4e-13 * by[7],
+                natural_frequency_Hz=150 * by[8],
+                damping_ratio=0.5 * by[9],
+            ),
+            sensor=Sensor(gain_V_per_m=1000 * by[10], filter_Hz=filter_Hz),
+            payload=Payload(inner_end_mass_kg=4.5 * by[11]),
+            controller=controller,
+        )
+        mass = exact(round(6.8 * by[11], 3))
+        ours = rig_family(changed)
+        one = member(ours.over({}), {**ours.values, "outer_end_mass": mass})
+        theirs = loop(changed).characteristic.at(mass)
+        assert one.plain + one.late == theirs * ((one.plain + one.late)(1) / theirs(1))
+
+
+def test_hulls_hold_the_members(rig):
+    """At both ends of an interval every member lies on the far side of each line, in between but for the stray."""
+    box = tolerance_box(rig, 3.0, delay_s=(0.0, 5e-4))
+    statement = rig_family(rig).over(box.ranges)
+    rng = np.random.default_rng(5)
+    quarters = dict(zip(statement.varying, rng.integers(0, 4, len(statement.varying)).tolist(), strict=True))
+    corner = {name: (fmpq(i, 4), fmpq(i + 1, 4)) for name, i in quarters.items()}
+    cell = Cell(statement, corner)
+    with ctx.workprec(96):
+        for w1, w2 in ((fmpq(300), fmpq(310)), (fmpq(2000), fmpq(2300))):
+            frames = cell.frame(w1), cell.frame(w2)
+            bend = float(sum(growth(frames, node)[2] for node in statement.body.parts).mid())
+            for _ in range(20):
+                point = {}
+                for name, (low, high) in cell.values.items():
+                    value = low + (high - low) * fmpq(int(rng.integers(0, 9)), 8)
+                    point[name] = 1 / value if name in statement.reciprocal else value
+                one = replay_box.member_at(statement, point)
+                direction = tuple(int(x) for x in rng.integers(-100, 100, 2))
+                size = np.hypot(*direction)
+                least = [float(frame.least(direction).mid()) for frame in frames]
+                for w, allowed in (
+                    (w1, least[0]),
+                    (w2, least[1]),
+                    ((w1 + w2) / 2, min(least) - size * bend * float((w2 - w1).p) ** 2 / 8),
+                ):
+                    s = 1j * float(w.p) / float(w.q)
+                    p = sum(float(c.p) / float(c.q) * s**i for i, c in enumerate(one.plain.coeffs()))
+                    late = sum(float(c.p) / float(c.q) * s**i for i, c in enumerate(one.late.coeffs()))
+                    p += late * np.exp(-s * float(one.delay.p) / float(one.delay.q))
+                    along = (p * complex(direction[0], -direction[1])).real
+                    assert along >= allowed - 1e-9 * size * abs(p)
+
+
+def test_all_figures_and_the_payload_at_once(rig):
+    verdict = certify_box(rig, tolerance_box(rig, 3.0, delay_s=(0.0, 2e-5)))
+    assert verdict.stable is True
+    assert len(verdict.box.names) == 15
+    assert verdict.volumes == (1, 0, 0)
+    assert verdict.reason == ""
+
+
+def test_largest_scaling_of_the_rigs_tolerances(rig):
+    found = largest_scaling(rig, tolerance_box(rig, 1.0))
+    assert 3.0 < found.proved < found.refuted < 3.3
+    assert found.refuted < 1.03 * found.proved
+    assert found.verdict.box.ranges["outer_end_mass"] == (0, exact(6.8))  # asked for, not a tolerance
+    point = found.unstable_point
+    one = member(rig_family(rig).over({}), point)
+    assert not is_hurwitz(one.plain + one.late)
+
+
+def test_tolerance_box(rig):
+    box = tolerance_box(rig, 2.0, names=["flow_gain", "valve_frequency"], inner_end_mass=(4.0, 5.0))
+    assert box.names == ("flow_gain", "valve_frequency", "outer_end_mass", "inner_end_mass")
+    assert box.ranges["flow_gain"] == (exact(1.13e-2) * fmpq(9, 10), exact(1.13e-2) * fmpq(11, 10))
+    assert box.rigid == {"outer_end_mass", "inner_end_mass"}
+    half = box.scaled(fmpq(1, 2))
+    assert half.ranges["flow_gain"] == (exact(1.13e-2) * fmpq(19, 20), exact(1.13e-2) * fmpq(21, 20))
+    assert half.ranges["outer_end_mass"] == box.ranges["outer_end_mass"]
+    heavier = rig.but(tolerance=TOLERANCE.but(outer_end_mass=0.1))
+    assert tolerance_box(heavier, 1.0).ranges["outer_end_mass"] == (0, exact(6.8) * fmpq(11, 10))
+    assert "controller_gain" in tolerance_box(rig, spread={"controller_gain": 0.01}).names
+
+
+def test_dashpots_span_what_ratio_stiffness_and_mass_give(rig):
+    low, high = (float(end.p) / float(end.q) for end in tolerance_box(rig, 3.0).ranges["outer_damping"])
+    stiffness, mass, ratio = 486_800.0, 3.9, 0.05
+    ends = [2 * ratio * (1 + s * 0.6) * sqrt(stiffness * (1 + s * 0.09) * mass * (1 + s * 0.06)) for s in (-1, 1)]
+    assert low <= ends[0]
+    assert high >= ends[1]
+    assert (low, high) == pytest.approx(tuple(ends), rel=1e-6)
+
+
+def test_refused_boxes(rig, paper):
+    with pytest.raises(InputError, match="reach zero"):
+        tolerance_box(rig, 6.0)
+    with pytest.raises(InputError, match="no such figure"):
+        tolerance_box(rig, names=["stiffness"])
+    with pytest.raises(InputError, match="no tolerance"):
+        tolerance_box(rig, names=["controller_gain"])
+    with pytest.raises(ValueError, match="controller"):
+        tolerance_box(paper)
+    with pytest.raises(ValueError, match="no parameter"):
+        certify_box(rig, box_of({"friction": (0.0, 1.0)}))
+    with pytest.raises(ValueError, match="not a range"):
+        certify_box(rig, box_of({"outer_end_mass": (-1.0, 1.0)}))
+    with pytest.raises(ValueError, match="empty range"):
+        box_of({"q": (1.0, 0.0)})
+    with pytest.raises(ValueError, match="outside"):
+        box_of({"q": (0.0, 1.0)}, {"q": 2.0})
+
+
+def test_random_members_of_a_proved_box_are_stable(rig):
+    box = tolerance_box(rig, 2.0)
+    assert certify_box(rig, box).stable is True
+    statement, rng = rig_family(rig).over(box.ranges), np.random.default_rng(1)
+    for _ in range(200):
+        point = dict(rig_family(rig).values)
+        for name, (low, high) in box.ranges.items():
+            point[name] = low + (high - low) * fmpq(int(rng.integers(0, 5)), 4)
+        one = member(statement, point)
+        assert is_hurwitz(one.plain + one.late)
+
+
+def test_budget_runs_out_honestly(rig):
+    verdict = certify_box(rig, tolerance_box(rig, 2.0), budget=20)
+    assert verdict.stable is None
+    assert verdict.looked_at == 20
+    assert verdict.certificate == ""
+    assert "20 pieces" in verdict.reason
+
+
+def test_rig_with_delay_agrees_with_its_loop_response(rig):
+    """Where |L| = 1 the delay that turns L to -1 is (pi + arg L) / w; the margin is the least of them."""
+    fixed = rig.but(payload=Payload(inner_end_mass_kg=4.5))
+    bare = loop(fixed).at(0.0)
+    crossovers = [
+        sqrt(root.real)
+        for root in roots_of(squared_magnitude(bare.returned) - squared_magnitude(bare.opened))
+        if root.real > 0 and abs(root.imag) < 1e-9 * abs(root)
+    ]
+    phases = np.angle(bare.loop_response(np.array(crossovers) / (2 * pi)))
+    limit = min((pi + phase) % (2 * pi) / w for phase, w in zip(phases, crossovers, strict=True))
+    proved = certify_box(fixed, box_of({"delay": (0.0, float(0.99 * limit))}))
+    assert proved.stable is True
+    assert replay(proved.certificate).valid
+    assert certify_box(fixed, box_of({"delay": (0.0, float(1.01 * limit))}), volumes=False).stable is False
+
+
+def test_command(rig, tmp_path: Path):
+    path, out, table = tmp_path / "rig.toml", tmp_path / "proof" / "box.toml", tmp_path / "result.json"
+    write_prototype(rig, path)
+    run = CliRunner().invoke
+    done = run(app, ["certify-box", str(path), "--sigmas", "1", "--out", str(out), "--json", str(table)])
+    assert done.exit_code == 0, done.output
+    result = json.loads(table.read_text())
+    assert result["stable"] is True
+    assert result["box"]["valve_frequency_Hz"] == pytest.approx([142.5, 157.5])
+    assert result["certificate"] == str(out)
+    assert run(app, ["certify", "--replay", str(out)]).exit_code == 0
+    out.write_text(out.read_text().replace('outer_end_mass = ["0", "6.8"]', 'outer_end_mass = ["0", "99"]'))
+    assert run(app, ["certify", "--replay", str(out)]).exit_code == 1
+
+    refuted = ["--only", "flow_gain", "--outer-end-mass", "0:40", "--out", str(out), "--json", str(table)]
+    done = run(app, ["certify-box", str(path), *refuted])
+    assert done.exit_code == 1
+    result = json.loads(table.read_text())
+    assert result["stable"] is False
+    assert 6.8 < result["unstable_point"]["outer_end_mass_kg"] <= 40
+    assert result["stable_fraction"] + result["unstable_fraction"] + result["undecided_fraction"] == pytest.approx(1)
+    assert run(app, ["certify", "--replay", str(out)]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (["--sigmas", "-1"], "--sigmas"),
+        (["--sigmas", "6"], "reach zero"),
+        (["--only", "colour"], "colour"),
+        (["--outer-end-mass", "3:1"], "3:1"),
+        (["--delay-s", "nan"], "--delay-s"),
+    ],
+)
+def test_command_refuses_bad_input(rig, tmp_path: Path, arguments, key):
+    path = tmp_path / "rig.toml"
+    write_prototype(rig, path)
+    result = CliRunner().invoke(app, ["certify-box", str(path), *arguments])
+    assert isinstance(result.exception, InputError)
+    assert key in str(result.exception)
+
+
+def test_command_needs_a_controller(paper, tmp_path: Path):
+    path = tmp_path / "bare.toml"
+    write_prototype(paper, path)
+    result = CliRunner().invoke(app, ["certify-box", str(path)])
+    assert isinstance(result.exception, InputError)
+    assert "controller" in str(result.exception)
