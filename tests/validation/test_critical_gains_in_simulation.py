@@ -1,8 +1,8 @@
 """Critical gains by experiment in simulation, where the paper says what governs them.
 
 A. Zalucky and D. E. Hardt, "Active Control of Robot Structure Deflections", ASME Journal of Dynamic Systems,
-Measurement, and Control 106 (1984) 63-69: table of maximum stable gains, and the conclusion that the smaller piston side
-governs.
+Measurement, and Control 106 (1984) 63-69: table of maximum stable gains, and the conclusion that the smaller piston
+side governs.
 """
 
 from math import pi
