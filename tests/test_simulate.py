@@ -217,9 +217,10 @@ def test_scenario_problems_are_told_together(tmp_path: Path):
     )
     with pytest.raises(InputError) as told:
         read_scenario(path)
-    keys = {problem.key for problem in told.value.problems}
-    assert {"sampled.period_s", "record.name", "record.0.input.0.step", "record.1.outer_end_mass_kg"} <= keys
-    assert "record" not in keys
+    reasons = dict(told.value.problems)
+    assert {"sampled.period_s", "record.name", "record.input", "record.outer_end_mass_kg"} <= set(reasons)
+    assert reasons["record.outer_end_mass_kg"].startswith("entry 2: ")
+    assert "record" not in reasons
 
 
 def test_csv_inputs_are_checked_and_replayed(tmp_path: Path, lag: Prototype):
