@@ -208,3 +208,11 @@ def test_delay_and_gain_together():
 def test_neutral_type_is_refused():
     with pytest.raises(ValueError, match="neutral"):
         Statement("a + k*late", {"T": (fmpq(0), fmpq(1))}, {"a": "s + 1", "k": "s/2"}, (), {"late": "T"})
+
+
+def test_too_many_control_points_are_refused():
+    names = [f"q{i}" for i in range(18)]
+    leaves = {f"leaf{i}": f"1 + {name}" for i, name in enumerate(names)}
+    wide = Family("wide", "s + " + "*".join(leaves), dict.fromkeys(names, fmpq(0)), leaves)
+    with pytest.raises(ValueError, match="control points"):
+        certify_box(wide, box_of(dict.fromkeys(names, (0.0, 1.0))))

@@ -10,7 +10,7 @@ from flint import fmpq
 
 from beamdesign.polynomial import exact
 from beamdesign.proof.rational import nearest, text
-from beamdesign.proof.replay_box import Cell, Statement, coefficients, dominated
+from beamdesign.proof.replay_box import ARC_PARTS, Cell, Node, Statement, coefficients, dominated
 from beamdesign.proof.value_set import Pieces, delays, hulls, pieces, support, values
 
 TURN = 192
@@ -25,6 +25,9 @@ _NARROWEST_BAND = 1e-10
 
 _LEADING_RATIO = 100
 """Where the leading coefficient varies by more than this, smaller boxes are better than high frequencies."""
+
+_MOST_POINTS = 100_000
+"""Most control points of a hull; beyond that a single piece takes seconds to prove."""
 
 _CLEAR = 1e-9
 """Least distance from zero, relative to the size of p, that the ball arithmetic is sure to confirm."""
@@ -67,6 +70,12 @@ class Search:
 
     def __post_init__(self) -> None:
         k = len(self.statement.varying)
+        self._width = control_points(self.statement)
+        if self._width > _MOST_POINTS:
+            raise ValueError(
+                f"a hull of this expression has {self._width} control points, more than {_MOST_POINTS}: let fewer"
+                " parameters vary, or give it leaves that share none"
+            )
         self._root = _Node(np.zeros(k), np.ones(k), 0.0, inf)
         self._push(self._root)
 
@@ -108,11 +117,7 @@ class Search:
                 self._look(batch)
 
     def _batch(self) -> int:
-        if not self._width:
-            k = len(self.statement.varying)
-            where = pieces(self.statement, np.zeros((1, k)), np.ones((1, k)), np.ones((2, 1)))
-            self._width = sum(hull.points.size for hull in hulls(self.statement, where))
-        return max(1, min(256, _POINTS_AT_ONCE // self._width))
+        return max(1, min(256, _POINTS_AT_ONCE // (2 * self._width)))
 
     def _push(self, node: _Node) -> None:
         self._pushed += 1
@@ -181,6 +186,35 @@ class Search:
             else:
                 low, high = node.w1, node.w2
                 self._cut(node, high / 8 if low == 0 else (low * high) ** 0.5 if high > 4 * low else (low + high) / 2)
+
+
+def control_points(statement: Statement) -> int:
+    """Number of points of a hull of p that are computed and tested, for all summands together."""
+    enumerated = 1
+    for pack in statement.bound:
+        degrees = statement.pack_degrees(pack)
+        alone = _leaf_points(statement, pack[0])
+        enumerated *= alone if len(pack) == 1 else int(np.prod([degree + 1 for degree in degrees.values()]))
+
+    def of(node: Node) -> int:
+        if node.kind == "leaf":
+            return 1 if node.bound else _leaf_points(statement, node.name)
+        if node.kind == "delay":
+            return ARC_PARTS + 2 if node.name in statement.varying else 1
+        return int(np.prod([of(part) for part in node.parts]))
+
+    body = statement.body
+    return enumerated * sum(of(node) for node in (body.parts if body.kind == "sum" else (body,)))
+
+
+def _leaf_points(statement: Statement, name: str) -> int:
+    axes, others = set(), 1
+    for axis, degrees, _ in statement.components[name]:
+        if axis == 2:
+            others *= int(np.prod([degree + 1 for degree in degrees.values()]))
+        elif degrees:
+            axes.add(axis)
+    return others * 2 ** len(axes)
 
 
 def _dyadic(share: float) -> fmpq:

@@ -12,14 +12,12 @@ import numpy as np
 from flint import ctx, fmpq
 
 from beamdesign.proof.box import Box
-from beamdesign.proof.branch import Search
+from beamdesign.proof.branch import Search, control_points
 from beamdesign.proof.refute import undamping
-from beamdesign.proof.replay_box import PRECISION_BITS, Statement, holds, pieces
+from beamdesign.proof.replay_box import PRECISION_BITS, holds, pieces
 from beamdesign.proof.rig_family import Family, rig_family
 from beamdesign.proof.scaling import largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.proof.value_set import hulls
-from beamdesign.proof.value_set import pieces as floats
 from beamdesign.prototype import Actuator, Beam, Lag, Payload, Prototype, Sensor, Servovalve, Tolerance
 
 RIG = Prototype(
@@ -83,13 +81,6 @@ def unstructured(family: Family) -> Family:
     return Family(family.name, text, values)
 
 
-def points_of(statement: Statement) -> int:
-    """Control points of one hull, as they are summed and tested."""
-    k = len(statement.varying)
-    where = floats(statement, np.zeros((1, k)), np.ones((1, k)), np.ones((2, 1)))
-    return sum(hull.points.shape[2] * hull.points.shape[3] for hull in hulls(statement, where))
-
-
 def measured(family: Family, box: Box) -> tuple[str, float]:
     """Pieces, seconds and outcome of one proof as a part of a row, and all its seconds."""
     start = perf_counter()
@@ -101,7 +92,9 @@ def measured(family: Family, box: Box) -> tuple[str, float]:
         found = [holds(piece) for piece in pieces(statement, search.tree)]
     proved = perf_counter()
     outcome = "proved" if all(found) else "open"
-    row = f"{points_of(statement):>7}{len(found):>7}{searched - start:>10.2f}{proved - searched:>9.2f}  {outcome:<7}"
+    row = (
+        f"{control_points(statement):>7}{len(found):>7}{searched - start:>10.2f}{proved - searched:>9.2f}  {outcome:<7}"
+    )
     return row, proved - start
 
 
