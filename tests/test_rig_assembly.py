@@ -240,3 +240,12 @@ def test_proportional_and_lag_at_its_zero_frequency_rest_alike(lag: Prototype):
     rests = [operating_point(rig, 500.0)[1][0] for rig in (lag, straight)]
     assert rests[0] == pytest.approx(rests[1], rel=1e-9)
     assert rests[0] == pytest.approx(500 * loop(lag).at(0.0).static_compliance(), rel=1e-9)
+
+
+@pytest.mark.parametrize("force", [-1000.0, 1000.0])
+def test_friction_that_has_not_slid_carries_no_load(lag: Prototype, force: float):
+    rubbing = lag.but(effects={"seal_friction": {}, "valve_hysteresis": {}})
+    assembly, x, u, parameters = operating_point(rubbing, force)
+    assert x[assembly.states.index("seal_friction.deflection")] == 0
+    np.testing.assert_allclose(x[:8], operating_point(lag, force)[1][:8], rtol=1e-9, atol=1e-15)
+    assert np.abs(np.asarray(assembly.function(0, x, u, parameters)[0])).max() < 1e-6

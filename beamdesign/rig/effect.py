@@ -62,8 +62,9 @@ class Effect:
         subsystem: one of `SUBSYSTEMS`.
         laws: by port, what replaces the signal there; see `beamdesign.rig.assembly.PORTS`.
         parameters: its figures.
-        states: names of the states it adds, with units; all start where the rig is in equilibrium.
+        states: names of the states it adds, with units.
         source: of the law.
+        memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
     """
 
     name: str
@@ -72,6 +73,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     states: tuple[str, ...]
     source: str
+    memory: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.rig.assembly import Assembly, Structure, assemble
+from beamdesign.rig.effects import library
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.n
 def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     """States (n,) at which nothing moves under constant inputs.
 
-    Backward Euler steps of growing length, so that friction and play end where a slow load would have left them.
+    Backward Euler steps of growing length, so that play ends where a slow load would have left it. Friction that has no
+    direction yet (the `memory` of effects) is held at zero.
 
     Raises:
         ValueError: where none is found.
@@ -59,11 +61,14 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
     function = _derivatives(assembly.kinds)
     weight = scales(assembly)
 
+    held = {f"{name}.{state}" for name in assembly.kinds.effects for state in library()[name].memory}
+    free = np.array([k for k, name in enumerate(assembly.states) if name not in held])
     eye, step = np.eye(len(x)), 1e-3
     for _ in range(_MOST_STEPS):
         rate, jacobian = (np.asarray(value) for value in function(0.0, x, u, parameters)[:2])
         scaled = jacobian / weight[:, None] * weight[None, :]
-        change = np.linalg.solve(eye / step - scaled, rate.ravel() / weight)
+        change = np.zeros(len(x))
+        change[free] = np.linalg.solve((eye / step - scaled)[np.ix_(free, free)], rate.ravel()[free] / weight[free])
         x = x + weight * change
         if step > _LONG and np.abs(change).max() <= 1e-10:
             return x

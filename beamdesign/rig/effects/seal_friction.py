@@ -36,5 +36,6 @@ EFFECT = Effect(
         Parameter("viscous_N_s_per_m", 0.0, 0.0, 5000.0, 200.0, "force per speed"),
     ),
     states=("deflection",),
+    memory=("deflection",),
     source="P. R. Dahl, AIAA J. 14 (1976) 1675; B. Armstrong-Helouvry et al., Automatica 30 (1994) 1083 (Stribeck)",
 )

@@ -26,5 +26,6 @@ EFFECT = Effect(
     laws={"spool_A": _law},
     parameters=(Parameter("half_width_A", 0.1e-3, 1e-6, 5e-3, 0.8, "half the width of the loop of flow over current"),),
     states=("friction",),
+    memory=("friction",),
     source="P. R. Dahl, AIAA J. 14 (1976) 1675,, here on the spool",
 )
