@@ -31,6 +31,9 @@ _INSIDE = 6e-6
 _STUCK = 1e-4
 """A move so small that the last check point changed nothing: then too the limit is tightened."""
 
+_HIGH_PEAK = 0.7
+"""Share of the limit from which a peak of the sensitivity counts as high."""
+
 _SPARE = (60, 20)
 """Slots for further check points of sensitivity and compliance, before a solver is built anew with more."""
 
@@ -204,6 +207,26 @@ def _largest_sampled(loop: Loop, low: float, high: float) -> tuple[float, float]
     return float(frequencies[j]), float(masses[i])
 
 
+def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -> CheckPoints:
+    """Also enforce the sensitivity at the higher peaks of the loop that a refinement departs from.
+
+    A sharp peak between check points is a gap in the fence around the stable loops, through which a step can pass.
+    """
+    count, (low, high) = len(program.form.names), program.outer_end_mass_kg
+    rig = program.rig(anchor[count + 2 :])
+    if rig is None:
+        return points
+    loop = close_loop(rig.plant(float(anchor[count])), program.form.rounded(anchor[:count].tolist()))
+    frequencies = np.geomspace(1.0, 400.0, 1200)
+    for mass in np.unique(low + _SHARES * (high - low)):
+        size = np.abs(loop.at(float(mass)).sensitivity_response(frequencies))
+        inner = size[1:-1]
+        peaks = (inner > size[:-2]) & (inner >= size[2:]) & (inner > _HIGH_PEAK * program.goal.peak_sensitivity)
+        for frequency in frequencies[1:-1][peaks]:
+            points = points.with_sensitivity(float(frequency), float(mass))
+    return points
+
+
 def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> Refinement:
     """Refine one start in rounds; each enforces what the last proof refuted.
 
@@ -217,6 +240,7 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     points, inside, reach = check_points(low, high), _INSIDE, program.reach
     solver = _Solver(program, points)
     anchor, best = np.clip(start, program.lower, program.upper), None
+    fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
     reason, certificates = "no round of refinement was proved", 0
     while certificates < ROUNDS and reach > _SMALLEST_REACH:
         if not solver.holds(points):
@@ -235,7 +259,10 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         certificates += 1
         if not is_stable_over(loop.characteristic, exact(low), exact(high)):
             reason = "the refined loop is not stable over the whole range"
-            reach *= 0.4
+            if fenced is anchor:
+                reach *= 0.4
+            else:
+                points, fenced = _with_peaks(points, program, anchor), anchor
             continue
         moved, anchor = float(np.abs(variables - anchor).max()), variables
         claim = prove_peak_sensitivity(loop, program.goal.peak_sensitivity, low, high)
