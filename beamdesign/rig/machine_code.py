@@ -1,0 +1,308 @@
+"""Machine code from a CasADi SX function: its instruction list written as LLVM IR and handed to llvmlite.
+
+The code is straight-line, so that a function of a few hundred operations is ready within some ten milliseconds.
+Products and sums may be fused (`contract`) and divisions by what depends on parameters alone become products; nothing
+else of the arithmetic is rearranged. NaN and infinities pass through. No compiler is needed on the machine, and nothing
+is kept on disk.
+"""
+
+import ctypes
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+_FLOAT = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+_CALL = {
+    ca.OP_SQRT: "llvm.sqrt.f64",
+    ca.OP_EXP: "llvm.exp.f64",
+    ca.OP_LOG: "llvm.log.f64",
+    ca.OP_SIN: "llvm.sin.f64",
+    ca.OP_COS: "llvm.cos.f64",
+    ca.OP_FABS: "llvm.fabs.f64",
+    ca.OP_FLOOR: "llvm.floor.f64",
+    ca.OP_CEIL: "llvm.ceil.f64",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_EXPM1: "expm1",
+}
+_CALL_OF_TWO = {
+    ca.OP_POW: "llvm.pow.f64",
+    ca.OP_CONSTPOW: "llvm.pow.f64",
+    ca.OP_COPYSIGN: "llvm.copysign.f64",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_HYPOT: "hypot",
+}
+_OF_TWO = {*_FLOAT, *_COMPARISON, *_CALL_OF_TWO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
+_OF_ONE = {*_CALL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_SIGN, ca.OP_NOT}
+TIME, PARAMETERS = 0, 3
+"""Positions of t and p among the inputs t, x, u, p of a function."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """One operation of a function, in the order of evaluation.
+
+    Attributes:
+        code: CasADi's number of the operation; OP_CONST and OP_INPUT for the leaves.
+        of: operands, by position in the list; for an input its argument and entry.
+        constant: of OP_CONST.
+        fixed: whether it depends on parameters alone.
+    """
+
+    code: int
+    of: tuple[int, ...]
+    constant: float = 0.0
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Values of a function and which of them are the stored entries of each output."""
+
+    values: tuple[Value, ...]
+    outputs: tuple[tuple[int, ...], ...]
+
+
+def trace(function: ca.Function) -> Trace:
+    """Operations of an SX function (t, x, u, p) -> outputs.
+
+    Raises:
+        NotImplementedError: at an operation that is not known here.
+    """
+    values: list[Value] = []
+    held: dict[int, int] = {}  # what each work register holds
+    outputs: list[dict[int, int]] = [{} for _ in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        target, origin = function.instruction_output(k), function.instruction_input(k)
+        if code == ca.OP_OUTPUT:
+            outputs[target[0]][target[1]] = held[origin[0]]
+            continue
+        if code == ca.OP_ASSIGN:
+            held[target[0]] = held[origin[0]]
+            continue
+        if code == ca.OP_CONST:
+            value = Value(code, (), float(function.instruction_constant(k)), True)
+        elif code == ca.OP_INPUT:
+            value = Value(code, tuple(origin), fixed=origin[0] == PARAMETERS)
+        elif code in _OF_TWO or code in _OF_ONE:
+            of = tuple(held[register] for register in (origin if code in _OF_TWO else origin[:1]))
+            if code == ca.OP_DIV and values[of[1]].fixed and not values[of[0]].fixed:
+                values.append(Value(ca.OP_INV, of[1:], fixed=True))
+                code, of = ca.OP_MUL, (of[0], len(values) - 1)
+            value = Value(code, of, fixed=all(values[j].fixed for j in of))
+        else:
+            raise NotImplementedError(f"CasADi operation {code}")
+        values.append(value)
+        held[target[0]] = len(values) - 1
+    zero = len(values)
+    values.append(Value(ca.OP_CONST, (), 0.0, True))
+    entries = (tuple(found.get(j, zero) for j in range(function.nnz_out(i))) for i, found in enumerate(outputs))
+    return Trace(tuple(values), tuple(entries))
+
+
+def number(value: float) -> str:
+    """A double as LLVM reads it, without loss."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+class Body:
+    """Lines of one LLVM function, with the values of a trace brought in where they are first read."""
+
+    def __init__(self, values: Sequence[Value], kept: dict[int, int] | None):
+        """Start empty.
+
+        Args:
+            values: of the trace.
+            kept: slots of the array c from which values that depend on parameters alone are read, filled as they are
+                met; None in the function that works them out.
+        """
+        self.lines: list[str] = []
+        self._values = values
+        self._kept = kept
+        self._names: dict[int, str] = {}
+        self._count = 0
+
+    def line(self, text: str) -> str:
+        """Add an instruction and give the name of its result."""
+        self._count += 1
+        name = f"%r{self._count}"
+        self.lines.append(f"{name} = {text}")
+        return name
+
+    def load(self, array: str, entry: int, kind: str = "double") -> str:
+        """Read an entry (or a vector that begins there) of an array argument."""
+        address = self.line(f"getelementptr double, ptr %{array}, i64 {entry}")
+        return self.line(f"load {kind}, ptr {address}, align 8")
+
+    def store(self, name: str, array: str, entry: int, kind: str = "double") -> None:
+        """Write an entry (or a vector that begins there) of an array argument."""
+        address = self.line(f"getelementptr double, ptr %{array}, i64 {entry}")
+        self.lines.append(f"store {kind} {name}, ptr {address}, align 8")
+
+    def constant(self, k: int) -> float | None:
+        """A value that is a plain number, else None."""
+        return self._values[k].constant if self._values[k].code == ca.OP_CONST else None
+
+    def read(self, k: int) -> str:
+        """Name of a value, after its instructions and those of all it needs."""
+        pending = [k]
+        while pending:
+            top = pending[-1]
+            needed = () if self._is_leaf(top) else self._values[top].of
+            missing = [j for j in needed if j not in self._names]
+            if top in self._names or not missing:
+                pending.pop()
+                if top not in self._names:
+                    self._names[top] = self._written(top)
+            else:
+                pending += missing
+        return self._names[k]
+
+    def _is_leaf(self, k: int) -> bool:
+        value = self._values[k]
+        return value.code in (ca.OP_CONST, ca.OP_INPUT) or (value.fixed and self._kept is not None)
+
+    def _written(self, k: int) -> str:
+        value = self._values[k]
+        if value.code == ca.OP_CONST:
+            return number(value.constant)
+        if value.fixed and self._kept is not None:
+            return self.load("c", self._kept.setdefault(k, len(self._kept)))
+        if value.code == ca.OP_INPUT:
+            argument, entry = value.of
+            return "%t" if argument == TIME else self.load("txup"[argument], entry)
+        return self._operation(value.code, *(self._names[j] for j in value.of))
+
+    def _operation(self, code: int, a: str, b: str = "") -> str:
+        if code in _FLOAT:
+            return self.line(f"{_FLOAT[code]} contract double {a}, {b}")
+        if code in _CALL:
+            return self.line(f"call double @{_CALL[code]}(double {a})")
+        if code in _CALL_OF_TWO:
+            return self.line(f"call double @{_CALL_OF_TWO[code]}(double {a}, double {b})")
+        if code in _COMPARISON:
+            return self._as_number(self.line(f"fcmp {_COMPARISON[code]} double {a}, {b}"))
+        if code in (ca.OP_FMIN, ca.OP_FMAX):
+            first = self.line(f"fcmp {'olt' if code == ca.OP_FMIN else 'ogt'} double {a}, {b}")
+            return self.line(f"select i1 {first}, double {a}, double {b}")
+        if code in (ca.OP_AND, ca.OP_OR):
+            both = "and" if code == ca.OP_AND else "or"
+            return self._as_number(self.line(f"{both} i1 {self._truth(a)}, {self._truth(b)}"))
+        if code == ca.OP_IF_ELSE_ZERO:
+            return self.line(f"select i1 {self._truth(a)}, double {b}, double 0.0")
+        if code == ca.OP_NOT:
+            return self._as_number(self.line(f"fcmp oeq double {a}, 0.0"))
+        if code == ca.OP_NEG:
+            return self.line(f"fneg double {a}")
+        if code == ca.OP_SQ:
+            return self.line(f"fmul contract double {a}, {a}")
+        if code == ca.OP_TWICE:
+            return self.line(f"fadd contract double {a}, {a}")
+        if code == ca.OP_INV:
+            return self.line(f"fdiv double 1.0, {a}")
+        if code == ca.OP_SIGN:
+            above = self._as_number(self.line(f"fcmp ogt double {a}, 0.0"))
+            below = self._as_number(self.line(f"fcmp olt double {a}, 0.0"))
+            return self.line(f"fsub double {above}, {below}")
+        raise NotImplementedError(f"CasADi operation {code}")
+
+    def _truth(self, name: str) -> str:
+        return self.line(f"fcmp une double {name}, 0.0")
+
+    def _as_number(self, truth: str) -> str:
+        return self.line(f"uitofp i1 {truth} to double")
+
+
+@dataclass(frozen=True)
+class MachineCode:
+    """Functions in memory.
+
+    Attributes:
+        address: by name, of functions (double t, x, u, c, out) of which all but t are pointers to doubles.
+        prepare: (p, c) pointers; fills c with what depends on parameters alone, once per record.
+        constants: length of c.
+        engine: what keeps them in memory.
+    """
+
+    address: Mapping[str, int]
+    prepare: Callable[[int, int], None]
+    constants: int
+    engine: Any = field(repr=False)
+
+    def prepared(self, parameters: np.ndarray) -> np.ndarray:
+        """The array c of a record, of `constants` entries."""
+        given, c = np.ascontiguousarray(parameters, dtype=float), np.zeros(max(1, self.constants))
+        self.prepare(given.ctypes.data, c.ctypes.data)
+        return c
+
+
+def machine_code(values: Sequence[Value], functions: Mapping[str, Callable[[Body], None]]) -> MachineCode:
+    """Compile functions (t, x, u, c, out) that share what depends on parameters alone.
+
+    Args:
+        values: of a trace.
+        functions: by name, what writes the lines of each.
+    """
+    kept: dict[int, int] = {}
+    texts = []
+    for name, write in functions.items():
+        body = Body(values, kept)
+        write(body)
+        texts.append(_defined(name, "double %t, " + _pointers("x", "u", "c", "out"), body))
+    body = Body(values, None)
+    for k, slot in kept.items():
+        body.store(body.read(k), "c", slot)
+    texts.append(_defined("prepare", _pointers("p", "c"), body))
+    declared = [f"declare double @{name}(double)" for name in sorted(set(_CALL.values()))]
+    declared += [f"declare double @{name}(double, double)" for name in sorted(set(_CALL_OF_TWO.values()))]
+    engine = _compiled("\n".join([*declared, *texts]))
+    prepare = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(engine.get_function_address("prepare"))
+    address = {name: engine.get_function_address(name) for name in functions}
+    return MachineCode(address, prepare, len(kept), engine)
+
+
+def _pointers(*names: str) -> str:
+    return ", ".join(f"ptr noalias nocapture %{name}" for name in names)
+
+
+def _defined(name: str, arguments: str, body: Body) -> str:
+    return "\n  ".join([f"define void @{name}({arguments}) nounwind {{", *body.lines, "ret void"]) + "\n}"
+
+
+@cache
+def _target() -> Any:
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple()
+
+
+def _compiled(text: str) -> Any:
+    """An engine that holds the optimised functions of a module."""
+    import llvmlite.binding as llvm
+
+    machine = _target().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2
+    )
+    module = llvm.parse_assembly(text)
+    module.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    passes = llvm.create_pass_builder(machine, options)
+    passes.getModulePassManager().run(module, passes)
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.finalize_object()
+    return engine
