@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,7 +27,35 @@ def _derivatives(kinds: Structure) -> ca.Function:
     t, x, u, p = (ca.SX.sym(name, *assembly.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
     rate, y = assembly.function(t, x, u, p)
     matrices = [ca.densify(ca.jacobian(value, of)) for value in (rate, y) for of in (x, u)]
-    return ca.Function("derivatives", [t, x, u, p], [rate, *matrices])
+    lean: Any = ca.cse([ca.densify(rate), *matrices])
+    return ca.Function("derivatives", [t, x, u, p], lean)
+
+
+@cache
+def _stiffness(kinds: Structure) -> ca.Function:
+    function = _derivatives(kinds)
+    t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
+    return ca.Function("stiffness", [t, x, u, p], function(t, x, u, p)[:2])
+
+
+class _InPlace:
+    """Rates and Jacobian at time 0 for states written into `x`, without converting anything on the way.
+
+    Converting takes many times as long as evaluating.
+    """
+
+    def __init__(self, function: ca.Function, u: np.ndarray, parameters: np.ndarray):
+        n = function.nnz_in(1)
+        self.x, self.rate, self._transposed = np.zeros(n), np.zeros(n), np.zeros((n, n))
+        self.jacobian = self._transposed.T
+        self._given = (np.zeros(1), self.x, np.array(u, dtype=float), np.array(parameters, dtype=float))
+        buffer: Any
+        buffer, self.evaluate = function.buffer()
+        for k, array in enumerate(self._given):
+            buffer.set_arg(k, array.data)
+        for k, array in enumerate((self.rate, self._transposed)):
+            buffer.set_res(k, array.data)
+        self._buffer = buffer  # CasADi does not hold on to it
 
 
 def linearise(assembly: Assembly, x: np.ndarray, u: np.ndarray, parameters: np.ndarray) -> Linearisation:
@@ -58,17 +87,18 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
             supply = parameters[assembly.parameters.index(effect)]
     for name in ("pressure_a_Pa", "pressure_b_Pa"):
         x[assembly.states.index(name)] = supply / 2
-    function = _derivatives(assembly.kinds)
+    here = _InPlace(_stiffness(assembly.kinds), u, parameters)
     weight = scales(assembly)
 
     held = {f"{name}.{state}" for name in assembly.kinds.effects for state in library()[name].memory}
     free = np.array([k for k, name in enumerate(assembly.states) if name not in held])
+    among, ratio = np.ix_(free, free), weight[None, :] / weight[:, None]
     eye, step = np.eye(len(x)), 1e-3
     for _ in range(_MOST_STEPS):
-        rate, jacobian = (np.asarray(value) for value in function(0.0, x, u, parameters)[:2])
-        scaled = jacobian / weight[:, None] * weight[None, :]
+        here.x[:] = x
+        here.evaluate()
         change = np.zeros(len(x))
-        change[free] = np.linalg.solve((eye / step - scaled)[np.ix_(free, free)], rate.ravel()[free] / weight[free])
+        change[free] = np.linalg.solve((eye / step - here.jacobian * ratio)[among], here.rate[free] / weight[free])
         x = x + weight * change
         if step > _LONG and np.abs(change).max() <= 1e-10:
             return x
