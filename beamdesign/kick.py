@@ -1,7 +1,11 @@
-"""The critical gain by experiment in simulation: the gain is raised until a kick no longer dies out."""
+"""The critical gain by experiment in simulation: the gain is raised until a kick no longer dies out.
 
-from dataclasses import dataclass
-from math import exp, log
+`beamdesign.harmonic_balance` predicts what it finds: where the curve of gain over amplitude falls, a larger kick finds
+a lower gain; where it rises, the oscillation settles on it.
+"""
+
+from dataclasses import dataclass, replace
+from math import exp, inf, log
 
 import numpy as np
 
@@ -10,6 +14,10 @@ from beamdesign.oscillation import Oscillation, oscillation
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate
+
+_KEPT = 0.98  # of the amplitude over the time watched: what loses less is said not to die out
+_STILL_M = 1e-9
+_TRAVEL_M = 0.02  # an oscillation that passes it has no cycle to settle on
 
 
 @dataclass(frozen=True)
@@ -30,19 +38,23 @@ class Kick:
 
 
 def ringing(prototype: Prototype, gain: float, outer_end_mass: float, kick: Kick) -> Oscillation | None:
-    """How the tip oscillates after a kick at one gain (A/V); None where it is still."""
+    """How the tip oscillates after a kick at one gain (A/V).
+
+    None where it is still; growth is infinite where it left the rig's travel.
+    """
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
     begins = 0.02
     push = Step(amplitude_N=kick.force_N, at_s=begins, rise_s=0.002, length_s=0.005)
     row = ScenarioRecord(name="kick", input=(push,), outer_end_mass_kg=outer_end_mass, preload_N=kick.preload_N)
     scenario = Scenario(
-        name="kick", duration_s=begins + kick.settle_s + kick.watch_s, displacement_limit_m=1.0, record=(row,)
+        name="kick", duration_s=begins + kick.settle_s + kick.watch_s, displacement_limit_m=_TRAVEL_M, record=(row,)
     )
     rig = prototype.but(controller=prototype.controller.but(gain_A_per_V=gain))
     record = simulate(rig, scenario).records[0]
     if record.diverged_at_s is not None:
-        return record.oscillation
+        last = record.oscillation or Oscillation(0.0, scenario.displacement_limit_m, inf)
+        return replace(last, growth_per_s=inf)  # it has left the scene: its last turns say nothing more
     times = record.column("t_s")
     late = times >= begins + kick.settle_s
     signal = record.column("displacement_m")[late]
@@ -57,34 +69,37 @@ def critical_gain_by_kicks(
     kick: Kick | None = None,
     tolerance: float = 1e-3,
 ) -> CriticalGain:
-    """The gain between `low` and `high` (A/V) at which a kick neither grows nor dies out, with its frequency.
+    """The gain between `low` and `high` (A/V) from which on a kick no longer dies out, with its frequency.
+
+    An oscillation that settles on a limit cycle has not died out, though it does not grow either.
 
     Args:
         prototype: rig with its effects; the controller's breaks are kept.
         outer_end_mass: payload, kg.
         low: a gain at which the kick dies out.
-        high: a gain at which it grows.
+        high: a gain at which it does not.
         kick: size of the push; with nonlinear effects the answer depends on it.
         tolerance: relative, of the gain.
 
     Raises:
-        ValueError: where it does not die out at `low` or does not grow at `high`.
+        ValueError: where it does not die out at `low`, or does at `high`.
     """
     kick = kick or Kick()
 
-    def growth(gain: float) -> tuple[float, float]:
+    def stays(gain: float) -> tuple[bool, float]:
         found = ringing(prototype, gain, outer_end_mass, kick)
-        return (-1.0, 0.0) if found is None else (found.growth_per_s, found.frequency_Hz)
+        if found is None or found.amplitude < _STILL_M:
+            return False, 0.0
+        return found.growth_per_s > log(_KEPT) / kick.watch_s, found.frequency_Hz
 
-    at_low, at_high = growth(low), growth(high)
-    if at_low[0] >= 0:
+    (at_low, _), (at_high, frequency) = stays(low), stays(high)
+    if at_low:
         raise ValueError(f"the kick does not die out at {low:g} A/V")
-    if at_high[0] <= 0:
-        raise ValueError(f"the kick does not grow at {high:g} A/V")
-    frequency = at_high[1]
+    if not at_high:
+        raise ValueError(f"the kick dies out at {high:g} A/V")
     while high / low > 1 + tolerance:
         middle = exp((log(low) + log(high)) / 2)
-        rate, seen = growth(middle)
+        kept, seen = stays(middle)
         frequency = seen or frequency
-        low, high = (low, middle) if rate > 0 else (middle, high)
+        low, high = (low, middle) if kept else (middle, high)
     return CriticalGain(exp((log(low) + log(high)) / 2), frequency)

@@ -1,0 +1,163 @@
+"""Harmonic balance against the exact linear loop, and against the simulation of its own answers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beamdesign.harmonic_balance import LimitCycle, NoBalance, forced_motion, limit_cycles, linear_critical_gain
+from beamdesign.kick import Kick, critical_gain_by_kicks, ringing
+from beamdesign.loop import critical_gain, loop
+from beamdesign.prototype import Lag, Payload, Proportional, Prototype
+from beamdesign.rig.compiled import integrate
+from beamdesign.rig.parameters import parameters_of, structure_of
+
+POINTS = 64  # samples per period
+
+
+@pytest.fixture
+def rig(paper: Prototype) -> Prototype:
+    return paper.but(controller=Proportional(gain_A_per_V=0.02))
+
+
+def periods(rig: Prototype, cycle: LimitCycle, count: int, scaled: float = 1.0) -> np.ndarray:
+    """Half swing of the displacement in each period of a simulation that starts on (or scaled from) the balance."""
+    there = rig.but(controller=rig.controller.but(gain_A_per_V=cycle.gain_A_per_V))
+    coefficients = cycle.motion.coefficients.copy()
+    coefficients[:, 1:] *= scaled
+    start = replace(cycle.motion, coefficients=coefficients).start
+    parameters = np.array(list(parameters_of(there, 0.0, 0.0).values()))
+    times = np.arange(POINTS * count + 1) / (POINTS * cycle.motion.frequency_Hz)
+    still = np.zeros((2 * 4 * POINTS * count + 1, 2))
+    signal = integrate(structure_of(there), times, still, start, parameters, 4, 1.0)[:, 1]
+    turns = [signal[k * POINTS : (k + 1) * POINTS + 1] for k in range((len(signal) - 1) // POINTS)]
+    return np.array([np.ptp(turn) / 2 for turn in turns])
+
+
+@pytest.mark.parametrize(("mass", "inner"), [(0.0, 0.0), (6.8, 4.4)])
+def test_without_effects_the_gain_is_the_exact_critical_one_at_any_amplitude(
+    paper: Prototype, mass: float, inner: float
+):
+    lag = paper.but(
+        controller=Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0), payload=Payload(inner_end_mass_kg=inner)
+    )
+    exact = critical_gain(lag, mass)
+    linear = linear_critical_gain(lag, mass)
+    for cycle in limit_cycles(lag, [1e-7, 1e-3], mass, harmonics=3):
+        for gain in (linear.gain_A_per_V, cycle.gain_A_per_V):
+            assert gain == pytest.approx(exact.gain_A_per_V, rel=1e-7)
+        for frequency in (linear.frequency_Hz, cycle.motion.frequency_Hz):
+            assert frequency == pytest.approx(exact.frequency_Hz, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "effects", [{"pressure_dependent_flow": {}}, {"entrained_air": {}}, {"sensor_lag": {}}, {"mount_compliance": {}}]
+)
+def test_small_oscillations_begin_at_the_critical_gain_of_the_linearised_rig(rig: Prototype, effects: dict):
+    there = rig.but(effects=effects)
+    expected = linear_critical_gain(there)
+    (cycle,) = limit_cycles(there, [1e-8], harmonics=3)
+    assert cycle.gain_A_per_V == pytest.approx(expected.gain_A_per_V, rel=1e-5)
+    assert cycle.motion.frequency_Hz == pytest.approx(expected.frequency_Hz, rel=1e-5)
+
+
+def test_the_sensor_lag_is_the_filter_of_the_prototype(rig: Prototype):
+    found = linear_critical_gain(rig.but(effects={"sensor_lag": {"break_Hz": 400.0}}))
+    exact = critical_gain(rig.but(sensor=rig.sensor.but(filter_Hz=400.0)))
+    assert found.gain_A_per_V == pytest.approx(exact.gain_A_per_V, rel=1e-8)
+
+
+CASES = [
+    ({"current_saturation": {"limit_A": 0.01}}, [3.9e-4, 4.2e-4]),
+    ({"valve_deadband": {"half_width_A": 2e-4}}, [3e-4, 1e-4, 3e-5]),
+    ({"valve_hysteresis": {"half_width_A": 1e-4}}, [1e-3, 1e-4, 3e-5]),
+    ({"unequal_piston_areas": {"asymmetry": 0.121}}, [1e-5, 1e-3]),
+    ({"pressure_dependent_flow": {}}, [3e-5, 3e-4, 1e-3]),
+    ({"seal_friction": {"coulomb_N": 60.0}}, [1e-3, 1e-4, 1e-5]),
+    ({"entrained_air": {"air_fraction": 0.05}}, [1e-4, 5e-4]),
+    ({"pressure_dependent_flow": {}, "unequal_piston_areas": {}, "current_saturation": {}}, [1e-4, 4e-4]),
+]
+
+
+@pytest.mark.parametrize(
+    ("effects", "amplitudes"), CASES, ids=lambda given: "+".join(given) if type(given) is dict else ""
+)
+def test_simulation_stays_on_the_predicted_cycle(rig: Prototype, effects: dict, amplitudes: list[float]):
+    """The integrator knows nothing of Fourier series; started on the balance it goes round in the same swing."""
+    there = rig.but(effects=effects)
+    cycles = limit_cycles(there, amplitudes)
+    for cycle, amplitude in zip(cycles, amplitudes, strict=True):
+        assert cycle.motion.amplitude_m == pytest.approx(amplitude, rel=1e-6)
+        np.testing.assert_allclose(periods(there, cycle, 3) / cycle.motion.swing_m, 1.0, atol=5e-3)
+
+
+def test_the_slope_of_the_curve_tells_which_cycles_repel(rig: Prototype):
+    """Saturation: what is off by 5 % comes back. Deadband: it dies out below and grows above."""
+    limited = rig.but(effects={"current_saturation": {"limit_A": 0.01}})
+    (stable,) = limit_cycles(limited, [4e-4])
+    assert stable.stable
+    assert stable.steepness > 0
+    for scaled in (0.95, 1.05):
+        assert periods(limited, stable, 20, scaled)[-1] == pytest.approx(stable.motion.swing_m, rel=2e-3)
+    dead = rig.but(effects={"valve_deadband": {"half_width_A": 2e-4}})
+    (unstable,) = limit_cycles(dead, [1e-4])
+    assert not unstable.stable
+    assert unstable.steepness < 0
+    assert periods(dead, unstable, 20, 0.95)[-1] < 0.5 * unstable.motion.swing_m
+    assert periods(dead, unstable, 20, 1.05)[-1] > 1.5 * unstable.motion.swing_m
+
+
+def test_an_experiment_settles_on_the_predicted_amplitude_and_frequency(rig: Prototype):
+    limited = rig.but(effects={"current_saturation": {"limit_A": 0.01}})
+    for cycle in limit_cycles(limited, [3.8e-4, 4.2e-4]):
+        settled = ringing(limited, cycle.gain_A_per_V, 0.0, Kick(force_N=50.0))
+        assert settled is not None
+        assert settled.amplitude == pytest.approx(cycle.motion.swing_m, rel=2e-3)
+        assert settled.frequency_Hz == pytest.approx(cycle.motion.frequency_Hz, rel=2e-4)
+        assert abs(settled.growth_per_s) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("effects", "force"),
+    [
+        ({"unequal_piston_areas": {}}, 50.0),
+        ({"pressure_dependent_flow": {}}, 20.0),
+        ({"pressure_dependent_flow": {}}, 100.0),
+        ({"entrained_air": {}}, 50.0),
+        ({"seal_friction": {"coulomb_N": 10.0}}, 200.0),
+    ],
+)
+def test_kicks_of_rising_gain_find_the_predicted_gain_at_their_amplitude(rig: Prototype, effects: dict, force: float):
+    there = rig.but(effects=effects)
+    kick = Kick(force_N=force, settle_s=0.2, watch_s=0.3)
+    found = critical_gain_by_kicks(there, 0.0, 0.015, 0.05, kick, 2e-4)
+    seen = ringing(there, found.gain_A_per_V, 0.0, kick)
+    assert seen is not None
+    (cycle,) = limit_cycles(there, [seen.amplitude])
+    assert found.gain_A_per_V == pytest.approx(cycle.gain_A_per_V, rel=4e-3)
+    assert found.frequency_Hz == pytest.approx(cycle.motion.frequency_Hz, rel=4e-3)
+
+
+def test_one_harmonic_is_off_where_the_current_is_nearly_square(rig: Prototype):
+    """Where describing functions fail: 22 % of the gain at an amplitude that simulation gives to 0.1 %."""
+    limited = rig.but(effects={"current_saturation": {"limit_A": 0.01}})
+    one, nine = (limit_cycles(limited, [4e-4, 4.3e-4], harmonics=h)[-1] for h in (1, 9))
+    assert one.gain_A_per_V / nine.gain_A_per_V == pytest.approx(1.22, abs=0.03)
+    assert abs(periods(limited, nine, 2)[1] / nine.motion.swing_m - 1) < 1e-3
+    assert abs(periods(limited, one, 2)[1] / one.motion.swing_m - 1) > 0.02
+
+
+def test_no_balance_is_told(rig: Prototype):
+    """A saturated current drives no more than 4/pi of its limit: beyond that amplitude there is no cycle."""
+    with pytest.raises(NoBalance, match="no periodic motion"):
+        limit_cycles(rig.but(effects={"current_saturation": {"limit_A": 0.01}}), [3e-4, 6e-4], harmonics=3)
+    with pytest.raises(ValueError, match="in time"):
+        limit_cycles(rig.but(effects={"carrier_ripple": {}}), [1e-4])
+
+
+@pytest.mark.parametrize("frequency", [0.5, 10.0, 80.0])
+def test_forced_motion_of_the_linear_rig_is_its_compliance(rig: Prototype, frequency: float):
+    compliance = loop(rig).at(2.0).compliance_response(np.array([frequency]))[0]
+    found = forced_motion(rig, 100.0, frequency, 2.0, preload=500.0, harmonics=2)
+    assert found.phasor_m / 100.0 == pytest.approx(compliance, rel=1e-8)
+    assert found.mean_m == pytest.approx(500.0 * loop(rig).at(2.0).static_compliance(), rel=1e-6)
