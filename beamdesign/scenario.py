@@ -113,6 +113,9 @@ class ScenarioRecord(Record):
     inner_end_mass_kg: Annotated[NonNegative | None, Field(description="none: that of the prototype's payload")] = None
     preload_N: Annotated[FiniteFloat, Field(description="constant force on the outer tip, on top of the inputs")] = 0.0
     controller: Annotated[Controller | None, Field(description="none: the prototype's")] = None
+    start_m: Annotated[
+        NonNegative | None, Field(description="actuator bench: where the piston starts; none: at the retracted stop")
+    ] = None
 
 
 class Scenario(Record):

@@ -1,6 +1,7 @@
 """Time records of a prototype's rig with its controller in the loop."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
@@ -221,12 +222,21 @@ def write_records(simulation: Simulation, folder: Path) -> list[Path]:
     Raises:
         InputError: where the folder cannot be made or written to.
     """
-    paths = [folder / f"{record.name}.csv" for record in simulation.records]
+    return write_tables({record.name: record.samples for record in simulation.records}, COLUMNS, folder)
+
+
+def write_tables(tables: Mapping[str, np.ndarray], columns: tuple[str, ...], folder: Path) -> list[Path]:
+    """Write one CSV file per table, named after it, each whole or not at all.
+
+    Raises:
+        InputError: where the folder cannot be made or written to.
+    """
+    paths = [folder / f"{name}.csv" for name in tables]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for record, path in zip(simulation.records, paths, strict=True):
+        for table, path in zip(tables.values(), paths, strict=True):
             partial = path.with_name(path.name + ".part")
-            np.savetxt(partial, record.samples, fmt="%.9g", delimiter=",", header=",".join(COLUMNS), comments="")
+            np.savetxt(partial, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
             os.replace(partial, path)
     except OSError as error:
         raise InputError(folder, [("(folder)", error.strerror or str(error))]) from error

@@ -2,6 +2,7 @@
 
 from math import exp, pi, sqrt
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -45,7 +46,7 @@ def test_saturation_clips_and_deadband_takes_off_its_width():
 @pytest.mark.parametrize("flow", [-1e-4, 1e-4])
 def test_orifices_give_the_root_law_of_the_load_pressure(flow: float, load_share: float):
     """Merritt's critical-centre valve: Q = K i sqrt(1 - sign(i) p_L / p_S), alike in both ports."""
-    port = {"supply_pressure_Pa": SUPPLY}
+    port = {"supply_pressure_Pa": SUPPLY, "tank_pressure_Pa": 0.0, "metered_m3_per_s": flow}
     port |= {"pressure_a_Pa": SUPPLY / 2 * (1 + load_share), "pressure_b_Pa": SUPPLY / 2 * (1 - load_share)}
     expected = flow * sqrt(1 - np.sign(flow) * load_share)
     for side in "ab":
@@ -61,6 +62,8 @@ def test_unloaded_speeds_of_a_cylinder_with_rod_go_with_the_root_of_its_areas():
         def unbalanced(unknown: np.ndarray) -> list[float]:
             port = {
                 "supply_pressure_Pa": SUPPLY,
+                "tank_pressure_Pa": 0.0,
+                "metered_m3_per_s": flow,
                 "pressure_a_Pa": unknown[0] * SUPPLY,
                 "pressure_b_Pa": unknown[1] * SUPPLY,
             }
@@ -181,6 +184,21 @@ def test_ripple_rides_on_the_signal():
 def test_the_piston_moves_by_the_area_of_the_side_that_fills(flow: float):
     bore, mean = pi * 0.0127**2 / 4, 1.13e-4
     asymmetry = (bore - mean) / mean
-    found, _ = applied("unequal_piston_areas", "metered_m3_per_s", flow, parameter={"asymmetry": asymmetry})
     side = bore if flow > 0 else 2 * mean - bore
-    assert found / mean == pytest.approx(flow / side)
+    for port, area in (("linear_a_m3_per_s", bore), ("linear_b_m3_per_s", 2 * mean - bore)):
+        found, _ = applied("unequal_piston_areas", port, flow, parameter={"asymmetry": asymmetry})
+        assert found / area == pytest.approx(flow / side)
+
+
+@pytest.mark.parametrize("asymmetry", [-0.2, 0.2])
+def test_about_null_the_smaller_side_counts(asymmetry: float):
+    """The paper's finding, and what a linearisation at rest has to see."""
+    parameter = {"asymmetry": asymmetry}
+    areas = [applied("unequal_piston_areas", f"area_{side}_m2", 1.0, parameter=parameter)[0] for side in "ab"]
+    assert areas == pytest.approx([1 + asymmetry, 1 - asymmetry])
+    flow = ca.SX.sym("flow")
+    site = Site({}, {}, parameter, {}, {}, 0.0)
+    for side, area in zip("ab", areas, strict=True):
+        passed = library()["unequal_piston_areas"].laws[f"linear_{side}_m3_per_s"](flow, site)
+        slope = ca.Function("slope", [flow], [ca.jacobian(passed, flow)])
+        assert float(slope(0.0)) / area == pytest.approx(1 / min(areas))

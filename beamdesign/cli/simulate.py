@@ -14,20 +14,27 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder for one CSV file per record.")],
     json: JsonOption = None,
 ) -> None:
-    """Simulate time records of a prototype with its controller in the loop.
+    """Simulate time records of a prototype: a twin beam with its controller in the loop, an actuator bench without.
 
     A loop that diverges is an answer: it is told when and at what frequency, its record ends there, and the exit status
     is 1.
     """
     from beamdesign import simulate as engine
-    from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
+    from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
+    from beamdesign.records import InputError, Problem
     from beamdesign.rig.effects import problems
     from beamdesign.scenario import read_scenario
 
-    rig = read_prototype(prototype)
+    rig = read_any_prototype(prototype)
+    if isinstance(rig, BenchPrototype):
+        return _simulate_bench(rig, prototype, scenario, out, json)
     wrong = problems(rig.effects)
     plan = read_scenario(scenario)
+    wrong += [
+        Problem(f"record.{row.name}.start_m", "is for an actuator bench")
+        for row in plan.record
+        if row.start_m is not None
+    ]
     if rig.controller is None and any(row.controller is None for row in plan.record):
         wrong.append(engine.without_controller())
     if wrong:
@@ -55,6 +62,25 @@ def simulate(
     )
     if not found.stable:
         raise typer.Exit(1)
+
+
+def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, json: Path | None) -> None:
+    from beamdesign.bench_simulation import BENCH_COLUMNS, simulate_bench
+    from beamdesign.records import InputError
+    from beamdesign.rig.bench_parameters import problems_on_rig
+    from beamdesign.scenario import read_scenario
+    from beamdesign.simulate import write_tables
+
+    if wrong := problems_on_rig(rig.effects, rig.kind):
+        raise InputError(source, wrong)
+    plan = read_scenario(scenario)
+    found = simulate_bench(rig, plan)
+    paths = write_tables(found, BENCH_COLUMNS, out)
+    rows = [(name, *(float(peak) for peak in table[:, 2:].max(axis=0))) for name, table in found.items()]
+    say_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
+    say(f"records: {len(paths)} files in {out}")
+    # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
+    write_json(json, {"stable": True, "records": paths, "effects": list(rig.effects)})
 
 
 def _fields(record: Any, path: Path) -> dict[str, Any]:

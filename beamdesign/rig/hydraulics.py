@@ -1,4 +1,4 @@
-"""Cylinder, oil and servovalve as laws at ports.
+"""Servovalve and cylinder as components, and their laws.
 
 The paper's leakage K_pq and oil spring K_c belong to the load pressure; here each chamber has its half of them, so that
 for equal chambers the difference of their pressures obeys the paper's equations (11), (13) and (14), and the mean
@@ -7,6 +7,9 @@ pressure is a state which nothing drives and nothing sees.
 
 from collections.abc import Mapping
 from typing import Any
+
+from beamdesign.rig.component import Component, Signals
+from beamdesign.rig.twin_beam import spool_acceleration
 
 SUPPLY_PRESSURE_PA = 20e6
 """Supply of the published rig. It sets the chambers' mean pressure and has no part in the linear model."""
@@ -18,10 +21,9 @@ def port_leakage(leakage: Any, pressure: Any, supply: Any) -> Any:
 
 
 def chamber_stiffness(oil_stiffness: Any, nominal_area: Any, area: Any, ratio: Any) -> Any:
-    """Pressure gained per volume forced into one chamber, Pa/m3.
+    """Pressure gained per volume forced into one chamber at mid-stroke, Pa/m3.
 
-    The volume at mid-stroke goes with the area, so that the two chambers in parallel are the oil spring K_c whatever
-    their areas.
+    The volume there goes with the area, so that both chambers in parallel are the oil spring K_c whatever their areas.
 
     Args:
         oil_stiffness: K_c, N/m.
@@ -35,3 +37,78 @@ def chamber_stiffness(oil_stiffness: Any, nominal_area: Any, area: Any, ratio: A
 def pressure_force(port: Mapping[str, Any], state: Mapping[str, Any]) -> Any:
     """Force of the oil on the outer beam (and its opposite on the rod), N."""
     return port["area_a_m2"] * state["pressure_a_Pa"] - port["area_b_m2"] * state["pressure_b_Pa"]
+
+
+def _leakage(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    return port_leakage(figure["leakage"], state[f"pressure_{side}_Pa"], port["supply_pressure_Pa"])
+
+
+def _spool(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    return {
+        "flow_m3_per_s": state["flow_m3_per_s2"],
+        "flow_m3_per_s2": spool_acceleration(
+            figure["valve_frequency"],
+            figure["valve_damping_ratio"],
+            figure["flow_gain"],
+            port["spool_A"],
+            state["flow_m3_per_s"],
+            state["flow_m3_per_s2"],
+        ),
+    }
+
+
+def _chambers(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    into_a = port["orifice_a_m3_per_s"] - port["leakage_a_m3_per_s"] - port["area_a_m2"] * port["stroke_m_per_s"]
+    into_b = port["area_b_m2"] * port["stroke_m_per_s"] - port["orifice_b_m3_per_s"] - port["leakage_b_m3_per_s"]
+    return {
+        "pressure_a_Pa": port["chamber_a_Pa_per_m3"] * into_a,
+        "pressure_b_Pa": port["chamber_b_Pa_per_m3"] * into_b,
+    }
+
+
+def _mid_stroke(side: str, port: Signals, figure: Signals) -> Any:
+    return chamber_stiffness(
+        figure["oil_stiffness"], figure["piston_area"], port[f"area_{side}_m2"], port[f"bulk_ratio_{side}"]
+    )
+
+
+AREAS = Component(
+    {
+        "area_a_m2": lambda port, figure, state: figure["piston_area"],
+        "area_b_m2": lambda port, figure, state: figure["piston_area"],
+    }
+)
+"""The two sides of the piston."""
+
+VALVE = Component(
+    {
+        "spool_A": lambda port, figure, state: port["current_A"],
+        # what the opening would pass with half the supply pressure across each edge
+        "metered_m3_per_s": lambda port, figure, state: state["flow_m3_per_s"],
+        "supply_pressure_Pa": lambda port, figure, state: figure["supply_pressure"],
+        "tank_pressure_Pa": lambda port, figure, state: 0.0,
+        # what a valve lets through either port that heeds no pressure
+        "linear_a_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
+        "linear_b_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
+        "orifice_a_m3_per_s": lambda port, figure, state: port["linear_a_m3_per_s"],  # into chamber a
+        "orifice_b_m3_per_s": lambda port, figure, state: port["linear_b_m3_per_s"],  # out of chamber b
+        "leakage_a_m3_per_s": lambda port, figure, state: _leakage("a", port, figure, state),
+        "leakage_b_m3_per_s": lambda port, figure, state: _leakage("b", port, figure, state),
+    },
+    _spool,
+)
+"""From current to the flows through both ports."""
+
+CYLINDER = Component(
+    {
+        "bulk_ratio_a": lambda port, figure, state: 1.0,
+        "bulk_ratio_b": lambda port, figure, state: 1.0,
+        "chamber_a_Pa_per_m3": lambda port, figure, state: _mid_stroke("a", port, figure),
+        "chamber_b_Pa_per_m3": lambda port, figure, state: _mid_stroke("b", port, figure),
+        "pressure_force_N": lambda port, figure, state: pressure_force(port, state),
+        "friction_N": lambda port, figure, state: 0.0,
+        "cylinder_force_N": lambda port, figure, state: port["pressure_force_N"] - port["friction_N"],
+    },
+    _chambers,
+)
+"""From flows and the speed of the stroke to the force between piston and cylinder."""

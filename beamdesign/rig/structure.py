@@ -1,8 +1,9 @@
-"""The two beams and the mount they are clamped in, as laws at ports."""
+"""The two beams and the mount they are clamped in, as components, and their laws."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from beamdesign.rig.component import Component, Signals
 from beamdesign.rig.twin_beam import beam_force
 
 
@@ -21,3 +22,43 @@ def inner_reaction(port: Mapping[str, Any], figure: Mapping[str, Any], state: Ma
 def end_mass_force(mass: Any, end_mass: Any, driving: Any) -> Any:
     """Force that an end mass takes off the tip to be accelerated with the beam's own mass, N."""
     return driving * end_mass / (mass + end_mass)
+
+
+def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    driving = port["outer_force_N"] - port["outer_reaction_N"] - port["outer_end_mass_N"]
+    inner_mass = figure["inner_mass"] + figure["inner_end_mass"]
+    return {
+        "outer_m": state["outer_m_per_s"],
+        "outer_m_per_s": driving / figure["outer_mass"],
+        "inner_m": state["inner_m_per_s"],
+        "inner_m_per_s": (port["inner_force_N"] - port["inner_reaction_N"]) / inner_mass,
+    }
+
+
+BEAMS = Component(
+    {
+        "outer_tip_m": lambda port, figure, state: state["outer_m"],
+        "outer_tip_m_per_s": lambda port, figure, state: state["outer_m_per_s"],
+        "mount_m": lambda port, figure, state: 0.0,
+        "mount_m_per_s": lambda port, figure, state: 0.0,
+        "outer_reaction_N": outer_reaction,
+        "inner_reaction_N": inner_reaction,
+        "mount_force_N": lambda port, figure, state: port["outer_reaction_N"] + port["inner_reaction_N"],
+        "sensed_m": lambda port, figure, state: port["outer_tip_m"],
+        "rod_m_per_s": lambda port, figure, state: state["inner_m_per_s"],
+        "stroke_m_per_s": lambda port, figure, state: port["outer_tip_m_per_s"] - port["rod_m_per_s"],
+    }
+)
+"""Where the tips and their mount are, and what the beams hold against that."""
+
+TIPS = Component(
+    {
+        "inner_force_N": lambda port, figure, state: -port["cylinder_force_N"],
+        "outer_force_N": lambda port, figure, state: port["cylinder_force_N"] + port["disturbance_N"],
+        "outer_end_mass_N": lambda port, figure, state: end_mass_force(
+            figure["outer_mass"], figure["outer_end_mass"], port["outer_force_N"] - port["outer_reaction_N"]
+        ),
+    },
+    _motion,
+)
+"""Forces that move the tips."""

@@ -1,6 +1,7 @@
 """Pressure-dependent valve flow: sharp-edged orifices, whose flow goes with the root of the pressure drop.
 
-With the chambers at half the supply pressure it is the linear valve, so that it linearises to it there.
+With the chambers at half the supply pressure it is the linear valve, so that it linearises to it there. The opening
+alone counts, not what a valve that heeds no pressure would pass through either port.
 """
 
 from typing import Any
@@ -18,21 +19,23 @@ def _root(drop: Any) -> Any:
 
 
 def _supply(signal: Any, site: Site) -> Any:
-    return site.parameter["supply_pressure_Pa"]
+    """The effect's own supply instead of the rig's, less what the rig takes off it."""
+    return site.parameter["supply_pressure_Pa"] + (signal - site.figure["supply_pressure"])
 
 
-def _metered(signal: Any, pressure: Any, supply: Any) -> Any:
-    """Flow into a chamber whose port opens to the supply where `signal` is positive, and to the tank elsewhere."""
-    share = pressure / supply
-    return signal * _root(ca.if_else(signal > 0, 1 - share, share)) / float(_root(0.5))
+def _into(flow: Any, pressure: Any, site: Site) -> Any:
+    """Flow into a chamber whose port opens to the supply where `flow` is positive, and to the tank elsewhere."""
+    supply, tank = site.port["supply_pressure_Pa"], site.port["tank_pressure_Pa"]
+    drop = ca.if_else(flow > 0, supply - pressure, pressure - tank)
+    return flow * _root(drop / site.parameter["supply_pressure_Pa"]) / float(_root(0.5))
 
 
 def _orifice_a(signal: Any, site: Site) -> Any:
-    return _metered(signal, site.port["pressure_a_Pa"], site.port["supply_pressure_Pa"])
+    return _into(site.port["metered_m3_per_s"], site.port["pressure_a_Pa"], site)
 
 
 def _orifice_b(signal: Any, site: Site) -> Any:
-    return -_metered(-signal, site.port["pressure_b_Pa"], site.port["supply_pressure_Pa"])
+    return -_into(-site.port["metered_m3_per_s"], site.port["pressure_b_Pa"], site)
 
 
 EFFECT = Effect(

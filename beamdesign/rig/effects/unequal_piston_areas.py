@@ -1,7 +1,13 @@
-"""Unequal piston areas: the rod takes room on one side, so that the same flow moves the piston faster one way.
+"""Unequal piston areas: the rod takes room on one side.
 
-The valve meters the oil into the chamber it fills, and the other chamber empties as the piston drives it: the piston's
-speed is the flow over the area of the side being filled. Where the flow is near null, the side of chamber b counts.
+The sides themselves are unequal: in the force A_a p_a - A_b p_b and in what each chamber takes up as the piston moves.
+A valve with orifices then finds the flows of its ports by itself, from the pressures. A valve that heeds no pressure
+cannot feed two unequal sides at one speed; it meters the oil into the chamber that fills, and the other empties as the
+piston drives it. So the speed is the flow over the area of the side being filled, faster one way than the other; about
+null, where either side may be the one that fills, the smaller side counts.
+
+At half the supply in both chambers such a cylinder would push. The valve's null is taken as adjusted so that the rig
+rests without load: the leakage of the closed valve then holds the pressures at which the two sides balance.
 """
 
 from typing import Any
@@ -11,16 +17,36 @@ import casadi as ca
 from beamdesign.rig.effect import Effect, Parameter, Site
 
 
-def _per_side(signal: Any, site: Site) -> Any:
-    """Metered flow, as that which would move a piston of the mean area at the same speed."""
-    asymmetry = site.parameter["asymmetry"]
-    return signal * ca.if_else(signal > 0, 1 / (1 + asymmetry), 1 / (1 - asymmetry))
+def _passed(signal: Any, asymmetry: Any, own: Any) -> Any:
+    """Flow through the port of the side whose area is `own` times the mean one."""
+    fills_a = ca.if_else(asymmetry > 0, signal > 0, signal >= 0)  # at null: the smaller side
+    return signal * own / ca.if_else(fills_a, 1 + asymmetry, 1 - asymmetry)
+
+
+def _linear_a(signal: Any, site: Site) -> Any:
+    return _passed(signal, site.parameter["asymmetry"], 1 + site.parameter["asymmetry"])
+
+
+def _linear_b(signal: Any, site: Site) -> Any:
+    return _passed(signal, site.parameter["asymmetry"], 1 - site.parameter["asymmetry"])
+
+
+def _null(site: Site) -> Any:
+    """Leakage at half the supply pressure that brings the chambers to the pressures of no load, m3/s."""
+    return site.figure["leakage"] * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"]
 
 
 EFFECT = Effect(
     name="unequal_piston_areas",
     subsystem="actuator",
-    laws={"metered_m3_per_s": _per_side},
+    laws={
+        "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
+        "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
+        "linear_a_m3_per_s": _linear_a,
+        "linear_b_m3_per_s": _linear_b,
+        "leakage_a_m3_per_s": lambda signal, site: signal + _null(site),
+        "leakage_b_m3_per_s": lambda signal, site: signal - _null(site),
+    },
     parameters=(
         Parameter(
             "asymmetry",

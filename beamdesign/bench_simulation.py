@@ -1,0 +1,149 @@
+"""Time records of an actuator on a bench: what piston and chambers do under a recorded command."""
+
+from math import ceil
+
+import numpy as np
+
+from beamdesign.bench_prototype import BenchPrototype
+from beamdesign.records import InputError, Problem
+from beamdesign.rig.assembly import Assembly, assemble
+from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
+from beamdesign.rig.compiled import integrate
+from beamdesign.rig.equilibrium import linearise
+from beamdesign.scenario import Scenario, inputs_of
+
+BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
+LONGEST_STEP_S = 1e-4
+_STEPS_PER_RADIAN = 0.5  # classical Runge-Kutta is stable to 2.78 radians of a decaying pole
+_BOUND = 2.0  # strokes: end stops hold the piston, so that only a failed integration passes this
+
+
+def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.ndarray:
+    """(n,) states of a piston that stands still under no command.
+
+    Args:
+        prototype: the bench.
+        start_m: where it stands, from the retracted stop. None: against that stop, the cap's chamber at tank and the
+            rod's at supply pressure, as a retraction leaves them. Elsewhere the chambers share the supply, without
+            force.
+
+    Raises:
+        InputError: where the piston would stand beyond its stops.
+    """
+    structure = bench_structure(prototype)
+    states, actuator = assemble(structure).states, prototype.actuator
+    supply, tank, stroke = actuator.supply_pressure_Pa, actuator.tank_pressure_Pa, actuator.stroke_m
+    if "pressure_dependent_flow" in prototype.effects:
+        supply = bench_parameters(prototype)["pressure_dependent_flow.supply_pressure_Pa"]
+    asymmetry = bench_parameters(prototype).get("unequal_piston_areas.asymmetry", 0.0)
+    x = dict.fromkeys(states, 0.0)
+    if start_m is None:
+        pressure_a, pressure_b = tank, supply
+        held = supply * actuator.piston_area_m2 * (1 - asymmetry) - tank * actuator.piston_area_m2 * (1 + asymmetry)
+        x["piston_m"] = -held / actuator.stop_stiffness_N_per_m
+    elif start_m <= stroke:
+        total = supply + tank
+        pressure_a, pressure_b = total / 2 * (1 - asymmetry), total / 2 * (1 + asymmetry)
+        x["piston_m"] = start_m
+    else:
+        raise InputError(prototype.name, [("start_m", f"{start_m:g} is beyond the stroke, {stroke:g} m")])
+    x["pressure_a_Pa"] = x["seen_a_Pa"] = pressure_a
+    x["pressure_b_Pa"] = x["seen_b_Pa"] = pressure_b
+    volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * bench_parameters(prototype)["sensor_gain"]
+    for name in ("filtered_V", "sensor_lag.lagged_V", "transport_delay.smooth_V"):
+        if name in x:
+            x[name] = volts
+    return np.array(list(x.values()))
+
+
+def replay(
+    prototype: BenchPrototype,
+    times: np.ndarray,
+    command_V: np.ndarray,
+    start_m: float | None = None,
+    load_N: float = 0.0,
+) -> np.ndarray:
+    """Simulate a bench under a recorded command, taken to go straight from sample to sample.
+
+    Args:
+        prototype: the bench with its effects.
+        times: (N,) equally spaced, s.
+        command_V: (N,).
+        start_m: see `bench_start`.
+        load_N: constant force on the rod, positive extending.
+
+    Returns:
+        (N, 5) columns as in `BENCH_COLUMNS`.
+
+    Raises:
+        InputError: for effects that cannot be, and where the equations are too stiff for the step.
+    """
+    structure = bench_structure(prototype)
+    assembly = assemble(structure)
+    parameters = np.array(list(bench_parameters(prototype).values()))
+    start = bench_start(prototype, start_m)
+    step = float(times[1] - times[0])
+    substeps = _substeps(assembly, parameters, start, command_V, step)
+    fine = np.arange(2 * substeps * (len(times) - 1) + 1) / (2 * substeps)
+    inputs = np.zeros((len(fine), 2))
+    inputs[:, 0] = load_N
+    inputs[:, 1] = np.interp(fine, np.arange(len(times)), command_V)
+    bound = _BOUND * prototype.actuator.stroke_m
+    y = integrate(structure, times, inputs, start, parameters, substeps, bound)
+    if len(y) < len(times):
+        raise InputError(prototype.name, [("(figures)", "the simulation fails: its equations are too stiff")])
+    return np.column_stack([times, command_V, y[:, 1], y[:, 2], y[:, 3]])
+
+
+def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, np.ndarray]:
+    """Simulate the records of a scenario, whose inputs are commands and, as preload, a force on the rod.
+
+    Returns:
+        by record, (N, 5) columns as in `BENCH_COLUMNS`.
+
+    Raises:
+        InputError: for what the scenario asks and a bench does not have.
+    """
+    wrong: list[Problem] = []
+    if scenario.sampled is not None:
+        wrong.append(Problem("sampled", "a bench has no controller"))
+    if scenario.measurement != type(scenario.measurement)():
+        wrong.append(Problem("measurement", "instrument noise is made for twin beams only"))
+    commands = {}
+    for row in scenario.record:
+        given = inputs_of(row, scenario)
+        if np.any(given[:, 0]):
+            wrong.append(Problem(f"record.{row.name}.input", "a bench takes command_V; give a force as preload_N"))
+        if row.controller is not None:
+            wrong.append(Problem(f"record.{row.name}.controller", "a bench has no controller"))
+        if row.outer_end_mass_kg or row.inner_end_mass_kg:
+            wrong.append(Problem(f"record.{row.name}", "a bench has no beams and no end masses"))
+        commands[row.name] = given[:, 1]
+    if wrong:
+        raise InputError(scenario.name, wrong)
+    return {
+        row.name: replay(prototype, scenario.times, commands[row.name], row.start_m, row.preload_N)
+        for row in scenario.record
+    }
+
+
+def _substeps(assembly: Assembly, parameters: np.ndarray, start: np.ndarray, command: np.ndarray, sample: float) -> int:
+    """Steps per sample by the fastest pole where the equations are stiffest: at either stop, with the valve open."""
+    place = {name: k for k, name in enumerate(assembly.states)}
+    figure = dict(zip(assembly.parameters, parameters, strict=True))
+    supply, tank = figure["supply_pressure"], figure["tank_pressure"]
+    supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", supply)
+    volts = float(np.abs(command - figure["null"]).max())
+    fastest = 1.0
+    for sign, where, pressures in ((1.0, figure["stroke"], (supply, tank)), (-1.0, 0.0, (tank, supply))):
+        for pressed in (1e-5, -1e-5):
+            for share in (0.0, 0.01, 0.5):  # of the way from the stall to the middle
+                x = start.copy()
+                x[place["piston_m"]] = where + sign * pressed
+                x[place["flow_m3_per_s"]] = sign * figure["flow_gain"] * figure["gain"] * volts
+                for side, pressure in zip("ab", pressures, strict=True):
+                    x[place[f"pressure_{side}_Pa"]] = pressure + share * (supply + tank - 2 * pressure)
+                u = np.array([0.0, sign * volts, 0.0])
+                poles = np.linalg.eigvals(linearise(assembly, x, u, parameters).a)
+                fastest = max(fastest, float(np.abs(poles).max()))
+    return max(1, ceil(sample / min(LONGEST_STEP_S, 1 / (_STEPS_PER_RADIAN * fastest)) - 1e-9))
