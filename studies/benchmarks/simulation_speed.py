@@ -1,14 +1,16 @@
-"""Speed of one simulated record: generated code, CasADi's own virtual machine and scipy's integrator, side by side.
+"""Speed of one simulated record and of its derivatives: generated code, CasADi's own virtual machine, and scipy.
 
 All integrate the same right-hand side under the same band-limited force: the linear rig, and the rig with every effect
-of the library at its default. Errors are of the tip's displacement, relative to its largest value, against steps twenty
-times shorter. The generated code has the force from its samples only, the others know it at every instant. Run:
+of the library at its default. Errors are of the tip's displacement, relative to its largest value, against scipy's
+LSODA at a relative tolerance of 1e-9. The generated code has the force from its samples only, the others know it at
+every instant. Derivatives are by ten parameters; their errors, relative to the largest value of each, are against the
+generated code at ten times shorter steps, and finite differences start each run from its own equilibrium. Run:
 
     python studies/benchmarks/simulation_speed.py
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -19,15 +21,30 @@ from scipy.integrate import solve_ivp
 from beamdesign.paper.rig import paper_prototype
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.rig.assembly import OUTPUTS, Assembly, assemble
-from beamdesign.rig.compiled import integrate
+from beamdesign.rig.compiled import compiled, integrate
 from beamdesign.rig.effects import library
 from beamdesign.rig.equilibrium import equilibrium, scales
 from beamdesign.rig.parameters import parameters_of, structure_of
+from beamdesign.rig.sensitivity import (
+    compiled_with_sensitivities,
+    equilibrium_sensitivity,
+    integrate_with_sensitivities,
+)
 from beamdesign.simulate import half_steps, substeps_for
 
 SAMPLE_S = 5e-4
 LINES_HZ = np.arange(3, 60, 4.0)
 TIP = OUTPUTS.index("outer_displacement_m")
+REST = np.zeros(3)
+FIGURES = ("outer_mass", "outer_damping", "inner_stiffness", "oil_stiffness", "flow_gain")
+MORE_FIGURES = ("outer_stiffness", "inner_mass", "leakage", "valve_frequency", "gain")
+MORE_OF_EFFECTS = (
+    "seal_friction.coulomb_N",
+    "joint_backlash.play_m",
+    "valve_deadband.half_width_A",
+    "entrained_air.air_fraction",
+    "mount_compliance.stiffness_N_per_m",
+)
 Run = Callable[[], np.ndarray]
 
 
@@ -35,25 +52,54 @@ Run = Callable[[], np.ndarray]
 class Case:
     """One rig with its record."""
 
+    name: str
     assembly: Assembly
     parameters: np.ndarray
     start: np.ndarray
     times: np.ndarray
     substeps: int
+    free: tuple[str, ...]
+
+    def but(self, parameters: np.ndarray) -> "Case":
+        """The same with other parameters, from their own equilibrium."""
+        start = equilibrium(self.assembly, REST, parameters)
+        return Case(self.name, self.assembly, parameters, start, self.times, self.substeps, self.free)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table: a way, its time, its ratio to the first of its table, its error."""
+
+    case: str
+    table: str
+    way: str
+    seconds: float
+    ratio: float
+    error: float
 
 
 def force(time: np.ndarray | float) -> np.ndarray:
     """Force on the tip, N, faded in."""
-    waves = [np.sin(2 * np.pi * f * np.asarray(time) + k * k) for k, f in enumerate(LINES_HZ)]
-    return 60.0 * np.sum(waves, axis=0) * np.minimum(np.asarray(time) / 0.1, 1.0) ** 3
+    angles = 2 * np.pi * np.multiply.outer(np.asarray(time), LINES_HZ) + np.arange(len(LINES_HZ)) ** 2
+    return 60.0 * np.sin(angles).sum(axis=-1) * np.minimum(np.asarray(time) / 0.1, 1.0) ** 3
 
 
-def prepared(rig: Prototype, duration_s: float) -> Case:
+def prepared(name: str, rig: Prototype, free: tuple[str, ...], duration_s: float) -> Case:
     assembly = assemble(structure_of(rig))
     parameters = np.array(list(parameters_of(rig, 6.8, 4.4).values()))
-    start = equilibrium(assembly, np.zeros(3), parameters)
+    start = equilibrium(assembly, REST, parameters)
     times = np.arange(round(duration_s / SAMPLE_S) + 1) * SAMPLE_S
-    return Case(assembly, parameters, start, times, substeps_for(assembly, parameters, SAMPLE_S))
+    return Case(name, assembly, parameters, start, times, substeps_for(assembly, parameters, SAMPLE_S), free)
+
+
+def cases(duration_s: float) -> tuple[Case, ...]:
+    """The linear rig and the one with all effects."""
+    linear = paper_prototype().but(controller=Lag(gain_A_per_V=0.06, pole_Hz=1.75, zero_Hz=26.0))
+    every = linear.but(effects={name: {} for name in library()})
+    return (
+        prepared("no effects", linear, FIGURES + MORE_FIGURES, duration_s),
+        prepared("all effects", every, FIGURES + MORE_OF_EFFECTS, duration_s),
+    )
 
 
 def generated(case: Case) -> Run:
@@ -64,14 +110,6 @@ def generated(case: Case) -> Run:
         return integrate(case.assembly.kinds, case.times, fine, case.start, case.parameters, case.substeps, 1.0)[:, TIP]
 
     return run
-
-
-def reference(case: Case, finer: int = 20) -> np.ndarray:
-    """The record at much shorter steps, with the force itself at each."""
-    steps = finer * case.substeps
-    fine = np.arange(2 * steps * (len(case.times) - 1) + 1) * SAMPLE_S / (2 * steps)
-    inputs = np.column_stack([force(fine), 0 * fine])
-    return integrate(case.assembly.kinds, case.times, inputs, case.start, case.parameters, steps, 1.0)[:, TIP]
 
 
 def virtual_machine(case: Case) -> Run:
@@ -95,7 +133,7 @@ def virtual_machine(case: Case) -> Run:
     loads = np.vstack([force(at), force(at + h / 2), force(at + h)])
     constant = np.repeat(case.parameters[:, None], count, axis=1)
 
-    first = float(case.assembly.function(0, case.start, np.zeros(3), case.parameters)[1][TIP])
+    first = float(case.assembly.function(0, case.start, REST, case.parameters)[1][TIP])
 
     def run() -> np.ndarray:
         tips = np.asarray(whole(case.start, at, loads, constant)[1]).ravel()
@@ -104,23 +142,31 @@ def virtual_machine(case: Case) -> Run:
     return run
 
 
-def scipy_solver(case: Case, rtol: float) -> Run:
+def scipy_solver(case: Case, method: str, rtol: float) -> Run:
+    """`solve_ivp` on the right-hand side evaluated by CasADi in place, which costs less than scipy's own share."""
     typical = 0.1 * scales(case.assembly)
     function = case.assembly.function
+    rate, given = np.zeros(len(case.start)), [np.zeros(1), np.zeros(len(case.start)), REST.copy(), case.parameters]
+    buffer, evaluate = function.buffer()
+    for k, array in enumerate(given):
+        buffer.set_arg(k, array.data)
+    buffer.set_res(0, rate.data)
 
-    def rates(t: float, x: np.ndarray) -> np.ndarray:
-        return np.asarray(function(t, x, [float(force(t)), 0, 0], case.parameters)[0]).ravel()
+    def rates(t: float, x: np.ndarray, held: object = buffer) -> np.ndarray:  # CasADi does not hold its buffer
+        given[0][0], given[1][:], given[2][0] = t, x, force(t)
+        evaluate()
+        return rate.copy()
 
     def run() -> np.ndarray:
         found = solve_ivp(
             rates,
             (0, case.times[-1]),
             case.start,
-            method="LSODA",
+            method=method,
             t_eval=case.times,
             rtol=rtol,
             atol=rtol * typical,
-            max_step=SAMPLE_S,
+            max_step=5e-3,
         )
         each = function.map(len(case.times))
         loads = np.vstack([force(case.times), np.zeros((2, len(case.times)))])
@@ -132,37 +178,104 @@ def scipy_solver(case: Case, rtol: float) -> Run:
     return run
 
 
-def main() -> None:
-    """Print one table per rig."""
+def tangent(case: Case, finer: int = 1) -> Run:
+    """Derivatives (M, P) of the tip's displacement along the generated code's steps."""
+    free, steps = case.free, finer * case.substeps
+    inputs = np.column_stack([force(case.times), 0 * case.times])
+    if finer > 1:  # the force itself at each step
+        fine = np.arange(2 * steps * (len(case.times) - 1) + 1) * SAMPLE_S / (2 * steps)
+        inputs = np.column_stack([force(fine), 0 * fine])
+
+    def run() -> np.ndarray:
+        first = equilibrium_sensitivity(case.assembly, case.start, REST, case.parameters, free)
+        given = inputs if finer > 1 else half_steps(inputs, steps)
+        kinds, p = case.assembly.kinds, case.parameters
+        found = integrate_with_sensitivities(
+            kinds, case.times, given, case.start, first, p, free, steps, 1.0, outputs=(TIP,)
+        )
+        return found[1][:, 0, :]
+
+    return run
+
+
+def differences(case: Case, way: Callable[[Case], Run], step: float) -> Run:
+    """Derivatives (M, P) by central differences, two records per parameter."""
+
+    def run() -> np.ndarray:
+        columns = []
+        for name in case.free:
+            change = np.zeros(len(case.parameters))
+            k = case.assembly.parameters.index(name)
+            change[k] = step * case.parameters[k]
+            ahead, behind = (way(case.but(case.parameters + sign * change))() for sign in (1, -1))
+            columns.append((ahead - behind) / (2 * change[k]))
+        return np.column_stack(columns)
+
+    return run
+
+
+def timed(run: Run, runs: int) -> tuple[float, np.ndarray]:
+    """Shortest time of some runs, s, and what they give."""
+    seconds = np.inf
+    for _ in range(runs):
+        begin = perf_counter()
+        found = run()
+        seconds = min(seconds, perf_counter() - begin)
+    return seconds, found
+
+
+def table(case: Case, name: str, ways: dict[str, tuple[Run, int]], expected: np.ndarray) -> list[Row]:
+    """Time all ways and measure their errors, of each column by itself; print and give the rows."""
+    rows: list[Row] = []
+    scale = np.abs(expected).max(axis=0)
+    print(f"\n{case.name}, {name}\n{'':48s} {'ms':>9s} {'ratio':>7s} {'error':>9s}", flush=True)
+    for way, (run, runs) in ways.items():
+        seconds, found = timed(run, runs)
+        error = float((np.abs(found - expected).max(axis=0) / scale).max())
+        rows.append(Row(case.name, name, way, seconds, seconds / (rows[0].seconds if rows else seconds), error))
+        print(f"{way:48s} {1e3 * seconds:9.1f} {rows[-1].ratio:7.1f} {error:9.1e}", flush=True)
+    return rows
+
+
+def main(argv: Sequence[str] | None = None) -> list[Row]:
+    """Print the tables and give their rows."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--duration-s", type=float, default=4.0, help="length of the record")
-    duration = parser.parse_args().duration_s
-    linear = paper_prototype().but(controller=Lag(gain_A_per_V=0.06, pole_Hz=1.75, zero_Hz=26.0))
-    for name, rig in (("no effects", linear), ("all effects", linear.but(effects={n: {} for n in library()}))):
-        case = prepared(rig, duration)
+    duration = parser.parse_args(argv).duration_s
+    begin = perf_counter()
+    import beamdesign.rig.stepper  # noqa: F401
+
+    print(f"numba loaded in {perf_counter() - begin:.2f} s; records of {duration:g} s at {SAMPLE_S * 1e3:g} ms")
+    rows: list[Row] = []
+    for case in cases(duration):
+        kinds = case.assembly.kinds
+        plain, _ = timed(lambda kinds=kinds: compiled.__wrapped__(kinds).constants, 3)
+        whole, _ = timed(
+            lambda kinds=kinds, free=case.free: compiled_with_sensitivities.__wrapped__(kinds, free, (TIP,)).constants,
+            3,
+        )
+        first, _ = timed(generated(case), 1)
+        size = f"{len(case.start)} states, {len(case.parameters)} parameters"
+        ready = f"ready in {1e3 * plain:.0f} ms, with derivatives in {1e3 * whole:.0f} ms"
+        print(f"\n{case.name}: {size}; equations {ready}; first record after {first:.2f} s", flush=True)
+        step_ms = SAMPLE_S / case.substeps * 1e3
         ways = {
-            f"generated code, {SAMPLE_S / case.substeps * 1e3:.2g} ms steps": (generated(case), 5),
+            f"generated code, {step_ms:.2g} ms steps": (generated(case), 5),
             "CasADi virtual machine, same steps": (virtual_machine(case), 2),
-            "scipy solve_ivp, LSODA, rtol 1e-5": (scipy_solver(case, 1e-5), 1),
+            "scipy solve_ivp, LSODA, rtol 1e-5": (scipy_solver(case, "LSODA", 1e-5), 1),
+            "scipy solve_ivp, RK45, rtol 1e-4": (scipy_solver(case, "RK45", 1e-4), 1),
         }
-        begin = perf_counter()
-        generated(case)()
-        compiling = perf_counter() - begin
-        expected = reference(case)
-        scale = np.abs(expected).max()
-        rows = []
-        for way, (run, runs) in ways.items():
-            seconds = np.inf
-            for _ in range(runs):
-                begin = perf_counter()
-                tip = run()
-                seconds = min(seconds, perf_counter() - begin)
-            error = np.abs(tip - expected).max() / scale
-            rows.append((way, seconds, float(error)))
-        print(f"\n{name}: {len(case.start)} states, {duration:g} s; compiled once in {compiling:.1f} s")
-        print(f"{'':40s} {'ms':>9s} {'ratio':>7s} {'error':>9s}")
-        for way, seconds, error in rows:
-            print(f"{way:40s} {1e3 * seconds:9.1f} {seconds / rows[0][1]:7.1f} {error:9.1e}")
+        rows += table(case, "record", ways, scipy_solver(case, "LSODA", 1e-9)())
+        ways = {
+            "tangent of the generated code": (tangent(case), 5),
+            "central differences of 1e-5, generated code": (differences(case, generated, 1e-5), 1),
+            "central differences of 1e-3, solve_ivp, rtol 1e-6": (
+                differences(case, lambda at: scipy_solver(at, "LSODA", 1e-6), 1e-3),
+                1,
+            ),
+        }
+        rows += table(case, "derivatives by ten parameters", ways, tangent(case, finer=10)())
+    return rows
 
 
 if __name__ == "__main__":
