@@ -1,0 +1,82 @@
+"""Time records as evidence."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beamdesign.gap.dataset import Dataset, TimeRecord
+from beamdesign.gap.replay import Replay, replay, simulated, simulated_with_slopes, steps
+from beamdesign.gap.unknowns import Placement
+from beamdesign.gap.weighting import Weighting, weighting
+
+
+@dataclass(frozen=True)
+class RecordEvidence:
+    """A time record in units of misfit.
+
+    Attributes:
+        job: the record, ready to be simulated.
+        weight: of its channels.
+        measured: (N, C) those channels.
+    """
+
+    job: Replay
+    weight: Weighting
+    measured: np.ndarray = field(repr=False)
+    _steps: dict[object, int] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        """Of the record."""
+        return self.record.name
+
+    @property
+    def record(self) -> TimeRecord:
+        """As measured."""
+        return self.job.record
+
+    @property
+    def condition(self) -> object:
+        """Under which it was taken."""
+        return self.record.condition
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves."""
+        return self.weight.expected
+
+    def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(N, C) channels of the model."""
+        return simulated(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
+
+    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(M,) measured less predicted, weighed."""
+        found = self.predicted(placement, z)
+        return None if found is None else self.weight(self.measured - found)
+
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual and its derivative by z."""
+        found = simulated_with_slopes(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
+        if found is None:
+            return None
+        predicted, slopes = found
+        return self.weight(self.measured - predicted), -self.weight(slopes)
+
+    def _substeps(self, placement: Placement, z: np.ndarray) -> int:
+        # Counted anew only for another structure, or where the unknowns have gone a long way from where they were.
+        key = (placement.assembly.kinds, tuple(np.round(z).astype(int)))
+        if key not in self._steps:
+            parameters = placement.parameters(self.job.base(placement), z)
+            self._steps[key] = steps(placement, parameters, self.record.step)
+        return self._steps[key]
+
+
+def evidence_of(data: Dataset) -> tuple[RecordEvidence, ...]:
+    """All time records of a data set."""
+    found = []
+    for record in data.records:
+        channels = tuple(record.measured)
+        weight = weighting(record, channels)
+        measured = np.column_stack([record.measured[name] for name in channels])
+        found.append(RecordEvidence(replay(record, data.prototype), weight, measured))
+    return tuple(found)

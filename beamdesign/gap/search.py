@@ -1,0 +1,176 @@
+"""All hypotheses about a gap, fitted: nulls first, every single cause, then pairs."""
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beamdesign.gap.dataset import Dataset
+from beamdesign.gap.evidence import evidence_of
+from beamdesign.gap.fit import Evidence, Fit, fit
+from beamdesign.gap.hypothesis import NOTHING, Hypothesis, pairs, singles
+from beamdesign.gap.starts import starts
+from beamdesign.prototype import Prototype
+
+_BEST_SINGLES = 4
+_BEST_PAIRS = 6
+_QUICK = 2  # iterations that show whether a pair is worth fitting
+_EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
+_DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Search:
+    """All fits.
+
+    Attributes:
+        null: tolerances only.
+        fits: all others, best first.
+        expected: misfit that noise alone would leave.
+        evidence: names of its pieces, in the order of `Fit.shares`.
+        conditions: of each.
+    """
+
+    null: Fit
+    fits: tuple[Fit, ...]
+    expected: float
+    evidence: tuple[str, ...]
+    conditions: tuple[object, ...] = field(repr=False)
+
+    def excess(self, found: Fit) -> float:
+        """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
+        return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
+
+    def held_out(self, found: Fit) -> float:
+        """Misfit of every condition as predicted from all the others."""
+        if found.reason:
+            return np.inf
+        groups: dict[object, list[int]] = {}
+        for k, condition in enumerate(self.conditions):
+            groups.setdefault(condition, []).append(k)
+        return sum(found.left_out(group) for group in groups.values())
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One fit to be made; `known` are SI values from simpler fits."""
+
+    hypothesis: Hypothesis
+    known: dict[str, float]
+    quick: bool = False
+
+
+def search(data: Dataset, workers: int = 1, progress: Progress = lambda share, words: None) -> Search:
+    """Fit all hypotheses to a data set.
+
+    Args:
+        data: what to explain.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+    """
+    with _Fitters(data, workers) as fitters:
+        progress(0.0, "tolerances")
+        (null,) = fitters([_Task(NOTHING, {})])
+        alone = singles(data.prototype)
+        found = list(
+            fitters(
+                (_Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
+            )
+        )
+        expected = sum(piece.expected for piece in fitters.evidence)
+        state = Search(
+            null,
+            tuple(_sorted(found)),
+            expected,
+            tuple(e.name for e in fitters.evidence),
+            tuple(e.condition for e in fitters.evidence),
+        )
+        if null.misfit > expected and state.excess(state.fits[0]) > _DONE:
+            values = {f.hypothesis: f.values for f in found if not f.reason}
+            tried = _promising(state, alone)
+            tasks = [_Task(h, _merged(h, values), True) for h in tried]
+            quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
+            best = [f for f in _sorted(quick) if not f.reason][:_BEST_PAIRS]
+            final = list(fitters(_Task(f.hypothesis, f.values) for f in best))
+            found += [f for f in quick if f.hypothesis not in {b.hypothesis for b in best}] + final
+        progress(1.0, "done")
+        return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.conditions)
+
+
+def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Pairs worth trying: with one of the best singles; where no single explains half, all pairs of effects."""
+    best = [f.hypothesis for f in state.fits if not f.reason][:_BEST_SINGLES]
+    tried = dict.fromkeys(a | b for a in best for b in alone if a != b)
+    if state.excess(state.fits[0]) > 1 - _EXPLAINED:
+        tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
+    return tuple(tried)
+
+
+def _merged(of: Hypothesis, values: dict[Hypothesis, dict[str, float]]) -> dict[str, float]:
+    """Values to start a pair from: tolerated figures of the better known, parameters of both."""
+    merged: dict[str, float] = {}
+    for name in of.names:
+        merged |= values.get(Hypothesis((name,)), {})
+    return merged
+
+
+def _sorted(fits: Iterable[Fit]) -> list[Fit]:
+    return sorted(fits, key=lambda f: f.cost)
+
+
+class _Fitters:
+    """Processes that make fits, or this one where one worker is enough."""
+
+    def __init__(self, data: Dataset, workers: int):
+        self.data, self.evidence = data, evidence_of(data)
+        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data,)) if workers > 1 else None
+
+    def __enter__(self) -> "_Fitters":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=error[0] is None, cancel_futures=True)
+
+    def __call__(self, tasks: Iterable[_Task], told: Callable[[int], None] = lambda k: None) -> list[Fit]:
+        """Fits in the order of the tasks."""
+        given = list(tasks)
+        if self._pool is None:
+            found = []
+            for k, task in enumerate(given):
+                found.append(_fitted(task, self.data.prototype, self.evidence))
+                told(k + 1)
+            return found
+        futures = {self._pool.submit(_fitted_here, task): k for k, task in enumerate(given)}
+        results: dict[int, Fit] = {}
+        for count, future in enumerate(as_completed(futures), start=1):
+            results[futures[future]] = future.result()
+            told(count)
+        return [results[k] for k in range(len(given))]
+
+
+_here: tuple[Prototype, tuple[Evidence, ...]] | None = None
+
+
+def _begin(data: Dataset) -> None:
+    global _here
+    _here = data.prototype, evidence_of(data)
+
+
+def _fitted_here(task: _Task) -> Fit:
+    assert _here is not None
+    return _fitted(task, *_here)
+
+
+def _fitted(task: _Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
+    """The best of fits from the most promising starts."""
+    placement = task.hypothesis.placement(prototype)
+    begun = starts(placement, task.known, evidence, 1 if task.quick else 2)
+    if not begun:
+        reason = "the model's loop is unstable wherever a fit was begun"
+        return Fit(task.hypothesis, placement.unknowns, reason=reason)
+    iterations = {"iterations": _QUICK} if task.quick else {}
+    return min((fit(task.hypothesis, placement, evidence, z, **iterations) for z in begun), key=lambda f: f.cost)

@@ -1,0 +1,181 @@
+"""What a fit may move: tolerated figures under the builder's priors, figures set free, and parameters of effects.
+
+Every unknown is a number z whose prior is the standard normal distribution: a figure is its nominal value times
+exp(s z), with s its tolerance; a parameter of an effect likewise about its default, or default + s z where it may be
+zero. So a z of 3 is three standard deviations off, whatever its unit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp, log
+
+import numpy as np
+
+from beamdesign.prototype import Prototype
+from beamdesign.rig.assembly import Assembly, Structure, assemble
+from beamdesign.rig.effects import library
+from beamdesign.rig.parameters import parameters_of
+
+FREE = 0.5
+"""Prior standard deviation of the logarithm of a figure that is suspected to be plainly wrong."""
+
+TOLERANCE_OF = {
+    "outer_stiffness": "stiffness",
+    "inner_stiffness": "stiffness",
+    "outer_mass": "effective_mass",
+    "inner_mass": "effective_mass",
+    "outer_damping": "beam_damping_ratio",
+    "inner_damping": "beam_damping_ratio",
+    "oil_stiffness": "oil_stiffness",
+    "piston_area": "piston_area",
+    "flow_gain": "flow_gain",
+    "leakage": "leakage",
+    "valve_frequency": "valve_natural_frequency",
+    "valve_damping_ratio": "valve_damping_ratio",
+    "sensor_gain": "sensor_gain",
+    "filter_frequency": "sensor_filter",
+}
+"""Which key of `[tolerance]` vouches for a figure of the rig."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number to be found.
+
+    Attributes:
+        name: of the figure, or `EFFECT.PARAMETER`.
+        nominal: value at z = 0, SI.
+        spread: of the logarithm, or of the value where `linear`.
+        linear: whether the value is nominal + spread z.
+        low: least value that makes sense.
+        high: largest.
+        kind: `figure` (tolerated), `free` (set free) or `effect`.
+    """
+
+    name: str
+    nominal: float
+    spread: float
+    linear: bool
+    low: float
+    high: float
+    kind: str
+
+    def value(self, z: float) -> float:
+        """SI value at z."""
+        return self.nominal + self.spread * z if self.linear else self.nominal * exp(self.spread * z)
+
+    def slope(self, z: float) -> float:
+        """Derivative of the value by z."""
+        return self.spread if self.linear else self.spread * self.value(z)
+
+    def z(self, value: float) -> float:
+        """The z of a value."""
+        return (value - self.nominal) / self.spread if self.linear else log(value / self.nominal) / self.spread
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest z."""
+        low = self.z(self.low) if self.linear or self.low > 0 else -np.inf
+        return low, self.z(self.high) if np.isfinite(self.high) else np.inf
+
+
+def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown, ...]:
+    """The figures a builder vouches for only within a tolerance, and those set free.
+
+    Args:
+        prototype: with its `[tolerance]`.
+        free: figures of the rig (as in `beamdesign.rig.twin_beam.FIGURES`) suspected to be wrong.
+    """
+    nominal = parameters_of(_with_some_controller(prototype), 0.0, 0.0)
+    found = []
+    for figure, key in TOLERANCE_OF.items():
+        spread = getattr(prototype.tolerance, key)
+        if figure == "filter_frequency" and prototype.sensor.filter_Hz is None:
+            continue
+        if nominal[figure] <= 0:
+            continue
+        if figure in free:
+            found.append(Unknown(figure, nominal[figure], FREE, False, 0.0, np.inf, "free"))
+        elif spread > 0:
+            found.append(Unknown(figure, nominal[figure], spread, False, 0.0, np.inf, "figure"))
+    return tuple(found)
+
+
+def of_effects(names: tuple[str, ...], given: Mapping[str, Mapping[str, float]] | None = None) -> tuple[Unknown, ...]:
+    """The parameters of effects.
+
+    Args:
+        names: of effects of the library.
+        given: figures that stand for the defaults.
+    """
+    found = []
+    for name in names:
+        for q in library()[name].parameters:
+            nominal = float((given or {}).get(name, {}).get(q.name, q.default))
+            linear = q.low <= 0
+            found.append(Unknown(f"{name}.{q.name}", nominal, q.spread, linear, q.low, q.high, "effect"))
+    return tuple(found)
+
+
+def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
+    """One structure for every controller of a data set: a proportional one is a lag whose breaks coincide."""
+    return Structure("lag", prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How unknowns enter the parameters of an assembly.
+
+    Attributes:
+        assembly: whose parameters.
+        unknowns: in the order of z.
+        rows: (P, K) 1 where the logarithm of a parameter goes with that of an unknown, or its value with a linear one.
+    """
+
+    assembly: Assembly
+    unknowns: tuple[Unknown, ...]
+    rows: np.ndarray
+
+    @property
+    def moved(self) -> tuple[int, ...]:
+        """Indices of the parameters that some unknown moves."""
+        return tuple(int(k) for k in np.nonzero(self.rows.any(axis=1))[0])
+
+    def parameters(self, base: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(P,) parameters at z, from those of the believed rig."""
+        p = base.copy()
+        for k, unknown in enumerate(self.unknowns):
+            for row in np.nonzero(self.rows[:, k])[0]:
+                if unknown.linear:
+                    p[row] = unknown.value(z[k])
+                else:
+                    p[row] *= (unknown.value(z[k]) / unknown.nominal) ** self.rows[row, k]
+        return p
+
+    def slopes(self, p: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(P, K) derivative of the parameters by z."""
+        columns = [
+            self.rows[:, k] * (unknown.spread if unknown.linear else unknown.spread * p)
+            for k, unknown in enumerate(self.unknowns)
+        ]
+        return np.column_stack(columns) if columns else np.zeros((len(p), 0))
+
+
+def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
+    """Find the parameters of a structure that unknowns move."""
+    assembly = assemble(kinds)
+    index = {name: k for k, name in enumerate(assembly.parameters)}
+    rows = np.zeros((len(index), len(unknowns)))
+    for k, unknown in enumerate(unknowns):
+        rows[index[unknown.name], k] = 1.0
+        # The dashpot of a beam, b = 2 zeta sqrt(K M), goes with its stiffness and its mass.
+        for beam in ("outer", "inner"):
+            if unknown.name in (f"{beam}_stiffness", f"{beam}_mass"):
+                rows[index[f"{beam}_damping"], k] = 0.5
+    return Placement(assembly, unknowns, rows)
+
+
+def _with_some_controller(prototype: Prototype) -> Prototype:
+    from beamdesign.prototype import Proportional
+
+    return prototype if prototype.controller else prototype.but(controller=Proportional(gain_A_per_V=1e-3))
