@@ -1,0 +1,189 @@
+"""What a diagnosis says, as records that a report prints and a program reads."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from beamdesign.gap.search import Search
+from beamdesign.prototype import Prototype
+
+Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure with its standard error, SI."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect, or a wrong figure (`parameter:NAME`), with what speaks for it.
+
+    Attributes:
+        name: of the effect.
+        subsystem: where it sits.
+        probability: that it is at work, alone or together with others.
+        share: of the gap that it explains, from 0 to 1.
+        parameters: of the effect (or the figures set free), by name.
+        flags: what makes it suspicious, in words (a parameter at its bound, a figure moved by more than two tolerances).
+    """
+
+    name: str
+    subsystem: str
+    probability: float
+    share: float
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RecordGap:
+    """Normalised rms errors of one record's displacement.
+
+    Attributes:
+        record: its name.
+        held_out: whether no fit has seen it.
+        before: of the believed prototype.
+        tuned: with the tolerated figures fitted.
+        after: with the chosen causes as well.
+        noise_floor: that of the sensor's noise.
+    """
+
+    record: str
+    held_out: bool
+    before: float
+    tuned: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class BandGap:
+    """The same for one band of frequency over all held-out records, each over the whole channel's rms."""
+
+    low_Hz: float
+    high_Hz: float
+    before: float
+    tuned: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How large the gap is and how far it shrinks, on held-out records.
+
+    Attributes:
+        before: normalised rms error of the believed prototype, over records the root mean square.
+        tuned: with the tolerated figures re-tuned only.
+        after: with the chosen causes.
+        noise_floor: below which no model can go.
+        closed: (before^2 - after^2) / (before^2 - noise_floor^2).
+        closed_interval: 90 % interval by block bootstrap.
+        records: one by one, the fitted ones too.
+        bands: by frequency.
+    """
+
+    before: float
+    tuned: float
+    after: float
+    noise_floor: float
+    closed: float
+    closed_interval: tuple[float, float]
+    records: tuple[RecordGap, ...] = ()
+    bands: tuple[BandGap, ...] = ()
+
+
+@dataclass(frozen=True)
+class Witness:
+    """One independent way of looking for the place.
+
+    Attributes:
+        name: of the way.
+        subsystem: where it points; empty where it cannot say.
+        strength: from 0 (says nothing) to 1 (says it beyond doubt).
+        text: in words, with the figures.
+        table: what a report may draw; rows of plain values by column name.
+    """
+
+    name: str
+    subsystem: str
+    strength: float
+    text: str
+    table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the gap lies.
+
+    Attributes:
+        subsystem: one of those of the contract; empty without a gap.
+        band_Hz: where in frequency most of it is.
+        condition: under which conditions it shows, in words.
+        kind: `linear`, `static`, `hysteretic`, `drifting` or empty.
+        witnesses: each with its own opinion.
+        sentence: that weighs them.
+    """
+
+    subsystem: str
+    band_Hz: tuple[float, float]
+    condition: str
+    kind: str = ""
+    witnesses: tuple[Witness, ...] = ()
+    sentence: str = ""
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """What to measure next.
+
+    Attributes:
+        text: in words, ready to be done.
+        separates: names of the causes it tells apart.
+        separation: expected misfit between their predictions in units of misfit (square root), at the experiment.
+        settings: input, amplitude, band, payload, added sensor: for a scenario file.
+    """
+
+    text: str
+    separates: tuple[str, ...]
+    separation: float
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer.
+
+    Attributes:
+        name: of the data set.
+        verdict: `no_gap`, `effect`, `ambiguous` (several causes explain it alike) or `unknown` (none does).
+        sentences: the verdict for people, two sentences.
+        causes: best first.
+        chosen: names held responsible, the dominant one first.
+        probability_unknown: that something outside the library is behind the gap.
+        where: it lies.
+        gap: before and after.
+        classes: causes that these data cannot tell apart, each class with what is common to it.
+        next_experiment: where the verdict is not clear.
+        prototype: believed one with the fitted figures and the chosen effects.
+        warnings: about the data.
+        search: all fits.
+    """
+
+    name: str
+    verdict: Verdict
+    sentences: str
+    causes: tuple[Cause, ...]
+    chosen: tuple[str, ...]
+    probability_unknown: float
+    where: Where
+    gap: Gap
+    classes: tuple[tuple[str, ...], ...]
+    next_experiment: NextExperiment | None
+    prototype: Prototype
+    warnings: tuple[str, ...] = ()
+    search: Search | None = field(default=None, repr=False)
