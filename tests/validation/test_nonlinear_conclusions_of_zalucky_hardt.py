@@ -128,8 +128,13 @@ def test_with_unequal_sides_the_reach_is_that_of_the_smaller_one(rig: Prototype,
     smaller, equal = (reach(there, "load", 10.0).limit for there in (uneven, rig))
     assert smaller == pytest.approx(SUPPLY * (SMALLER - AREA / 1.1**2), rel=0.5)
     assert smaller < 0.3 * equal
-    turns = (SMALLER / AREA) ** -0.5 / 2 + (FULL / AREA) ** -0.5 / 2  # without load, both sides in turn
-    assert departure(uneven, 1.0, 10.0) == pytest.approx(turns - 1, abs=0.01)
+
+
+def test_without_load_both_sides_take_turns_and_the_linear_amplitude_holds(uneven: Prototype):
+    linear = 50.0 * abs(loop(linear_part(uneven)).at(0.0).compliance_response(np.array([10.0]))[0])
+    off = departure(uneven, 50.0, 10.0)
+    assert 0 < off < 0.03
+    assert amplitude(uneven, 50.0, 10.0, 0.0) == pytest.approx((1 + off) * linear, rel=1e-3)
 
 
 def test_air_is_a_softer_oil_spring(rig: Prototype):
