@@ -1,0 +1,321 @@
+"""Effects as changes of the true rig's figures, each with a severity that may be turned up and down."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import pi, sqrt
+
+import numpy as np
+
+Shape = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Magnitudes of one rig by which effects are sized.
+
+    Attributes:
+        figures: of the rig without the effect.
+        outer_stiffness: K of the first mode, N/m.
+        outer_mass: kg.
+        force: largest load, N.
+        current: RMS under the large disturbance, A.
+    """
+
+    figures: Mapping[str, float]
+    outer_stiffness: float
+    outer_mass: float
+    force: float
+    current: float
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One effect that a rig may have.
+
+    Attributes:
+        name: of the contract, or of an effect outside it.
+        subsystem: where it sits.
+        shape: draws what does not grow with the severity.
+        figures: from scales, shape and severity to changed figures; keys that begin with `modes.` change the outer
+            beam's modes, see `outer_modes`.
+        range: least and largest severity.
+        told: figures in the units of the contract's effects, for the answer.
+        listed: whether the contract names it.
+    """
+
+    name: str
+    subsystem: str
+    shape: Callable[[np.random.Generator], Shape]
+    figures: Callable[[Scales, Shape, float], Shape]
+    range: tuple[float, float]
+    told: Callable[[Mapping[str, float]], Shape] = field(default=lambda f: {})
+    listed: bool = True
+
+
+def _lag(scales: Scales, shape: Shape, severity: float) -> Shape:
+    rate = 2 * pi * 400 / severity
+    if shape["order"] > 1.5:  # the same delay at low frequency
+        return {"lag_rate": 2 * shape["zeta"] * rate, "lag_order": 2.0, "lag_damping_ratio": shape["zeta"]}
+    return {"lag_rate": rate, "lag_order": 1.0}
+
+
+def _told_lag(f: Mapping[str, float]) -> Shape:
+    rate = f["lag_rate"] / (2 * f["lag_damping_ratio"] if f["lag_order"] > 1.5 else 1.0)
+    return {"break_Hz": rate / (2 * pi), "order": f["lag_order"]}
+
+
+def _areas(scales: Scales, shape: Shape, severity: float) -> Shape:
+    mean = 0.5 * (scales.figures["area_a"] + scales.figures["area_b"])
+    part = min(0.12 * severity, 0.45) * shape["side"]
+    return {"area_a": mean * (1 + part), "area_b": mean * (1 - part), "metering": shape["metering"]}
+
+
+def _told_areas(f: Mapping[str, float]) -> Shape:
+    part = (f["area_a"] - f["area_b"]) / (f["area_a"] + f["area_b"])
+    # With orifices at both edges speed goes with the root of the area that drives: the other way round, and half.
+    return {"area_ratio_part": part, "asymmetry": -part / 2 if f["metering"] > 0.5 else part}
+
+
+def _seal(scales: Scales, shape: Shape, severity: float) -> Shape:
+    coulomb = scales.force / 15 * severity
+    return {
+        "coulomb": coulomb,
+        "breakaway": coulomb * shape["breakaway"],
+        "stribeck_speed": shape["stribeck"],
+        "stribeck_power": shape["power"],
+        "bristle_stiffness": coulomb / shape["presliding"],
+        "bristle_damping": shape["micro"] * sqrt(coulomb / shape["presliding"]),
+        "viscous": coulomb * shape["viscous"],
+    }
+
+
+def _spool(scales: Scales, shape: Shape, severity: float) -> Shape:
+    width = scales.current / 75 * severity
+    if shape["magnet"] > 0:
+        return {"magnet_share": shape["magnet"], "magnet_width": width / (0.6 * shape["magnet"])}
+    return {"spool_friction": width, "spool_travel": width * shape["travel"], "spool_sharpness": shape["sharpness"]}
+
+
+def _told_spool(f: Mapping[str, float]) -> Shape:
+    if f["magnet_share"] > 0:
+        return {"half_width_A": 0.6 * f["magnet_share"] * f["magnet_width"]}
+    return {"half_width_A": f["spool_friction"]}
+
+
+def _mount(scales: Scales, shape: Shape, severity: float) -> Shape:
+    stiffness = 10 * scales.outer_stiffness / severity
+    rate = 2 * pi * shape["hertz"]
+    mass = stiffness / rate**2
+    slide = stiffness * shape["slide"]
+    slide_rate = rate * shape["slide_rate"]
+    slide_mass = slide / slide_rate**2
+    return {
+        "mount_on": 1.0,
+        "mount_stiffness": stiffness,
+        "mount_mass": mass,
+        "mount_damping": 2 * shape["zeta"] * stiffness / rate,
+        "mount_inner_ratio": shape["inner_ratio"],
+        "slide_stiffness": slide,
+        "slide_mass": slide_mass,
+        "slide_damping": 2 * shape["zeta"] * slide / slide_rate,
+        "sensor_on_mount": shape["sensor_on_mount"],
+    }
+
+
+def _told_mount(f: Mapping[str, float]) -> Shape:
+    rate = sqrt(f["mount_stiffness"] / f["mount_mass"])
+    return {
+        "stiffness_N_per_m": f["mount_stiffness"],
+        "frequency_Hz": rate / (2 * pi),
+        "damping_ratio": f["mount_damping"] * rate / (2 * f["mount_stiffness"]),
+        "sensor_share": f["sensor_on_mount"],
+    }
+
+
+def _loss(scales: Scales, shape: Shape, severity: float) -> Shape:
+    spring = 0.05 * severity * scales.outer_stiffness
+    return {f"loss_{k}": spring for k in (1, 2, 3, 4)}
+
+
+def _log(low: float, high: float) -> Callable[[np.random.Generator], float]:
+    return lambda rng: float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _between(low: float, high: float) -> Callable[[np.random.Generator], float]:
+    return lambda rng: float(rng.uniform(low, high))
+
+
+def _one_of(*values: float) -> Callable[[np.random.Generator], float]:
+    return lambda rng: float(rng.choice(values))
+
+
+def _draws(**each: Callable[[np.random.Generator], float]) -> Callable[[np.random.Generator], Shape]:
+    return lambda rng: {name: draw(rng) for name, draw in each.items()}
+
+
+_LISTED = (
+    Kind(
+        "sensor_lag", "sensor", _draws(order=_one_of(1, 1, 2), zeta=_between(0.6, 1.0)), _lag, (0.15, 8), _told_lag
+    ),
+    Kind(
+        "transport_delay", "controller", _draws(), lambda s, q, v: {"delay": 0.5e-3 * v}, (0.2, 9),
+        lambda f: {"delay_s": f["delay"]},
+    ),
+    Kind(
+        "unequal_piston_areas", "actuator", _draws(side=_one_of(1, 1, -1), metering=_one_of(0, 0, 1)), _areas,
+        (0.05, 3.6), _told_areas,
+    ),
+    Kind(
+        "pressure_dependent_flow", "servovalve", _draws(laminar=_log(5e3, 2e5)),
+        lambda s, q, v: {
+            "orifice": 1.0, "laminar": q["laminar"],
+            "supply": float(np.clip(2.5 * s.force / s.figures["area_a"] / v, 0.5e6, 45e6)),
+        },
+        (0.4, 3.5), lambda f: {"supply_pressure_Pa": f["supply"]},
+    ),
+    Kind(
+        "entrained_air", "oil", _draws(exponent=_between(1.0, 1.4), saturation=_log(1e8, 1e9), supply=_log(5e6, 15e6)),
+        lambda s, q, v: {
+            "air_share": 0.05 * v, "air_exponent": q["exponent"], "air_saturation": q["saturation"],
+            "supply": q["supply"],
+        },
+        (0.05, 6),
+        lambda f: {
+            "air_fraction": f["air_share"], "oil_bulk_modulus_Pa": f["bulk_modulus"], "supply_pressure_Pa": f["supply"]
+        },
+    ),
+    Kind(
+        "seal_friction", "actuator",
+        _draws(
+            breakaway=_between(1.0, 1.6), stribeck=_log(2e-3, 3e-2), power=_between(1, 2), presliding=_log(4e-6, 4e-5),
+            micro=_between(0.1, 0.6), viscous=_between(0, 4),
+        ),
+        _seal, (0.01, 5),
+        lambda f: {
+            "coulomb_N": f["coulomb"], "breakaway_ratio": f["breakaway"] / f["coulomb"],
+            "stribeck_m_per_s": f["stribeck_speed"], "presliding_m": f["coulomb"] / f["bristle_stiffness"],
+            "viscous_N_s_per_m": f["viscous"],
+        },
+    ),
+    Kind(
+        "valve_deadband", "servovalve", _draws(rounding=_between(0.04, 0.3)),
+        lambda s, q, v: {"overlap": s.current / 35 * v, "overlap_rounding": q["rounding"]}, (0.02, 15),
+        lambda f: {"half_width_A": f["overlap"]},
+    ),
+    Kind(
+        "valve_hysteresis", "servovalve",
+        _draws(magnet=_one_of(0, 0, 0.6, 0.9), travel=_between(0.3, 1.5), sharpness=_between(1, 2)), _spool, (0.02, 15),
+        _told_spool,
+    ),
+    Kind(
+        "current_saturation", "amplifier", _draws(knee=_between(6, 20)),
+        lambda s, q, v: {"current_limit": 3 * s.current / v, "current_knee": q["knee"]}, (0.7, 12),
+        lambda f: {"limit_A": f["current_limit"]},
+    ),
+    Kind(
+        "second_beam_mode", "structure",
+        _draws(mass=_between(0, 0.3), tip=_between(0, 0.15), zeta=_log(0.004, 0.03)),
+        lambda s, q, v: {
+            # A heavy tip holds the higher modes still: that is how the effect becomes small.
+            "modes.softness": v, "modes.joint_mass": q["mass"], "modes.zeta": q["zeta"],
+            "modes.tip_share": q["tip"] + 0.3 * max(0.0, 1 / v - 1), "modes.count": 4.0,
+        },
+        (0.02, 25),
+    ),
+    Kind(
+        "mount_compliance", "structure",
+        _draws(
+            hertz=_log(40, 250), zeta=_log(0.008, 0.06), slide=_log(4, 40), slide_rate=_between(0.8, 2),
+            inner_ratio=_between(0.95, 1.15), sensor_on_mount=_one_of(0, 0, 1),
+        ),
+        _mount, (0.03, 5), _told_mount,
+    ),
+    Kind(
+        "joint_backlash", "structure",
+        _draws(contact=_log(5e10, 2e11), loss=_log(0.5, 5), rod=_between(0.06, 0.2)),
+        lambda s, q, v: {
+            "joint_on": 1.0, "play": 50e-6 * v, "contact": q["contact"], "contact_loss": q["loss"],
+            # The rod's mass was weighed with the inner beam's.
+            "rod_mass": q["rod"] * s.figures["inner_mass"], "inner_mass": (1 - q["rod"]) * s.figures["inner_mass"],
+        },
+        (0.01, 12), lambda f: {"play_m": f["play"], "rod_mass_kg": f["rod_mass"]},
+    ),
+)  # fmt: skip
+
+_OUTSIDE = (
+    Kind(
+        "supply_sag", "oil", _draws(rate=_log(2, 60)),
+        lambda s, q, v: {
+            "sag_rate": q["rate"], "sag_droop": 0.2 * v * s.figures["supply"] / (s.figures["flow_gain"] * s.current)
+        },
+        (0.02, 4.5), listed=False,
+    ),
+    Kind(
+        "flow_gain_drift", "servovalve", _draws(sign=_one_of(1, -1)),
+        lambda s, q, v: {"flow_drift": float(np.clip(0.2 * v * q["sign"], -0.9, 3.0))}, (0.05, 8), listed=False,
+    ),
+    Kind(
+        "sensor_gain_drift", "sensor", _draws(sign=_one_of(1, -1)),
+        lambda s, q, v: {"sensor_drift": float(np.clip(0.1 * v * q["sign"], -0.7, 1.5))}, (0.02, 8), listed=False,
+    ),
+    Kind(
+        "sensor_cubic", "sensor", _draws(sign=_one_of(1, -1)),
+        lambda s, q, v: {"sensor_cubic": q["sign"] * 0.05 * v / (2e-3) ** 2}, (0.02, 30), listed=False,
+    ),
+    Kind("sensor_stiction", "sensor", _draws(), lambda s, q, v: {"sensor_play": 2e-6 * v}, (0.05, 60), listed=False),
+    Kind(
+        "coil_lag", "amplifier", _draws(), lambda s, q, v: {"coil_rate": 2 * pi * 400 / v}, (0.15, 8), listed=False
+    ),
+    Kind(
+        "command_hum", "controller", _draws(hertz=_one_of(50, 60, 100), phase=_between(0, 6.28)),
+        lambda s, q, v: {
+            "hum": 1e-3 * v * s.figures["sensor_gain"] / 1180, "hum_rate": 2 * pi * q["hertz"], "hum_phase": q["phase"]
+        },
+        (0.05, 100), listed=False,
+    ),
+    Kind(
+        "coarse_output", "controller", _draws(hold=_one_of(0.5e-3, 1e-3)),
+        lambda s, q, v: {"current_step": s.current / 100 * v, "current_hold": q["hold"]}, (0.02, 60), listed=False,
+    ),
+    Kind("structural_damping", "structure", _draws(), _loss, (0.02, 8), listed=False),
+    Kind(
+        "beam_hardening", "structure", _draws(sign=_one_of(1, 1, -0.3)),
+        lambda s, q, v: {"hardening": q["sign"] * 0.1 * v / (2e-3) ** 2}, (0.02, 30), listed=False,
+    ),
+    Kind(
+        "payload_slosh", "structure", _draws(hertz=_log(6, 40), zeta=_log(0.01, 0.1)),
+        lambda s, q, v: {
+            "slosh_share": 1 - 1 / (1 + 0.2 * v), "slosh_frequency": 2 * pi * q["hertz"],
+            "slosh_damping_ratio": q["zeta"],
+        },
+        (0.01, 20), listed=False,
+    ),
+    Kind(
+        "sensor_bracket", "sensor", _draws(zeta=_log(0.01, 0.1), share=_between(0.5, 1)),
+        lambda s, q, v: {
+            "bracket_rate": 2 * pi * 400 / v, "bracket_damping_ratio": q["zeta"], "bracket_share": q["share"]
+        },
+        (0.3, 5), listed=False,
+    ),
+    Kind(
+        "sensor_dropout", "sensor", _draws(length=_log(5e-3, 4e-2)),
+        lambda s, q, v: {"dropouts_per_s": 0.4 * v, "dropout_s": q["length"]}, (0.6, 8), listed=False,
+    ),
+)  # fmt: skip
+
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (*_LISTED, *_OUTSIDE)}
+LISTED = tuple(kind.name for kind in _LISTED)
+OUTSIDE = tuple(kind.name for kind in _OUTSIDE)
+
+PARAMETERS: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "flow_gain": ("flow_gain", ("flow_gain",), "servovalve"),
+    "effective_mass": ("effective_mass", ("outer_mass", "inner_mass"), "structure"),
+    "stiffness": ("stiffness", ("outer_stiffness", "inner_stiffness"), "structure"),
+    "oil_stiffness": ("oil_stiffness", ("oil_stiffness",), "oil"),
+    "valve_natural_frequency": ("valve_natural_frequency", ("valve_frequency",), "servovalve"),
+    "valve_damping_ratio": ("valve_damping_ratio", ("valve_damping_ratio",), "servovalve"),
+    "piston_area": ("piston_area", ("piston_area",), "actuator"),
+    "sensor_gain": ("sensor_gain", ("sensor_gain",), "sensor"),
+    "beam_damping_ratio": ("beam_damping_ratio", ("outer_damping_ratio", "inner_damping_ratio"), "structure"),
+}
+"""Plain wrong figures: the key of [tolerance], which of the rig's figures may be wrong (one of them is), subsystem."""
