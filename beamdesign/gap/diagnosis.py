@@ -28,7 +28,8 @@ class Cause:
         probability: that it is at work, alone or together with others.
         share: of the gap that it explains, from 0 to 1.
         parameters: of the effect (or the figures set free), by name.
-        flags: what makes it suspicious, in words (a parameter at its bound, a figure moved by more than two tolerances).
+        flags: what makes it suspicious, in words (a parameter at its bound, a figure
+            moved by more than two tolerances).
     """
 
     name: str

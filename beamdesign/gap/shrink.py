@@ -1,0 +1,133 @@
+"""How far a gap closes: prediction errors on records that no fit has seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beamdesign.gap.diagnosis import BandGap, Gap, RecordGap
+from beamdesign.gap.evidence import RecordEvidence
+from beamdesign.gap.fit import Fit
+from beamdesign.gap.hypothesis import NOTHING
+from beamdesign.prototype import Prototype
+
+CHANNEL = "displacement_m"
+BANDS_HZ = (0.2, 5.0, 15.0, 40.0, 80.0, 150.0, 300.0, 1000.0)
+_BLOCK_S = 0.25
+_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Displacement errors of three models on one record, over the rms of what was measured.
+
+    Attributes:
+        name: of the record.
+        times: (N,) s.
+        measured: (N,) m.
+        before: (N,) error of the believed prototype.
+        tuned: (N,) with the tolerated figures fitted.
+        after: (N,) with the chosen causes.
+        noise: noise of the sensor over the rms.
+    """
+
+    name: str
+    times: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
+    before: np.ndarray = field(repr=False)
+    tuned: np.ndarray = field(repr=False)
+    after: np.ndarray = field(repr=False)
+    noise: float
+
+
+def errors(piece: RecordEvidence, prototype: Prototype, null: Fit, chosen: Fit) -> Errors:
+    """Simulate a record with the believed, the tuned and the diagnosed model.
+
+    Where a model's loop diverges its prediction is taken to be none: it counts as an error of the whole signal.
+    """
+    column = piece.weight.channels.index(CHANNEL)
+    measured = piece.measured[:, column]
+    rms = float(np.std(measured))
+    plain = NOTHING.placement(prototype)
+
+    def error(placement: object, z: np.ndarray) -> np.ndarray:
+        found = piece.predicted(placement, z)  # type: ignore[arg-type]
+        return (measured if found is None else measured - found[:, column]) / rms
+
+    return Errors(
+        piece.name,
+        piece.record.times,
+        measured,
+        error(plain, np.zeros(len(null.z))),
+        error(plain, null.z),
+        error(chosen.hypothesis.placement(prototype), chosen.z),
+        float(piece.weight.noise_std[column]) / rms,
+    )
+
+
+def gap(all_errors: Sequence[Errors], held_out: Sequence[int], seed: int = 0) -> Gap:
+    """Sum up the errors of records.
+
+    Args:
+        all_errors: of every record.
+        held_out: positions of those that count; all where empty.
+        seed: of the block bootstrap (blocks of a quarter of a second within each record, 90 % interval).
+    """
+    counted = [all_errors[k] for k in held_out] or list(all_errors)
+    before, tuned, after = (_rms([getattr(e, name) for e in counted]) for name in ("before", "tuned", "after"))
+    floor = float(np.sqrt(np.mean([e.noise**2 for e in counted])))
+    records = tuple(
+        RecordGap(e.name, k in held_out, _rms([e.before]), _rms([e.tuned]), _rms([e.after]), e.noise)
+        for k, e in enumerate(all_errors)
+    )
+    closed = _closed(before, after, floor)
+    return Gap(before, tuned, after, floor, closed, _interval(counted, floor, seed), records, tuple(_bands(counted)))
+
+
+def _rms(signals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean([np.mean(s**2) for s in signals])))
+
+
+def _closed(before: float, after: float, floor: float) -> float:
+    explainable = before**2 - floor**2
+    return (before**2 - after**2) / explainable if explainable > 0 else 0.0
+
+
+def _interval(counted: Sequence[Errors], floor: float, seed: int) -> tuple[float, float]:
+    """Blocks drawn with replacement within each record, so that each keeps its weight."""
+    random = np.random.default_rng(seed)
+    powers = []
+    for e in counted:
+        length = max(1, round(_BLOCK_S / (e.times[1] - e.times[0])))
+        count = max(1, len(e.times) // length)
+        whole = slice(0, count * length)
+        powers.append([np.mean(signal[whole].reshape(count, length) ** 2, axis=1) for signal in (e.before, e.after)])
+    totals = np.zeros((_DRAWS, 2))
+    for blocks in powers:
+        drawn = random.integers(0, len(blocks[0]), (_DRAWS, len(blocks[0])))
+        for column, power in enumerate(blocks):
+            totals[:, column] += power[drawn].mean(axis=1) / len(powers)
+    explainable = totals[:, 0] - floor**2
+    values = np.where(explainable > 0, (totals[:, 0] - totals[:, 1]) / np.where(explainable > 0, explainable, 1), 0.0)
+    low, high = np.quantile(values, (0.05, 0.95))
+    return float(low), float(high)
+
+
+def _bands(counted: Sequence[Errors]) -> list[BandGap]:
+    """Parseval's theorem band by band."""
+    sums = np.zeros((len(BANDS_HZ) - 1, 4))
+    for e in counted:
+        count = len(e.times)
+        frequency = np.fft.rfftfreq(count, e.times[1] - e.times[0])
+        for column, signal in enumerate((e.before, e.tuned, e.after)):
+            power = 2 * np.abs(np.fft.rfft(signal)) ** 2 / count**2
+            for row in range(len(sums)):
+                inside = (frequency >= BANDS_HZ[row]) & (frequency < BANDS_HZ[row + 1])
+                sums[row, column] += float(power[inside].sum()) / len(counted)
+        for row in range(len(sums)):
+            width = max(0.0, min(BANDS_HZ[row + 1], frequency[-1]) - min(BANDS_HZ[row], frequency[-1]))
+            sums[row, 3] += e.noise**2 * width / frequency[-1] / len(counted)
+    found = np.sqrt(sums)
+    return [
+        BandGap(BANDS_HZ[k], BANDS_HZ[k + 1], *(float(v) for v in row)) for k, row in enumerate(found) if row[0] > 0
+    ]
