@@ -6,10 +6,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from beamdesign.bench_prototype import BenchPrototype
+from beamdesign.bench_simulation import bench_start
 from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Lag, Prototype
+from beamdesign.records import parse
 from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
+from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
 from beamdesign.rig.compiled import integrate
 from beamdesign.rig.effects import library
 from beamdesign.rig.equilibrium import equilibrium, scales
@@ -162,6 +166,37 @@ def test_derivatives_are_those_of_the_steps_themselves(paper: Prototype, effects
         error = np.abs(dy[:, :, k] - expected).max(axis=0)
         assert (scale > 100 * rounding).all(), name
         assert (error < 2e-6 * scale + rounding).all(), (name, error / scale, rounding / scale)
+
+
+def test_derivatives_of_another_kind_of_rig():
+    """A cylinder on a bench, driven off its stop in open loop, against differences from the same start."""
+    table = {"bore_m": 0.02, "rod_m": 0.014, "piston_area_m2": 2.4e-4, "stroke_m": 0.15}
+    supply = {"supply_pressure_Pa": 6e6, "tank_pressure_Pa": 2e5}
+    bench = parse(
+        BenchPrototype,
+        {"name": "bench", "kind": "actuator_bench", "actuator": table | supply}
+        | {"servovalve": {"flow_gain_m3_per_s_per_V": 8e-6}},
+        "table",
+    ).but(effects={"pressure_dependent_flow": {}, "seal_friction": {}})
+    kinds, parameters = bench_structure(bench), np.array(list(bench_parameters(bench).values()))
+    names, start = assemble(kinds).parameters, bench_start(bench)
+    free = ("stroke", "bulk_modulus", "flow_gain", "moving_mass", "seal_friction.coulomb_N")
+    times, substeps = np.arange(120) * 1e-3, 20
+    inputs = np.column_stack([np.zeros(2 * substeps * 119 + 1), np.full(2 * substeps * 119 + 1, 2.0)])
+    y, dy = integrate_with_sensitivities(
+        kinds, times, inputs, start, np.zeros((len(start), len(free))), parameters, free, substeps, np.inf
+    )
+    assert y[-1, 4] > 1e-3  # it has left the stop
+    for k, name in enumerate(free):
+        step, found = 1e-6 * parameters[names.index(name)], []
+        for sign in (1, -1):
+            p = parameters.copy()
+            p[names.index(name)] += sign * step
+            found.append(integrate(kinds, times, inputs, start, p, substeps, np.inf))
+        expected = (found[0] - found[1]) / (2 * step)
+        rounding = 1e-12 * np.abs(y).max(axis=0) / step
+        error = np.abs(dy[:, :, k] - expected).max(axis=0)
+        assert (error <= 1e-5 * np.abs(expected).max(axis=0) + rounding).all(), name
 
 
 def test_every_effect_has_finite_derivatives_from_rest_on(paper: Prototype):

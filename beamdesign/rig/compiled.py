@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from beamdesign.rig.assembly import OUTPUTS, Structure, assemble
+from beamdesign.rig.assembly import Structure, assemble
 from beamdesign.rig.machine_code import Body, MachineCode, machine_code, trace
 
 NOT_SAMPLED = np.zeros(9)
@@ -41,14 +41,15 @@ def integrate(
         start: (n,) states at the first time.
         parameters: in the order of the assembly.
         substeps: steps per sample interval.
-        bound: displacement of the outer tip (m) at which the record ends.
+        bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
         digital: the sampled controller, see `beamdesign.sampled`.
 
     Returns:
-        (M, 6) outputs as in `assembly.OUTPUTS`; M < N where the rig passed the bound after M samples.
+        (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M
+        samples.
     """
-    code = compiled(kinds)
-    return stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, len(OUTPUTS))
+    code, width = compiled(kinds), len(assemble(kinds).outputs)
+    return stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
 
 
 def stepped(

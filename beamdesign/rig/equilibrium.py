@@ -35,7 +35,8 @@ def _derivatives(kinds: Structure) -> ca.Function:
 def _stiffness(kinds: Structure) -> ca.Function:
     function = _derivatives(kinds)
     t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
-    return ca.Function("stiffness", [t, x, u, p], function(t, x, u, p)[:2])
+    values: Any = function(t, x, u, p)
+    return ca.Function("stiffness", [t, x, u, p], values[:2])
 
 
 class _InPlace:

@@ -17,13 +17,12 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from beamdesign.rig.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble
+from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.compiled import NOT_SAMPLED, stepped
 from beamdesign.rig.effects import library
 from beamdesign.rig.equilibrium import scales
 from beamdesign.rig.machine_code import Body, MachineCode, Trace, machine_code, trace
 
-ALL_OUTPUTS = tuple(range(len(OUTPUTS)))
 _LANES = 8  # widest vector of doubles a processor has; LLVM splits it for others
 
 
@@ -37,7 +36,7 @@ def integrate_with_sensitivities(
     free: Sequence[str],
     substeps: int,
     bound: float,
-    outputs: Sequence[int] = ALL_OUTPUTS,
+    outputs: Sequence[int] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs of a record as `compiled.integrate` gives them, and their derivatives.
 
@@ -50,11 +49,11 @@ def integrate_with_sensitivities(
         parameters: in the order of the assembly.
         free: names of the P parameters to differentiate by, as in `Assembly.parameters`.
         substeps: steps per sample interval.
-        bound: displacement of the outer tip (m) at which the record ends.
-        outputs: positions in `assembly.OUTPUTS` of the K outputs whose derivatives are asked for.
+        bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
+        outputs: positions in `Assembly.outputs` of the K outputs whose derivatives are asked for; all unless given.
 
     Returns:
-        y: (M, 6) outputs; M < N where the rig passed the bound after M samples.
+        y: (M, 6) outputs; M < N where the rig passed the bound, or left the numbers, after M samples.
         dy: (M, K, P) derivatives, per unit of each parameter.
 
     Raises:
@@ -64,11 +63,13 @@ def integrate_with_sensitivities(
         raise ValueError("sensitivities are those of a continuous controller")
     if start_sensitivity.shape != (len(start), len(free)):
         raise ValueError(f"start sensitivity of {start_sensitivity.shape}, not {(len(start), len(free))}")
-    code = compiled_with_sensitivities(kinds, tuple(free), tuple(outputs))
+    count = len(assemble(kinds).outputs)
+    chosen = tuple(range(count)) if outputs is None else tuple(outputs)
+    code = compiled_with_sensitivities(kinds, tuple(free), chosen)
     whole = np.concatenate([np.asarray(start, dtype=float), np.asarray(start_sensitivity, dtype=float).ravel()])
-    width = len(OUTPUTS) + len(outputs) * len(free)
+    width = count + len(chosen) * len(free)
     rows = stepped(code, times, inputs, whole, len(start), parameters, substeps, bound, NOT_SAMPLED, width)
-    return rows[:, : len(OUTPUTS)], rows[:, len(OUTPUTS) :].reshape(len(rows), len(outputs), len(free))
+    return rows[:, :count], rows[:, count:].reshape(len(rows), len(chosen), len(free))
 
 
 def equilibrium_sensitivity(
@@ -118,7 +119,7 @@ def _symbols(assembly: Assembly, free: tuple[str, ...]) -> tuple[ca.SX, ca.SX, c
     unknown = [name for name in free if name not in assembly.parameters]
     if unknown:
         raise ValueError(f"no parameter {', '.join(unknown)} in this structure")
-    sizes = (1, len(assembly.states), len(INPUTS), len(assembly.parameters))
+    sizes = (1, len(assembly.states), len(assembly.inputs), len(assembly.parameters))
     t, x, u, p = (ca.SX.sym(name, size) for name, size in zip("txup", sizes, strict=True))
     return t, x, u, p, [assembly.parameters.index(name) for name in free]
 
