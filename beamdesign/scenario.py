@@ -216,11 +216,11 @@ def _shape(signal: Step | Sine | Multisine | LoadSteps, times: np.ndarray) -> np
             wave = np.sin(2 * np.pi * signal.frequency_Hz * times)
         case Multisine():
             base = 1 / times[-1]
-            lines = base * np.arange(np.ceil(signal.low_Hz / base), np.floor(signal.high_Hz / base) + 1)
+            lines = np.arange(np.ceil(signal.low_Hz / base), np.floor(signal.high_Hz / base) + 1).astype(int)
             phases = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, len(lines))
-            wave = np.zeros(len(times))
-            for frequency, phase in zip(lines, phases, strict=True):
-                wave += np.cos(2 * np.pi * frequency * times + phase)
+            spectrum = np.zeros(len(times) - 1, dtype=complex)  # of one period, which is the record's length
+            np.add.at(spectrum, lines % len(spectrum), np.exp(1j * phases))
+            wave = np.resize(np.fft.ifft(spectrum).real, len(times))
             wave /= max(np.abs(wave).max(), 1e-300)
     return wave * (_rise(times, 0.0, signal.fade_s) if signal.fade_s > 0 else 1.0)
 
