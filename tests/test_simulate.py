@@ -109,6 +109,18 @@ def test_inputs_are_interpolated_by_cubics():
     np.testing.assert_allclose(half_steps(cubic(t)[:, None], 3)[:, 0], cubic(fine), atol=1e-12)
 
 
+@pytest.mark.parametrize("high_Hz", [80.0, 1500.0])
+def test_a_multisine_is_its_sum_of_cosines(high_Hz: float):
+    """Written out line by line; 1500 Hz is beyond half the sample rate, where a line looks like its alias."""
+    signal = Multisine(amplitude_N=30.0, low_Hz=5.0, high_Hz=high_Hz, seed=4, fade_s=0.0)
+    plan = scenario(signal, duration_s=0.2)
+    lines = np.arange(1, round(high_Hz / 5.0) + 1) * 5.0
+    phases = np.random.default_rng(4).uniform(0, 2 * pi, len(lines))
+    wave = np.cos(2 * pi * np.outer(plan.times, lines) + phases).sum(axis=1)
+    found = inputs_of(plan.record[0], plan)[:, 0]
+    np.testing.assert_allclose(found, 30.0 * wave / np.abs(wave).max(), rtol=0, atol=1e-10)
+
+
 def test_a_diverging_loop_says_when_and_at_what_frequency(lag: Prototype):
     critical = critical_gain(lag)
     hot = lag.but(controller=lag.controller.but(gain_A_per_V=1.1 * critical.gain_A_per_V))
