@@ -1,0 +1,145 @@
+"""CSV files of numbers: read fast, and when something is wrong say where."""
+
+import csv
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+
+from beamdesign.records import InputError, Problem
+
+_OFF_PLACE = 0.26  # of a sample interval; times are written with few digits
+_FEWEST = 3
+_SHOWN = 24
+
+
+def read_columns(path: Path) -> dict[str, np.ndarray]:
+    """Read a CSV file of numbers with one line of column names.
+
+    Names may stand in quotes; a byte order mark and any line ends are understood.
+
+    Raises:
+        InputError: naming file, column and row where something is not a finite number, or where the file has no rows.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(path, [("(file)", error.strerror or str(error))]) from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, [("(file)", f"is not text in UTF-8: {error.reason}")]) from error
+    if not text.strip():
+        raise InputError(path, [("(file)", "is empty")])
+    header, _, body = text.partition("\n")
+    names = _names(path, header)
+    if not body.strip():
+        raise InputError(path, [("(file)", "holds no rows below the column names")])
+    if "\0" in body:
+        raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
+    try:
+        values = np.loadtxt(StringIO(body), delimiter=",", ndmin=2, comments=None)
+    except ValueError:
+        raise InputError(path, _bad_cells(names, body)) from None
+    if values.shape[1] != len(names):
+        raise InputError(path, _bad_cells(names, body))
+    wrong = []
+    for k, name in enumerate(names):
+        bad = np.nonzero(~np.isfinite(values[:, k]))[0]
+        if len(bad):
+            row = _row_of(body, int(bad[0]))
+            count = "1 value is" if len(bad) == 1 else f"{len(bad)} values are"
+            wrong.append(Problem(name, f"{count} not finite, the first in row {row}"))
+    if wrong:
+        raise InputError(path, wrong)
+    return {name: values[:, k].copy() for k, name in enumerate(names)}
+
+
+def _names(path: Path, header: str) -> list[str]:
+    names = [name.strip().strip("\"'").strip() for name in header.split(",")]
+    if len(names) == 1:
+        for mark, word in ((";", "semicolons"), ("\t", "tabs")):
+            if mark in header:
+                reason = f"columns are separated by {word}: use commas, and points in numbers"
+                raise InputError(path, [("(file)", reason)])
+    if all(_number(name) is not None for name in names):
+        raise InputError(path, [("(file)", "row 1 holds numbers: the column names are missing")])
+    if "" in names:
+        more = ": it ends with a comma" if names[-1] == "" else ""
+        raise InputError(path, [("(file)", f"column {names.index('') + 1} has no name in row 1{more}")])
+    twice = [name for k, name in enumerate(names) if name in names[:k]]
+    if twice:
+        raise InputError(path, [(name, "stands twice in row 1") for name in dict.fromkeys(twice)])
+    return names
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _row_of(body: str, position: int) -> int:
+    """Row in the file, from 1 with the header, of the position-th line of numbers."""
+    filled = [row for row, line in enumerate(body.splitlines(), start=2) if line.strip()]
+    return filled[position]
+
+
+def _bad_cells(names: list[str], body: str) -> list[Problem]:
+    """The first row that cannot be read, in words."""
+    for row, line in enumerate(body.splitlines(), start=2):
+        if not line.strip():
+            continue
+        cells = line.split(",")
+        if len(cells) != len(names):
+            found = "1 cell" if len(cells) == 1 else f"{len(cells)} cells"
+            return [Problem("(file)", f"row {row} has {found}, the header {len(names)}{_why(cells, names)}")]
+        for name, cell in zip(names, cells, strict=True):
+            # What Python takes for a number and a table does not: 1_000.
+            if _number(cell) is None or "_" in cell:
+                shown = repr(next(csv.reader([cell]), [cell])[0].strip()[:_SHOWN]) if cell.strip() else "empty"
+                return [Problem(name, f"row {row} is not a number: {shown}")]
+    return [Problem("(file)", "cannot be read as numbers")]
+
+
+def _why(cells: list[str], names: list[str]) -> str:
+    if len(cells) == len(names) + 1 and not cells[-1].strip():
+        return ": it ends with a comma"
+    if any(mark in cells[0] for mark in (";", "\t")):
+        return ": cells are separated by commas"
+    if len(cells) == 2 * len(names):
+        return ": are decimals written with commas? They need points"
+    return ""
+
+
+def uniform_times(path: Path, times: np.ndarray) -> None:
+    """Refuse times that do not rise in equal steps.
+
+    Raises:
+        InputError: naming the first row at which they do not.
+    """
+    if len(times) < _FEWEST:
+        raise InputError(path, [("t_s", f"too short: {len(times)} samples")])
+    steps = np.diff(times)
+    typical = float(np.median(steps))
+    back = np.nonzero(steps <= 0)[0]
+    if len(back):
+        row = int(back[0]) + 3
+        held = "repeats" if steps[back[0]] == 0 else "goes back from"
+        raise InputError(path, [("t_s", f"does not rise: row {row} {held} the time of row {row - 1}")])
+    gap = np.nonzero(steps > 1.5 * typical)[0]
+    if len(gap) and len(gap) < 0.1 * len(steps):
+        row, lost = int(gap[0]) + 3, round(float(steps[gap[0]]) / typical) - 1
+        more = f", and {len(gap) - 1} more gaps" if len(gap) > 1 else ""
+        word = "sample is" if lost == 1 else "samples are"
+        reason = f"not uniform: {lost} {word} missing before row {row} ({times[row - 2]:g} s){more}"
+        raise InputError(path, [("t_s", reason)])
+    # What counts is how far a sample is from where it should be.
+    should = np.linspace(times[0], times[-1], len(times))
+    interval = float(should[1] - should[0])
+    off = np.abs(times - should)
+    bad = np.nonzero(off > _OFF_PLACE * interval)[0]
+    if len(bad):
+        row = int(bad[0]) + 2
+        raise InputError(
+            path, [("t_s", f"not uniform: row {row} is {off[bad[0]] / interval:.2g} samples off its place")]
+        )

@@ -1,0 +1,148 @@
+"""dataset.toml: which files came back from a rig, and how each was taken."""
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from beamdesign import records
+from beamdesign.prototype import Controller
+from beamdesign.records import InputError, NonNegative, Positive, Problem, Record
+
+_ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it misspelt
+
+
+class Taken(Record):
+    """What every entry of a data set says of the rig at that time."""
+
+    outer_end_mass_kg: NonNegative = 0.0
+    inner_end_mass_kg: NonNegative = 0.0
+
+
+class TimeEntry(Taken):
+    """A time record."""
+
+    file: str
+    controller: Controller | None = None
+
+
+class ResponseEntry(Taken):
+    """A frequency response."""
+
+    file: str
+    controller: Controller | None = None
+    amplitude_N: Positive = 1.0
+
+
+class GainEntry(Taken):
+    """A critical gain."""
+
+    controller: dict[str, Any] | None = None
+    gain_A_per_V: Positive
+    relative_std: Annotated[Positive, Field(le=1)] = 0.03
+    frequency_Hz: Positive | None = None
+
+
+class Index(Record):
+    """The whole file."""
+
+    name: str = "data set"
+    rig: str = "twin_beam"
+    prototype: str = "prototype.toml"
+    record: tuple[TimeEntry, ...] = ()
+    frequency_response: tuple[ResponseEntry, ...] = ()
+    critical_gain: tuple[GainEntry, ...] = ()
+
+
+def index_of(folder: Path) -> Path:
+    """The dataset.toml of a folder, or that file itself."""
+    return folder if folder.is_file() else folder / "dataset.toml"
+
+
+def kind_of(folder: str | Path) -> str:
+    """Kind of rig a data set came from: `twin_beam` or `actuator_bench`.
+
+    Raises:
+        InputError: where the folder holds no readable dataset.toml.
+    """
+    return str(records.read_table(index_of(Path(folder))).get("rig", "twin_beam"))
+
+
+def read_index(path: Path) -> tuple[Index, list[str]]:
+    """Read dataset.toml.
+
+    Returns:
+        what it says, and warnings of keys that were left aside.
+
+    Raises:
+        InputError: with everything wrong in it.
+    """
+    raw = records.read_table(path)
+    if single := _single_tables(raw):
+        raise InputError(path, single)
+    table, warnings = _known_keys(raw)
+    entry = records.parse(Index, table, path)
+    if entry.rig != "twin_beam":
+        raise InputError(path, [("rig", f"{entry.rig!r} is not a rig this reader knows; expected 'twin_beam'")])
+    problems = _missing_files(entry, path.parent)
+    if not (entry.record or entry.frequency_response or entry.critical_gain):
+        problems.append(Problem("record", "the set holds no record, no frequency_response and no critical_gain"))
+    if problems:
+        raise InputError(path, problems)
+    return entry, warnings
+
+
+def _known_keys(table: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Integers become floats where figures are meant; unknown keys go, each with a warning."""
+    warnings: list[str] = []
+    shapes: dict[str, type[Record]] = {
+        "record": TimeEntry,
+        "frequency_response": ResponseEntry,
+        "critical_gain": GainEntry,
+    }
+    kept: dict[str, Any] = {}
+    for key, value in table.items():
+        if _foreign(key, Index):
+            warnings.append(f"dataset.toml: key {key} is not known here and was left aside")
+        elif key in shapes and isinstance(value, list):
+            rows = []
+            for row in value:
+                unknown = [k for k in row if _foreign(k, shapes[key])] if isinstance(row, dict) else []
+                warnings += [f"dataset.toml: {key}.{k} is not known here and was left aside" for k in unknown]
+                rows.append({k: v for k, v in row.items() if k not in unknown} if unknown else row)
+            kept[key] = rows
+        else:
+            kept[key] = value
+    return kept, list(dict.fromkeys(warnings))
+
+
+def _foreign(key: str, shape: type[Record]) -> bool:
+    """Whether a key is none of ours. One that looks like ours is a mistake of unit or letter, to be refused later."""
+    return key not in shape.model_fields and not difflib.get_close_matches(key, shape.model_fields, 1, _ALIKE)
+
+
+def _single_tables(table: dict[str, Any]) -> list[Problem]:
+    return [
+        Problem(key, f"must be a list of tables: write [[{key}]] with double brackets")
+        for key in ("record", "frequency_response", "critical_gain")
+        if isinstance(table.get(key), dict)
+    ]
+
+
+def _missing_files(entry: Index, folder: Path) -> list[Problem]:
+    named = [("prototype", "", entry.prototype)]
+    named += [("record.file", f"entry {k}: ", row.file) for k, row in enumerate(entry.record, start=1)]
+    named += [
+        ("frequency_response.file", f"entry {k}: ", row.file) for k, row in enumerate(entry.frequency_response, start=1)
+    ]
+    return [Problem(key, place + _no_file(folder, file)) for key, place, file in named if not (folder / file).is_file()]
+
+
+def _no_file(folder: Path, file: str) -> str:
+    """What to say of a file that is not there: its folder may hold one of a similar name."""
+    around = (folder / file).parent
+    if not around.is_dir():
+        return f"no file {file}: there is no folder {Path(file).parent}"
+    close = difflib.get_close_matches(Path(file).name, sorted(p.name for p in around.iterdir() if p.is_file()), 1)
+    return f"no file {file}" + (f"; did you mean {(Path(file).parent / close[0]).as_posix()}?" if close else "")
