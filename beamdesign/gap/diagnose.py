@@ -6,7 +6,7 @@ from beamdesign.gap.amended import amended
 from beamdesign.gap.causes import causes, classes
 from beamdesign.gap.dataset import Dataset
 from beamdesign.gap.diagnosis import Diagnosis, Verdict, Where
-from beamdesign.gap.evidence import evidence_of
+from beamdesign.gap.evidence import record_evidence
 from beamdesign.gap.holdout import held_out
 from beamdesign.gap.judgement import Judgement, judge
 from beamdesign.gap.search import Progress, search
@@ -31,7 +31,7 @@ def diagnose(data: Dataset, workers: int = 2, progress: Progress = lambda share,
     judged = judge(found)
     verdict = verdict_of(judged)
     best = judged.best
-    alone = evidence_of(replace(data, responses=(), gains=()))
+    alone = record_evidence(data)
     measured = gap([errors(piece, data.prototype, found.null, best) for piece in alone], kept_out)
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.names) if verdict != "unknown" else ()

@@ -1,11 +1,14 @@
-"""Time records as evidence."""
+"""What was measured as evidence: time records here, critical gains and frequency responses in files of their own."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from beamdesign.gap.dataset import Dataset, TimeRecord
+from beamdesign.gap.fit import Evidence
+from beamdesign.gap.gain_evidence import GainEvidence
 from beamdesign.gap.replay import Replay, replay, simulated, simulated_with_slopes, steps
+from beamdesign.gap.response_evidence import response_evidence
 from beamdesign.gap.unknowns import Placement
 from beamdesign.gap.weighting import Weighting, weighting
 
@@ -71,7 +74,13 @@ class RecordEvidence:
         return self._steps[key]
 
 
-def evidence_of(data: Dataset) -> tuple[RecordEvidence, ...]:
+def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
+    """Everything in a data set: time records, frequency responses, critical gains."""
+    responses = tuple(response_evidence(taken, data.prototype) for taken in data.responses)
+    return (*record_evidence(data), *responses, *(GainEvidence(taken, data.prototype) for taken in data.gains))
+
+
+def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     """All time records of a data set."""
     found = []
     for record in data.records:

@@ -1,0 +1,90 @@
+"""Critical gains as evidence."""
+
+from dataclasses import dataclass, field
+from math import log, tau
+
+import numpy as np
+
+from beamdesign.gap.dataset import MeasuredGain
+from beamdesign.gap.linear_model import LinearModel, linear_model
+from beamdesign.gap.onset import Onset, onset, onset_slopes
+from beamdesign.gap.unknowns import Placement
+from beamdesign.prototype import Lag, Prototype
+
+FREQUENCY_STD = 0.02
+"""Relative, of the frequency that was noted with a critical gain."""
+
+
+@dataclass(frozen=True)
+class GainEvidence:
+    """A critical gain in units of misfit: the logarithm of measured over predicted, over its relative error.
+
+    Where the frequency of the oscillation was noted, it is a second such figure.
+
+    Attributes:
+        measured: the gain.
+        prototype: that was believed.
+        load: constant force on the outer tip under which it was measured, N.
+    """
+
+    measured: MeasuredGain
+    prototype: Prototype
+    load: float = 0.0
+    _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        law = self.measured.controller
+        breaks = f"lag {law.pole_Hz:.3g}/{law.zero_Hz:.3g} Hz" if isinstance(law, Lag) else "proportional"
+        masses = f"{self.measured.outer_end_mass:g} kg outer, {self.measured.inner_end_mass:g} kg inner"
+        return f"critical gain, {breaks}, {masses}"
+
+    @property
+    def condition(self) -> object:
+        """Under which it was measured: masses, breaks of the controller, load."""
+        law = self.measured.controller.model_dump(exclude={"gain_A_per_V"})
+        masses = (self.measured.outer_end_mass, self.measured.inner_end_mass)
+        return ("critical gain", *masses, *law.values(), self.load)
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves: one per figure."""
+        return 1.0 if self.measured.frequency_Hz is None else 2.0
+
+    def model(self, placement: Placement) -> LinearModel:
+        """The linear loop of this setting."""
+        key = (placement.assembly.kinds, placement.unknowns)
+        if key not in self._models:
+            taken = self.measured
+            self._models[key] = linear_model(
+                placement, self.prototype, taken.controller, taken.outer_end_mass, taken.inner_end_mass, self.load
+            )
+        return self._models[key]
+
+    def predicted(self, placement: Placement, z: np.ndarray) -> Onset | None:
+        """Gain and frequency of the model; None where it oscillates at no gain."""
+        return onset(self.model(placement), z)
+
+    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(1,) or (2,) measured less predicted."""
+        at = self.predicted(placement, z)
+        return None if at is None else self._misfit(at)
+
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual and its derivative by z."""
+        at = self.predicted(placement, z)
+        if at is None:
+            return None
+        gain, frequency = onset_slopes(self.model(placement), z, at)
+        rows = [-gain / self.measured.relative_std]
+        if self.measured.frequency_Hz is not None:
+            rows.append(-frequency / FREQUENCY_STD)
+        return self._misfit(at), np.array(rows)
+
+    def _misfit(self, at: Onset) -> np.ndarray:
+        taken = self.measured
+        figures = [log(taken.gain / at.gain) / taken.relative_std]
+        if taken.frequency_Hz is not None:
+            figures.append(log(tau * taken.frequency_Hz / at.frequency) / FREQUENCY_STD)
+        return np.array(figures)

@@ -1,0 +1,138 @@
+"""The rig under a hypothesis as one linear loop, where a measurement says no more than that.
+
+A critical gain and a response at lines are figures of motions that are small for the oil and the beams, and large
+beside a deadband, a hysteresis, a joint's play or the force of dry friction: an oscillation that is sustained, or a
+force that is swept, has left these behind. So the linear loop here is the one with the valve open, the friction sliding
+(its viscous share stays), the joint bearing on one side of its play, and the amplifier within its limit. It says
+nothing about motions so small that the loop sticks, nor about an oscillation that a saturation has caught; see
+`beamdesign.harmonic_balance` for those.
+
+Where the two directions of the valve differ (unequal sides), there is one such loop per direction.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beamdesign.gap.unknowns import Placement
+from beamdesign.prototype import Controller, Lag, Proportional, Prototype
+from beamdesign.rig.assembly import Assembly, Structure, assemble
+from beamdesign.rig.equilibrium import Linearisation, equilibrium, linearise, scales
+from beamdesign.rig.parameters import parameters_of
+
+LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
+"""Effects that have no part in the linear loop."""
+_BEARING_M = 1e-5
+_OPEN_M3_PER_S = 1e-12
+_STEP = 1e-4  # in prior standard deviations, of central differences
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """The linear loop of one setting of the rig, for any unknowns of one placement.
+
+    Attributes:
+        placement: of the unknowns in the whole equations.
+        base: (P,) parameters of the believed rig in the placement's order.
+        assembly: the equations without what is left behind.
+        load: constant force on the outer tip, N.
+    """
+
+    placement: Placement
+    base: np.ndarray = field(repr=False)
+    assembly: Assembly
+    load: float = 0.0
+
+    @property
+    def weight(self) -> np.ndarray:
+        """(n,) typical magnitude of each state."""
+        return scales(self.assembly)
+
+    def parameters(self, z: np.ndarray, gain: float | None = None) -> np.ndarray:
+        """Parameters of `assembly` at z, with another controller gain (A/V) where one is given."""
+        whole = self.placement.parameters(self.base, z)
+        index = {name: k for k, name in enumerate(self.placement.assembly.parameters)}
+        p = whole[[index[name] for name in self.assembly.parameters]]
+        own = self.assembly.parameters
+        if "seal_friction.coulomb_N" in own:
+            p[own.index("seal_friction.coulomb_N")] = 0.0
+        if gain is not None:
+            p[own.index("gain")] = gain
+        return np.asarray(p)
+
+    def points(self, z: np.ndarray) -> list[np.ndarray]:
+        """Where the rig works: (n,) states, once per direction of the valve where these differ.
+
+        Raises:
+            ValueError: where it has no equilibrium.
+        """
+        p, states = self.parameters(z), self.assembly.states
+        x = equilibrium(self.assembly, np.array([self.load, 0.0, 0.0]), p)
+        if "joint_backlash" in self.assembly.kinds.effects:
+            play = p[self.assembly.parameters.index("joint_backlash.play_m")]
+            x[states.index("joint_backlash.rod_m")] = x[states.index("inner_m")] + play / 2 + _BEARING_M
+        flow = states.index("flow_m3_per_s")
+        if "unequal_piston_areas" not in self.assembly.kinds.effects or abs(x[flow]) > _OPEN_M3_PER_S:
+            return [x]
+        both = [x.copy(), x.copy()]
+        both[0][flow], both[1][flow] = _OPEN_M3_PER_S, -_OPEN_M3_PER_S
+        return both
+
+    def at(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> Linearisation:
+        """The linear loop at a point."""
+        return linearise(self.assembly, x, np.array([self.load, 0.0, 0.0]), self.parameters(z, gain))
+
+    def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
+        """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
+        found = []
+        for k in range(len(z)):
+            ends = []
+            for side in (_STEP, -_STEP):
+                moved = z.copy()
+                moved[k] += side
+                ends.append(self.at(moved, self._followed(moved, x), gain))
+            ahead, behind = ends
+            found.append(
+                Linearisation(
+                    *((getattr(ahead, key) - getattr(behind, key)) / (2 * _STEP) for key in ("a", "b", "c", "d"))
+                )
+            )
+        return found
+
+    def _followed(self, z: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """The same point for other unknowns; it rests at zero whatever they are where no law depends on where."""
+        if not MOVING & set(self.assembly.kinds.effects) and self.load == 0:
+            return x
+        flow = self.assembly.states.index("flow_m3_per_s")
+        return min(self.points(z), key=lambda point: abs(point[flow] - x[flow]))
+
+
+MOVING = {"unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "joint_backlash"}
+"""Effects whose parameters move the equilibrium, or whose laws depend on where it is."""
+
+
+def linear_model(
+    placement: Placement,
+    prototype: Prototype,
+    controller: Controller,
+    outer_end_mass: float,
+    inner_end_mass: float,
+    load: float = 0.0,
+) -> LinearModel:
+    """The linear loop of a setting.
+
+    Args:
+        placement: unknowns of a hypothesis.
+        prototype: that was believed.
+        controller: in the loop; a proportional one becomes a lag whose breaks coincide, as in `unknowns.structure`.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg, added to the inner tip.
+        load: constant force on the outer tip, N.
+    """
+    if isinstance(controller, Proportional):
+        controller = Lag(gain_A_per_V=controller.gain_A_per_V, pole_Hz=1.0, zero_Hz=1.0)
+    kinds = placement.assembly.kinds
+    rig = prototype.but(controller=controller, effects={name: {} for name in kinds.effects})
+    base = np.array(list(parameters_of(rig, outer_end_mass, inner_end_mass).values()))
+    kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
+    return LinearModel(placement, base, assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig)), load)
