@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.loop import LoopAtMass, critical_gain, loop
-from beamdesign.paper.drawings import DRAWINGS
+from beamdesign.paper.drawings import DRAWINGS, drawn
 from beamdesign.prototype import Prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.compliance_scale import decibels, from_decibels
@@ -151,7 +151,7 @@ def test_styles_differ_in_grey():
 
 @pytest.mark.parametrize("draw", DRAWINGS, ids=lambda draw: draw.__name__)
 def test_published_figures_have_axes_captions_and_no_text_cut_off(draw):
-    drawing = draw()
+    drawing = drawn(draw)
     assert len(drawing.caption) > 40
     assert drawing.claim
     assert cut_off(drawing.figure) == []

@@ -16,6 +16,7 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam, notes
 from beamdesign.paper import CASES, Comparison, compare, paper_prototype
 from beamdesign.paper.claim import Claim
+from beamdesign.paper.figure_claims import figure_claims
 from beamdesign.paper.gains import gain_cliff
 from beamdesign.paper.rig import lag
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
@@ -69,6 +70,42 @@ def test_json_has_the_fields_of_the_contract(folder: Path):
     assert [row["paper"] for row in fields["bandwidths_Hz"]] == [4, 10, 8]
     assert fields["bandwidths_Hz"][1]["model"] == pytest.approx(loop(lag(300.0)).at(0.0).bandwidth_Hz())
     assert json.loads((folder / "again" / "copy.json").read_text(encoding="utf-8")) == fields
+
+
+def test_every_figure_has_its_claims_checked(folder: Path):
+    claims = json.loads((folder / "paper.json").read_text(encoding="utf-8"))["figure_claims"]
+    assert {claim["figure"] for claim in claims} == set(range(8, 17))
+    held = {(claim["figure"], claim["claim"]): claim["holds"] for claim in claims}
+    # Printed: 24, 200 and 10 mA/V; an independent replication of the equations has 24.4, 199 and 15.3 mA/V.
+    assert held[8, "largest stable gain"]
+    assert held[14, "largest gain with 4.5 kg inside"]
+    assert not held[13, "largest gain with 6.8 kg"]
+    assert not held[10, "static error under 100 N"]  # the paper contradicts itself there
+    assert held[15, "below 2 Hz the motion is lost in noise"]
+    page = (folder / "paper.html").read_text(encoding="utf-8")
+    assert page.count('<tr class="fails">') == sum(not claim["holds"] for claim in claims)
+
+
+def test_phase_spike_points_up_without_and_down_with_the_mass():
+    signs = {claim.figure: claim.model for n in (11, 12) for claim in figure_claims(n) if "spike" in claim.claim}
+    assert signs[11].startswith("+")
+    assert signs[12].startswith("-")
+
+
+def test_one_figure_by_its_number(tmp_path: Path):
+    ran = CliRunner().invoke(
+        app, ["paper", "--figure", "9", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "a.json")]
+    )
+    assert ran.exit_code == 0, ran.output
+    answer = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["figure_09.png", "figure_09.svg"]
+    assert [claim["holds"] for claim in answer["claims"]] == [True, True, True]
+    assert "3 of 3 claims" in ran.output
+    drawn = (tmp_path / "out" / "figure_09.svg").read_text(encoding="utf-8")
+    assert "✓ goal met below: paper 4 Hz; model 3.93 Hz" in drawn
+    refused = CliRunner().invoke(app, ["paper", "--figure", "7", "--out", str(tmp_path / "out")])
+    assert isinstance(refused.exception, InputError)
+    assert "8 to 16" in str(refused.exception)
 
 
 class Links(HTMLParser):

@@ -1,7 +1,8 @@
 """`beamdesign paper`: every number of Zalucky and Hardt (1984) recomputed."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -15,20 +16,33 @@ def paper(
             "--out", metavar="DIR", callback=folder_to_write, help="Folder for paper.html, paper.json and figures."
         ),
     ],
+    figure: Annotated[
+        int | None, typer.Option("--figure", metavar="N", help="Draw this figure of the paper alone, 8 to 16.")
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Recompute the numbers of Zalucky and Hardt (1984).
 
-    Every number and the figures 8 to 14, the paper's beside the model's; where they disagree, why.
+    Every number and the figures 8 to 16, the paper's beside the model's; where they disagree, why. What the paper says
+    about each figure is checked; --figure N does that for one of them.
     """
+    if figure is not None:
+        _one_figure(figure, out, json)
+        return
     from beamdesign.paper.comparison import CHOICES, compare
+    from beamdesign.paper.figure_claims import NUMBERS, figure_claims
     from beamdesign.paper.page import write_page
 
     comparison = compare()
     out.mkdir(parents=True, exist_ok=True)
     with progress("drawing") as update:
         written = write_page(comparison, out, update)
-    fields = comparison.fields() | {"report": written.page.name, "figures": [path.name for path in written.figures]}
+    checks = [check for number in NUMBERS for check in figure_claims(number)]
+    fields = comparison.fields() | {
+        "report": written.page.name,
+        "figures": [path.name for path in written.figures],
+        "figure_claims": checks,
+    }
     write_json(out / "paper.json", fields)
     write_json(json, fields)
 
@@ -57,4 +71,33 @@ def paper(
         ["quantity", "paper", "model", "unit", "verdict"],
         [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in differing],
     )
+    _say_checks(checks)
     say(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {written.page}")
+
+
+def _one_figure(number: int, out: Path, json: Path | None) -> None:
+    from beamdesign.paper.drawings import NUMBERED, drawn
+    from beamdesign.records import InputError
+    from beamdesign.report.canvas import save
+
+    if number not in NUMBERED:
+        raise InputError("--figure", [(str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}")])
+    drawing = drawn(NUMBERED[number])
+    out.mkdir(parents=True, exist_ok=True)
+    files = save(drawing.figure, out / drawing.name)
+    say(drawing.title)
+    say(f"paper: {drawing.claim}")
+    say(f"model: {drawing.caption}")
+    _say_checks(drawing.checks)
+    for path in files:
+        say(str(path))
+    write_json(json, {"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
+
+
+def _say_checks(checks: Sequence[Any]) -> None:
+    failing = sum(not check.holds for check in checks)
+    say_table(
+        f"{len(checks) - failing} of {len(checks)} claims about the figures hold",
+        ["figure", "claim", "paper says", "model says", "holds"],
+        [(check.figure, check.claim, check.paper, check.model, "yes" if check.holds else "no") for check in checks],
+    )

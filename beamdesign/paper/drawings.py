@@ -4,7 +4,7 @@ The paper's own curves are not reproduced: what it says about them in words is, 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor
 
 import numpy as np
@@ -12,12 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.loop import LoopAtMass, critical_gain
+from beamdesign.paper.figure_claims import NUMBERS, RESOLUTION_M, FigureClaim, figure_claims, pair_Hz
 from beamdesign.paper.gains import gain_cliff, stable_masses
+from beamdesign.paper.nonlinear import FORCES_PEAK_TO_PEAK_N, MEASURED, TESTED_HZ, nonlinear_compliance
 from beamdesign.paper.performance import at, phase_lead_deg
-from beamdesign.paper.rig import INNER_END_MASS_KG, OUTER_END_MASS_KG, beam_damping, filtered, lag, proportional
+from beamdesign.paper.rig import INNER_END_MASS_KG, OUTER_END_MASS_KG, beam_damping, lag, proportional
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.compliance_scale import from_decibels
+from beamdesign.report.compliance_scale import decibels, from_decibels
 from beamdesign.report.figures import plot_compliance, plot_critical_gain, plot_loop_bode, plot_root_locus
 
 
@@ -31,6 +33,7 @@ class Drawing:
         claim: what the paper says about it, in our words.
         caption: what the model shows.
         figure: the matplotlib figure.
+        checks: what the paper says about it, one by one; also written below the axes.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Drawing:
     claim: str
     caption: str
     figure: Figure
+    checks: tuple[FigureClaim, ...] = ()
 
 
 def _claimed(axes: Axes, bandwidth_Hz: float) -> None:
@@ -68,6 +72,17 @@ def _bode(
     return figure
 
 
+def _spike(phase: Axes, loop: LoopAtMass, words: str) -> None:
+    """Name the phase spike between pole and zero."""
+    frequency = float(np.sqrt(np.prod(pair_Hz(loop))))
+    response = loop.loop_response(np.geomspace(0.1, frequency, 4000))
+    level = float(np.degrees(np.unwrap(np.angle(response)))[-1])
+    phase.annotate(
+        words, (frequency, level), xytext=(-70, 0), textcoords="offset points", fontsize=8, ha="right", va="center",
+        arrowprops={"arrowstyle": "->", "linewidth": 0.8},
+    )  # fmt: skip
+
+
 def root_locus() -> Drawing:
     """Figure 8."""
     limit = critical_gain(proportional(24.0))
@@ -79,6 +94,11 @@ def root_locus() -> Drawing:
     whole.set_xlim(-1100, 250)
     whole.set_ylim(-1150, 1150)
     whole.set_xticks([-1000, -500, 0])
+    whole.annotate(
+        f"{1e3 * limit.gain_A_per_V:.1f} mA/V\n{limit.frequency_Hz:.0f} Hz", (0.0, 2 * np.pi * limit.frequency_Hz),
+        xytext=(-52, -48), textcoords="offset points", fontsize=8, ha="center",
+        arrowprops={"arrowstyle": "->", "linewidth": 0.8},
+    )  # fmt: skip
     close.set_xlim(-50, 10)
     close.set_ylim(290, 360)
     close.set_title("the beams' pair", fontsize=9)
@@ -86,7 +106,7 @@ def root_locus() -> Drawing:
     close.get_legend().remove()
     handles, labels = whole.get_legend_handles_labels()
     whole.get_legend().remove()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8)
+    figure.legend(handles, labels, loc="outside upper center", ncols=5, fontsize=8)
     return Drawing(
         "figure_08", "Figure 8: root locus, proportional control", "The largest stable gain is 24 mA/V.",
         f"The valve's pair crosses at {1e3 * limit.gain_A_per_V:.1f} mA/V and {limit.frequency_Hz:.0f} Hz. The oil's"
@@ -108,22 +128,28 @@ def proportional_compliance() -> Drawing:
 def lag_compliance() -> Drawing:
     """Figure 10."""
     loop, before = at(lag(300.0)), at(proportional(24.0))
+    figure = _compliance({"lag, 300 mA/V": loop, "proportional, 24 mA/V": before}, 10.0)
+    axes = figure.axes[0]
+    for frequency, printed in ((0.5, 22), (2.0, 20), (20.0, 4)):
+        low, high = (abs(one.compliance_response(np.array([frequency]))[0]) for one in (loop, before))
+        axes.annotate("", (frequency, low), (frequency, high), arrowprops={"arrowstyle": "<->", "linewidth": 0.9})
+        axes.annotate(
+            f"{decibels(high) - decibels(low):.1f} dB (paper {printed})", (frequency, low), xytext=(5, -11),
+            textcoords="offset points", fontsize=8,
+        )  # fmt: skip
     return Drawing(
         "figure_10", "Figure 10: closed-loop compliance, lag compensator",
         "The goal is met below 10 Hz; 22 dB better than proportional below 2 Hz, 20 to 4 dB from there to 20 Hz,"
         " no better above 25 Hz.",
         f"At 300 mA/V the model meets the goal up to {loop.bandwidth_Hz():.2f} Hz.",
-        _compliance({"lag, 300 mA/V": loop, "proportional, 24 mA/V": before}, 10.0),
+        figure,
     )  # fmt: skip
 
 
 def lag_open_loop() -> Drawing:
     """Figure 11."""
     loop = at(lag(300.0))
-    zero, pole = (
-        min(abs(root) for root in roots if root.imag > 0) / (2 * np.pi)
-        for roots in (loop.open_loop_zeros(), loop.open_loop_poles())
-    )
+    pole, zero = pair_Hz(loop)
 
     def markings(magnitude: Axes, phase: Axes) -> None:
         for axes in (magnitude, phase):
@@ -133,6 +159,7 @@ def lag_open_loop() -> Drawing:
             "paper: 50 and 55 Hz", (50.0, magnitude.get_ylim()[0]), xytext=(-6, 6), textcoords="offset points",
             fontsize=8, ha="right",
         )  # fmt: skip
+        _spike(phase, loop, "spike up")
 
     return Drawing(
         "figure_11", "Figure 11: open loop, lag compensator",
@@ -147,11 +174,23 @@ def loaded_open_loop() -> Drawing:
     loop, bare = at(lag(300.0), OUTER_END_MASS_KG), at(lag(300.0))
     (onset_kg, onset_Hz), *_ = stable_masses(300.0, 0.0)
     answer = "stable" if loop.stable else "unstable"
+    pole, zero = pair_Hz(loop)
+
+    def markings(magnitude: Axes, phase: Axes) -> None:
+        for name, frequency, side in (("pole", pole, "right"), ("zero", zero, "left")):
+            for axes in (magnitude, phase):
+                axes.axvline(frequency, color="0.7", linewidth=0.8, linestyle=":")
+            magnitude.annotate(
+                f"{name} {frequency:.1f} Hz", (frequency, magnitude.get_ylim()[0]),
+                xytext=(-4 if side == "right" else 4, 6), textcoords="offset points", fontsize=8, ha=side,
+            )  # fmt: skip
+        _spike(phase, loop, "spike down, past -180 degrees")
+
     return Drawing(
         "figure_12", "Figure 12: open loop with 6.8 kg on the outer beam, unstable",
         "Pole and zero have changed places, the spike points down, and the loop is unstable at the same gain.",
         f"At 300 mA/V the model is {answer} with 6.8 kg; it is lost from {onset_kg:.2f} kg, at {onset_Hz:.1f} Hz.",
-        _bode({"lag, 300 mA/V, 6.8 kg": loop, "without the mass": bare}),
+        _bode({"lag, 300 mA/V, 6.8 kg": loop, "without the mass": bare}, markings),
     )  # fmt: skip
 
 
@@ -186,29 +225,51 @@ def relieved_compliance() -> Drawing:
     )  # fmt: skip
 
 
+def _measured(figure_number: int, label: str) -> Figure:
+    """Linear curve of a measured case with the nonlinear rig's points where the paper tested."""
+    case = MEASURED[figure_number]
+    figure = _compliance({label: at(case.rig, case.outer_end_mass_kg)})
+    axes = figure.axes[0]
+    axes.axvspan(axes.get_xlim()[0], TESTED_HZ[-1], color="0.93", zorder=0)
+    axes.annotate("tested", (TESTED_HZ[-1], axes.get_ylim()[0]), xytext=(-5, 6), textcoords="offset points",
+                  fontsize=8, ha="right")  # fmt: skip
+    for force, marker in zip(FORCES_PEAK_TO_PEAK_N, "s^", strict=True):
+        axes.plot(
+            TESTED_HZ, nonlinear_compliance(figure_number, force), marker, color="black", fillstyle="none",
+            markersize=5 if marker == "s" else 8, label=f"nonlinear rig, {force:g} N peak to peak",
+        )  # fmt: skip
+    force = FORCES_PEAK_TO_PEAK_N[-1]
+    axes.axhline(
+        RESOLUTION_M / force, color="0.45", linewidth=1.0, linestyle="-.",
+        label=f"resolution {1e6 * RESOLUTION_M:g} μm under {force:g} N peak to peak",
+    )  # fmt: skip
+    axes.legend(fontsize=8, loc="upper left")
+    axes.set_ylim(*(float(from_decibels(level)) for level in (-165, -25)))
+    return figure
+
+
 def measured_compliance() -> Drawing:
     """Figure 15."""
     lead = phase_lead_deg(np.array([2.0, 10.0]))
-    loop = at(filtered(lag(200.0)))
     return Drawing(
         "figure_15", "Figure 15: predicted compliance for the tests without end mass",
         "Tests from 0 to 10 Hz agreed with the prediction, phase lead included; below 2 Hz noise hid the motion.",
         "The test's gain is not printed: drawn at 200 mA/V, the measured limit, with the 400 Hz filter. Displacement"
         f" leads force by {lead[0]:.0f} degrees at 2 Hz and {lead[1]:.0f} at 10 Hz. The measured points are not"
-        " published as numbers.",
-        _compliance({"lag, 200 mA/V, filter": loop}),
+        " published as numbers; in their place stands the nonlinear rig, with orifices and unequal piston sides.",
+        _measured(15, "lag, 200 mA/V, filter"),
     )  # fmt: skip
 
 
 def measured_loaded_compliance() -> Drawing:
     """Figure 16."""
-    loop = at(filtered(lag(150.0, INNER_END_MASS_KG)), OUTER_END_MASS_KG)
+    loop = at(MEASURED[16].rig, OUTER_END_MASS_KG)
     return Drawing(
         "figure_16", "Figure 16: predicted compliance for the tests with 6.8 kg outside and 4.5 kg inside",
         "Tests agreed with the prediction.",
         "The test's gain is not printed: drawn at 150 mA/V, the measured limit, with the 400 Hz filter. The goal is"
-        f" met up to {loop.bandwidth_Hz():.2f} Hz.",
-        _compliance({"lag, 150 mA/V, 6.8 kg outer, 4.5 kg inner, filter": loop}),
+        f" met up to {loop.bandwidth_Hz():.2f} Hz. Points: the nonlinear rig.",
+        _measured(16, "lag, 150 mA/V, 6.8 kg outer, 4.5 kg inner, filter"),
     )  # fmt: skip
 
 
@@ -249,3 +310,20 @@ DRAWINGS: tuple[Callable[[], Drawing], ...] = (
     gain_over_mass,
 )
 """All figures, in the order of the page."""
+
+NUMBERED: dict[int, Callable[[], Drawing]] = dict(zip(NUMBERS, DRAWINGS, strict=False))
+"""Those of them that have a number in the paper."""
+
+
+def drawn(draw: Callable[[], Drawing]) -> Drawing:
+    """Draw a figure with what the paper says about it, checked, below."""
+    drawing = draw()
+    number = next((number for number, one in NUMBERED.items() if one is draw), None)
+    if number is None:
+        return drawing
+    checks = figure_claims(number)
+    lines = [f"{'✓' if c.holds else '✗'} {c.claim}: paper {c.paper}; model {c.model}" for c in checks]
+    drawing.figure.supxlabel("\n".join(lines), x=0.02, ha="left", fontsize=7.5, linespacing=1.4)
+    width, height = drawing.figure.get_size_inches()
+    drawing.figure.set_size_inches(width, height + 0.16 * len(lines))
+    return replace(drawing, checks=checks)

@@ -6,7 +6,7 @@ from itertools import groupby
 from pathlib import Path
 
 from beamdesign.paper.comparison import CHOICES, REMEDY_GAIN_MA_PER_V, Comparison
-from beamdesign.paper.drawings import DRAWINGS, Drawing
+from beamdesign.paper.drawings import DRAWINGS, Drawing, drawn
 from beamdesign.paper.rig import VARIATIONS
 from beamdesign.report.canvas import save
 
@@ -45,7 +45,7 @@ def write_page(
     files: list[Path] = []
     for number, draw in enumerate(DRAWINGS):
         update(number / len(DRAWINGS), draw.__name__.replace("_", " "))
-        drawing = draw()
+        drawing = drawn(draw)
         files += save(drawing.figure, folder / drawing.name)
         drawings.append(drawing)
     environment = Environment(
