@@ -19,6 +19,7 @@ from beamdesign.prototype import Controller, Lag, Proportional, Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.equilibrium import Linearisation, equilibrium, linearise, scales
 from beamdesign.rig.parameters import parameters_of
+from beamdesign.rig.sensitivity import equilibrium_sensitivity
 
 LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
 """Effects that have no part in the linear loop."""
@@ -84,27 +85,39 @@ class LinearModel:
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
-        found = []
-        for k in range(len(z)):
-            ends = []
-            for side in (_STEP, -_STEP):
-                moved = z.copy()
-                moved[k] += side
-                ends.append(self.at(moved, self._followed(moved, x), gain))
-            ahead, behind = ends
-            found.append(
-                Linearisation(
-                    *((getattr(ahead, key) - getattr(behind, key)) / (2 * _STEP) for key in ("a", "b", "c", "d"))
-                )
-            )
-        return found
+        names, here = self.assembly.parameters, self.parameters(z, gain)
+        whole = self.placement.parameters(self.base, z)
+        index = {name: k for k, name in enumerate(self.placement.assembly.parameters)}
+        by_z = self.placement.slopes(whole, z)[[index[name] for name in names]]
+        for still in ("gain", "seal_friction.coulomb_N"):
+            if still in names:
+                by_z[names.index(still)] = 0.0
+        moved = self._moved(x, here, by_z)
+        sides = np.array([1.0, -1.0])[:, None, None] * _STEP
+        # All at once: one column per unknown and side.
+        columns = np.concatenate(list(here[:, None] + sides * by_z), axis=1)
+        points = np.concatenate(list(x[:, None] + sides * moved), axis=1)
+        loads = np.zeros((3, columns.shape[1]))
+        loads[0] = self.load
+        ends = linearise(self.assembly, points, loads, columns)
+        count = len(z)
 
-    def _followed(self, z: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """The same point for other unknowns; it rests at zero whatever they are where no law depends on where."""
+        def differences(matrices: np.ndarray) -> np.ndarray:
+            stacked = matrices.reshape(len(matrices), 2 * count, -1).transpose(1, 0, 2)
+            return np.asarray((stacked[:count] - stacked[count:]) / (2 * _STEP))
+
+        parts = [differences(getattr(ends, key)) for key in ("a", "b", "c", "d")]
+        return [Linearisation(*(part[k] for part in parts)) for k in range(count)]
+
+    def _moved(self, x: np.ndarray, p: np.ndarray, by_z: np.ndarray) -> np.ndarray:
+        """(n, K) derivative of the point; it rests at zero whatever z is where no law depends on where."""
+        moved = np.zeros((len(x), by_z.shape[1]))
         if not MOVING & set(self.assembly.kinds.effects) and self.load == 0:
-            return x
-        flow = self.assembly.states.index("flow_m3_per_s")
-        return min(self.points(z), key=lambda point: abs(point[flow] - x[flow]))
+            return moved
+        free = np.nonzero(by_z.any(axis=1))[0]
+        names = [self.assembly.parameters[k] for k in free]
+        u = np.array([self.load, 0.0, 0.0])
+        return equilibrium_sensitivity(self.assembly, x, u, p, names) @ by_z[free]
 
 
 MOVING = {"unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "joint_backlash"}
