@@ -111,6 +111,7 @@ class MeasuredGain:
         inner_end_mass: kg.
         relative_std: of the gain.
         frequency_Hz: of the oscillation, where it was noted.
+        predicted_gain: that its designers predicted with a model of their own, where they said so, A/V.
     """
 
     controller: Controller
@@ -118,6 +119,7 @@ class MeasuredGain:
     inner_end_mass: float
     relative_std: float
     frequency_Hz: float | None = None
+    predicted_gain: float | None = None
 
     @property
     def gain(self) -> float:
@@ -264,4 +266,5 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
         given = dict(row.controller)
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
     found = records.parse(_Gained, table, path).controller
-    return MeasuredGain(found, row.outer_end_mass_kg, row.inner_end_mass_kg, row.relative_std, row.frequency_Hz)
+    masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
+    return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V)

@@ -42,6 +42,7 @@ class GainEntry(Taken):
     gain_A_per_V: Positive
     relative_std: Annotated[Positive, Field(le=1)] = 0.03
     frequency_Hz: Positive | None = None
+    predicted_gain_A_per_V: Positive | None = None
 
 
 class Index(Record):
