@@ -5,13 +5,14 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
 
 
 def simulate(
     prototype: Annotated[Path, typer.Argument(help="The prototype.toml to simulate, with the effects it names.")],
     scenario: Annotated[Path, typer.Option(help="What is done to it: a scenario file.")],
-    out: Annotated[Path, typer.Option(help="Folder for one CSV file per record.")],
+    out: Annotated[Path, typer.Option(help="Folder for one CSV file and one picture per record, and records.html.")],
+    plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether to draw the records.")] = True,
     json: JsonOption = None,
 ) -> None:
     """Simulate time records of a prototype: a twin beam with its controller in the loop, an actuator bench without.
@@ -27,7 +28,7 @@ def simulate(
 
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
-        return _simulate_bench(rig, prototype, scenario, out, json)
+        return _simulate_bench(rig, prototype, scenario, out, plots, json)
     wrong = problems(rig.effects)
     plan = read_scenario(scenario)
     wrong += [
@@ -51,12 +52,14 @@ def simulate(
         if not record.stable:
             say(f"{record.name}: {record.reason}")
     say(f"records: {len(paths)} files in {out}")
+    drawn = _drawn(rig, plan, [_plotted(record, plan, rig) for record in found.records], out) if plots else {}
     write_json(
         json,
         {
             "stable": found.stable,
             "records": paths,
             "effects": list(rig.effects),
+            **drawn,
             "each": [_fields(record, path) for record, path in zip(found.records, paths, strict=True)],
         },
     )
@@ -64,7 +67,7 @@ def simulate(
         raise typer.Exit(1)
 
 
-def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, json: Path | None) -> None:
+def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool, json: Path | None) -> None:
     from beamdesign.bench_simulation import BENCH_COLUMNS, simulate_bench
     from beamdesign.records import InputError
     from beamdesign.rig.bench_parameters import problems_on_rig
@@ -80,7 +83,37 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, json: Pat
     say_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
     say(f"records: {len(paths)} files in {out}")
     # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
-    write_json(json, {"stable": True, "records": paths, "effects": list(rig.effects)})
+    drawn = {}
+    if plots:
+        from beamdesign.report.record_plot import PlottedRecord
+
+        tables = {name: dict(zip(BENCH_COLUMNS, table.T, strict=True)) for name, table in found.items()}
+        drawn = _drawn(rig, plan, [PlottedRecord(name, columns, "done") for name, columns in tables.items()], out)
+    write_json(json, {"stable": True, "records": paths, "effects": list(rig.effects), **drawn})
+
+
+def _plotted(record: Any, plan: Any, rig: Any) -> Any:
+    """A simulated record of a twin beam with what its figure draws in."""
+    from beamdesign.report.record_plot import PlottedRecord
+    from beamdesign.rig.effects import library
+    from beamdesign.simulate import COLUMNS
+
+    limits = {"displacement_m": (plan.displacement_limit_m, "limit")}
+    if (given := rig.effects.get("current_saturation")) is not None:
+        limit_A = library()["current_saturation"].parameters[0]
+        limits["current_A"] = (given.get(limit_A.name, limit_A.default), "amplifier's limit")
+    verdict = "stable" if record.stable else record.reason
+    columns = {name: record.column(name) for name in COLUMNS}
+    return PlottedRecord(record.name, columns, verdict, record.stable, limits, record.diverged_at_s)
+
+
+def _drawn(rig: Any, plan: Any, records: list[Any], out: Path) -> dict[str, Any]:
+    from beamdesign.report.record_page import write_record_page
+
+    with progress("drawing"):
+        page, pictures = write_record_page(rig.name, plan.name, rig.effects, records, out)
+    say(f"pictures: {page}")
+    return {"report": page, "figures": pictures}
 
 
 def _fields(record: Any, path: Path) -> dict[str, Any]:

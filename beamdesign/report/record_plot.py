@@ -1,0 +1,126 @@
+"""A time record as a figure: what was done, what it did, and the limits it met, one panel per kind of quantity."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beamdesign.report.canvas import STYLES, new_figure
+
+_MOST_POINTS = 3000
+
+
+@dataclass(frozen=True)
+class PlottedRecord:
+    """What a figure of a record needs to know.
+
+    Attributes:
+        name: of the record.
+        columns: (N,) each, by column name with its unit; `t_s` among them.
+        verdict: what came of it, in words.
+        stable: whether that is good.
+        limits: by column, magnitudes to be drawn with the words for the legend.
+        diverged_at_s: when the record ended early.
+    """
+
+    name: str
+    columns: Mapping[str, np.ndarray] = field(repr=False)
+    verdict: str
+    stable: bool = True
+    limits: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    diverged_at_s: float | None = None
+
+
+@dataclass(frozen=True)
+class _Panel:
+    label: str
+    columns: tuple[tuple[str, str], ...]
+    scales: tuple[tuple[float, str], ...]
+    """(factor, unit), from the largest unit; the first in which the peak is at least one is taken."""
+
+
+_LENGTH = ((1e3, "mm"), (1e6, "μm"), (1e9, "nm"))
+_DISPLACEMENT = _Panel("displacement", (("displacement_m", "displacement"),), _LENGTH)
+_PANELS = (
+    _Panel("force", (("disturbance_N", "force on the tip"),), ((1.0, "N"),)),
+    _Panel("command", (("command_V", "command"),), ((1.0, "V"), (1e3, "mV"))),
+    _DISPLACEMENT,
+    _Panel("inner tip", (("inner_displacement_m", "inner tip"),), _LENGTH),
+    _Panel("current", (("current_A", "valve current"),), ((1.0, "A"), (1e3, "mA"), (1e6, "μA"))),
+    _Panel(
+        "pressure",
+        (("load_pressure_Pa", "load pressure"), ("pressure_a_Pa", "chamber a"), ("pressure_b_Pa", "chamber b")),
+        ((1e-6, "MPa"), (1e-3, "kPa")),
+    ),
+)
+
+
+def plot_record(record: PlottedRecord) -> Figure:
+    """Panels over one time axis; quantities that stay zero throughout are left out.
+
+    A limit is drawn where the record comes within a fifth of it. The end of a record that diverged is marked.
+    """
+    given = record.columns
+    panels = [
+        panel for panel in _PANELS if any(name in given and np.any(given[name] != 0) for name, _ in panel.columns)
+    ] or [_DISPLACEMENT]
+    figure = new_figure(170.0, 28.0 + 32.0 * len(panels))
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    times = np.asarray(given["t_s"])
+    for panel, part in zip(panels, axes, strict=True):
+        _draw(part, panel, record, times)
+    # A record that ended early is shown in the time it had, and a little beyond.
+    axes[-1].set_xlim(float(times[0]), float(times[-1]) * (1.0 if record.diverged_at_s is None else 1.02))
+    axes[-1].set_xlabel("time, s")
+    figure.suptitle(f"{record.name}: {record.verdict}", fontsize=9, x=0.02, ha="left")
+    figure.align_ylabels(list(axes))
+    return figure
+
+
+def _draw(axes: Axes, panel: _Panel, record: PlottedRecord, times: np.ndarray) -> None:
+    shown = [(name, label) for name, label in panel.columns if name in record.columns]
+    peak = max(float(np.abs(record.columns[name]).max()) for name, _ in shown)
+    factor, unit = next((s for s in panel.scales if s[0] * peak >= 1), panel.scales[-1])
+    for (name, label), style in zip(shown, STYLES, strict=False):
+        line = axes.plot(*_envelope(times, factor * record.columns[name]), linewidth=0.9, label=label)[0]
+        line.set(**style)
+    drawn = len(shown) > 1
+    for name, _ in shown:
+        if name in record.limits and peak > 0.2 * record.limits[name][0]:
+            limit, words = record.limits[name]
+            for sign in (1, -1):
+                axes.axhline(
+                    sign * factor * limit, color="black", linewidth=0.8, linestyle=(0, (8, 3)),
+                    label=f"{words} {factor * limit:g} {unit}" if sign > 0 else None,
+                )  # fmt: skip
+            drawn = True
+    if record.diverged_at_s is not None:
+        end = "diverged" if panel.label == "displacement" else None
+        axes.axvline(record.diverged_at_s, color="0.45", linewidth=1.2, linestyle=":", label=end)
+        drawn = drawn or end is not None
+    axes.set_ylabel(f"{panel.label}, {unit}")
+    axes.grid(color="0.88", linewidth=0.6)
+    axes.margins(x=0)
+    if drawn:
+        axes.legend(fontsize=8, loc="upper left")
+
+
+def _envelope(times: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A signal of too many samples as the least and largest of each stretch, in their order."""
+    if len(signal) <= _MOST_POINTS:
+        return times, signal
+    edges = np.linspace(0, len(signal), _MOST_POINTS // 2 + 1).astype(int)
+    keep: list[int] = []
+    for start, stop in pairwise(edges):
+        part = signal[start:stop]
+        keep += sorted({start + int(part.argmin()), start + int(part.argmax())})
+    keep = sorted({0, *keep, len(signal) - 1})
+    return times[keep], signal[keep]
+
+
+def peaks(record: PlottedRecord, columns: Sequence[str]) -> dict[str, float]:
+    """Largest magnitude of each column."""
+    return {name: float(np.abs(record.columns[name]).max()) for name in columns if name in record.columns}

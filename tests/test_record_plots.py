@@ -1,0 +1,84 @@
+"""Pictures and page of simulated records: what is on them, for stable and for diverging loops."""
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.prototype import Prototype, write_prototype
+from beamdesign.report.record_plot import PlottedRecord, plot_record
+
+KICK = str(Path(__file__).parent.parent / "studies" / "scenarios" / "kick.toml")
+
+
+def record(**changes) -> PlottedRecord:
+    times = np.arange(10_001) * 1e-4
+    wave = np.sin(2 * np.pi * 300 * times)
+    columns = {
+        "t_s": times,
+        "disturbance_N": np.zeros_like(times),
+        "command_V": 0.2 * wave,
+        "current_A": 0.009 * wave,
+        "displacement_m": 5e-5 * wave * times,
+        "load_pressure_Pa": 2e6 * wave,
+        "inner_displacement_m": 1e-3 * wave,
+    }
+    given = {"name": "one", "columns": columns, "verdict": "stable"}
+    return PlottedRecord(**(given | changes))
+
+
+def labels(figure) -> list[str]:
+    return [axes.get_ylabel() for axes in figure.axes]
+
+
+def test_panels_carry_units_that_fit_and_leave_out_what_is_zero():
+    figure = plot_record(record())
+    assert labels(figure) == ["command, mV", "displacement, μm", "inner tip, mm", "current, mA", "pressure, MPa"]
+    assert figure.axes[-1].get_xlabel() == "time, s"
+
+
+def test_a_long_record_keeps_its_peaks():
+    """Thinned for the picture, but no extreme is lost."""
+    shown = record()
+    line = plot_record(shown).axes[1].lines[0]
+    assert len(line.get_xdata()) < 4000
+    assert np.ptp(line.get_ydata()) == pytest.approx(1e6 * np.ptp(shown.columns["displacement_m"]), rel=1e-12)
+
+
+def test_limits_are_drawn_where_they_matter_and_the_end_where_it_diverged():
+    limits = {"current_A": (0.01, "amplifier's limit"), "displacement_m": (0.02, "limit")}
+    figure = plot_record(record(limits=limits, stable=False, diverged_at_s=0.99))
+    legends = {
+        axes.get_ylabel(): [t.get_text() for t in axes.get_legend().get_texts()]
+        for axes in figure.axes
+        if axes.get_legend()
+    }
+    assert legends["current, mA"] == ["valve current", "amplifier's limit 10 mA"]
+    assert legends["displacement, μm"] == ["displacement", "diverged"]  # 0.05 mm is far from the limit of 20 mm
+    assert all(any(line.get_xdata()[0] == 0.99 for line in axes.lines) for axes in figure.axes)
+
+
+def test_command_draws_every_record_and_a_page_that_needs_nothing_else(tmp_path: Path, remedy: Prototype):
+    write_prototype(remedy.but(effects={"current_saturation": {"limit_A": 0.05}}), tmp_path / "p.toml")
+    arguments = ["simulate", str(tmp_path / "p.toml"), "--scenario", KICK, "--out", str(tmp_path / "out")]
+    ran = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "a.json")])
+    assert ran.exit_code == 1, ran.output
+    answer = json.loads((tmp_path / "a.json").read_text())
+    names = {Path(path).name for path in answer["figures"]}
+    assert names == {f"{name}.{kind}" for name in ("with_payload", "without_payload") for kind in ("svg", "png")}
+    page = Path(answer["report"]).read_text(encoding="utf-8")
+    assert "1 of 2 records not stable" in page
+    assert "limit_A = 0.05" in page
+    assert not re.search(r'(src|href)="(?!#|data:)', page)
+    pictures = re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL)
+    assert len(pictures) == 2
+    for picture in pictures:
+        ElementTree.fromstring(picture)
+    again = CliRunner().invoke(app, [*arguments[:-1], str(tmp_path / "bare"), "--no-plots"])
+    assert again.exit_code == 1
+    assert sorted(path.name for path in (tmp_path / "bare").iterdir()) == ["with_payload.csv", "without_payload.csv"]
