@@ -76,7 +76,7 @@ def flags(name: str, holder: Fit) -> list[str]:
 
 
 def classes(judged: Judgement) -> tuple[tuple[str, ...], ...]:
-    """Sets of names, any of which may be the answer: what differs between hypotheses that hold 95 % of the probability."""
+    """Sets of names, any of which may be the answer: what differs between hypotheses with 95 % of the probability."""
     ranked = sorted(judged.of.items(), key=lambda item: -item[1])
     total, kept = 0.0, []
     for hypothesis, probability in ranked:

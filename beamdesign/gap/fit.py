@@ -9,7 +9,7 @@ import numpy as np
 from beamdesign.gap.hypothesis import Hypothesis
 from beamdesign.gap.unknowns import Placement, Unknown
 
-_ITERATIONS = 12
+ITERATIONS = 12
 _SETTLED = 1e-3  # relative fall of the cost at which a fit has settled
 _FURTHEST = 2.0  # in z, per iteration
 _HUGE = 1e9
@@ -106,7 +106,7 @@ def fit(
     placement: Placement,
     evidence: Sequence[Evidence],
     start: np.ndarray,
-    iterations: int = _ITERATIONS,
+    iterations: int = ITERATIONS,
 ) -> Fit:
     """Minimise misfit plus z'z from a start.
 

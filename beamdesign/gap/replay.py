@@ -1,6 +1,7 @@
 """Records of a data set, simulated with given figures, and their derivatives."""
 
 from dataclasses import dataclass, field
+from functools import cache
 from math import ceil
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from beamdesign.gap.dataset import TimeRecord
 from beamdesign.gap.unknowns import Placement
 from beamdesign.prototype import Lag, Proportional, Prototype
-from beamdesign.rig.assembly import OUTPUTS
+from beamdesign.rig.assembly import OUTPUTS, Structure, assemble
 from beamdesign.rig.compiled import integrate
 from beamdesign.rig.equilibrium import equilibrium, linearise
 from beamdesign.rig.parameters import parameters_of
@@ -55,12 +56,36 @@ def replay(record: TimeRecord, prototype: Prototype) -> Replay:
     return Replay(record, prototype.but(controller=controller))
 
 
+def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
+    """Equilibrium without load, which masses and the controller have no part in: found once for all records.
+
+    Raises:
+        ValueError: where there is none.
+    """
+    assembly = placement.assembly
+    key = (assembly.kinds, parameters[_rigs_own(assembly.kinds)].tobytes())
+    if key not in _found:
+        if len(_found) > _KEPT:
+            _found.clear()
+        _found[key] = equilibrium(assembly, np.zeros(3), parameters)
+    return _found[key]
+
+
+_KEPT = 64
+_found: dict[tuple[Structure, bytes], np.ndarray] = {}
+_NO_PART = ("outer_end_mass", "inner_end_mass", "gain", "pole", "zero")
+
+
+@cache
+def _rigs_own(kinds: Structure) -> list[int]:
+    return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
+
+
 def steps(placement: Placement, parameters: np.ndarray, sample_s: float) -> int:
     """Integration steps per sample: enough for the fastest pole at rest."""
-    rest = np.zeros(3)
     try:
-        x = equilibrium(placement.assembly, rest, parameters)
-        poles = np.linalg.eigvals(linearise(placement.assembly, x, rest, parameters).a)
+        x = at_rest(placement, parameters)
+        poles = np.linalg.eigvals(linearise(placement.assembly, x, np.zeros(3), parameters).a)
         fastest = float(np.abs(poles).max())
     except ValueError:
         fastest = 1e4
@@ -74,7 +99,7 @@ def simulated(
     base = job.base(placement)
     parameters = placement.parameters(base, z)
     try:
-        start = equilibrium(placement.assembly, np.zeros(3), parameters)
+        start = at_rest(placement, parameters)
     except ValueError:
         return None
     kinds = placement.assembly.kinds
@@ -90,9 +115,8 @@ def simulated_with_slopes(
     parameters = placement.parameters(base, z)
     assembly = placement.assembly
     names = tuple(assembly.parameters[k] for k in placement.moved)
-    rest = np.zeros(3)
     try:
-        start = equilibrium(assembly, rest, parameters)
+        start = at_rest(placement, parameters)
     except ValueError:
         return None
     columns = _columns(channels)
@@ -101,7 +125,7 @@ def simulated_with_slopes(
         job.record.times,
         job.inputs(substeps),
         start,
-        equilibrium_sensitivity(assembly, start, rest, parameters, names),
+        equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names),
         parameters,
         names,
         substeps,
@@ -111,7 +135,7 @@ def simulated_with_slopes(
     if len(y) < len(job.record.times) or not np.all(np.isfinite(dy)):
         return None
     slopes = placement.slopes(parameters, z)[list(placement.moved)]
-    return y[:, columns], dy @ slopes
+    return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
 
 
 def _columns(channels: tuple[str, ...]) -> list[int]:

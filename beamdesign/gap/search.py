@@ -8,15 +8,17 @@ import numpy as np
 
 from beamdesign.gap.dataset import Dataset
 from beamdesign.gap.evidence import evidence_of
-from beamdesign.gap.fit import Evidence, Fit, fit
+from beamdesign.gap.fit import ITERATIONS, Evidence, Fit, fit
 from beamdesign.gap.hypothesis import NOTHING, Hypothesis, pairs, singles
 from beamdesign.gap.starts import starts
 from beamdesign.prototype import Prototype
 
 _BEST_SINGLES = 4
 _BEST_PAIRS = 6
+_SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
 _QUICK = 2  # iterations that show whether a pair is worth fitting
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
+_HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
 _DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
 
 Progress = Callable[[float, str], None]
@@ -56,11 +58,17 @@ class Search:
 
 @dataclass(frozen=True)
 class _Task:
-    """One fit to be made; `known` are SI values from simpler fits."""
+    """One fit to be made.
+
+    Attributes:
+        hypothesis: to be fitted.
+        known: SI values from simpler fits.
+        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
+    """
 
     hypothesis: Hypothesis
     known: dict[str, float]
-    quick: bool = False
+    on: tuple[int, ...] = ()
 
 
 def search(data: Dataset, workers: int = 1, progress: Progress = lambda share, words: None) -> Search:
@@ -88,14 +96,14 @@ def search(data: Dataset, workers: int = 1, progress: Progress = lambda share, w
             tuple(e.name for e in fitters.evidence),
             tuple(e.condition for e in fitters.evidence),
         )
-        if null.misfit > expected and state.excess(state.fits[0]) > _DONE:
+        if null.misfit > _SMALL * expected and state.excess(state.fits[0]) > _DONE:
             values = {f.hypothesis: f.values for f in found if not f.reason}
             tried = _promising(state, alone)
-            tasks = [_Task(h, _merged(h, values), True) for h in tried]
+            hardest = _hardest(state.fits[0])
+            tasks = [_Task(h, _merged(h, values), hardest) for h in tried]
             quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
             best = [f for f in _sorted(quick) if not f.reason][:_BEST_PAIRS]
-            final = list(fitters(_Task(f.hypothesis, f.values) for f in best))
-            found += [f for f in quick if f.hypothesis not in {b.hypothesis for b in best}] + final
+            found += fitters(_Task(f.hypothesis, f.values) for f in best)
         progress(1.0, "done")
         return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.conditions)
 
@@ -107,6 +115,13 @@ def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, 
     if state.excess(state.fits[0]) > 1 - _EXPLAINED:
         tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
     return tuple(tried)
+
+
+def _hardest(best: Fit) -> tuple[int, ...]:
+    """The half of the evidence that the best single cause leaves most of."""
+    count = max(1, round(_HALF * len(best.shares)))
+    ranked = sorted(range(len(best.shares)), key=lambda k: -best.shares[k].c)
+    return tuple(sorted(ranked[:count]))
 
 
 def _merged(of: Hypothesis, values: dict[Hypothesis, dict[str, float]]) -> dict[str, float]:
@@ -168,9 +183,10 @@ def _fitted_here(task: _Task) -> Fit:
 def _fitted(task: _Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
     """The best of fits from the most promising starts."""
     placement = task.hypothesis.placement(prototype)
-    begun = starts(placement, task.known, evidence, 1 if task.quick else 2)
+    evidence = [evidence[k] for k in task.on] or evidence
+    begun = starts(placement, task.known, evidence, 1 if task.on else 2)
     if not begun:
         reason = "the model's loop is unstable wherever a fit was begun"
         return Fit(task.hypothesis, placement.unknowns, reason=reason)
-    iterations = {"iterations": _QUICK} if task.quick else {}
-    return min((fit(task.hypothesis, placement, evidence, z, **iterations) for z in begun), key=lambda f: f.cost)
+    iterations = _QUICK if task.on else ITERATIONS
+    return min((fit(task.hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
