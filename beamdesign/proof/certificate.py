@@ -105,12 +105,17 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
 
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
-    are worked out and proved as well.
+    are worked out and proved as well. A prototype with effects is certified as all of its linear members, see
+    `beamdesign.proof.family_certificate`.
 
     Raises:
         ValueError: for an empty range, or without a controller.
-        InputError: for effects that the linear model does not have.
+        InputError: for effects for which no linear loop stands.
     """
+    if prototype.effects:
+        from beamdesign.proof.family_certificate import certify_family
+
+        return certify_family(prototype, low_kg, high_kg, claims)
     closed = loop(prototype)
     stability = stable_ranges(closed.characteristic, exact(low_kg), exact(high_kg))
     decided = [decide(closed, asked, low_kg, high_kg) for asked in claims]
@@ -118,7 +123,7 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     proved: list[Claim] = []
     if stability.stable:
         guaranteed, proved = _guarantees(closed, prototype.goal, low_kg, high_kg)
-    written = decided + [claim for claim in proved if not any(_implies(other, claim) for other in decided)]
+    written = decided + [claim for claim in proved if not any(implies(other, claim) for other in decided)]
     text = document(prototype, closed, stability, written, _summary(prototype, stability, written))
     return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text)
 
@@ -147,7 +152,7 @@ def _guarantees(closed: Loop, goal: Goal, low_kg: float, high_kg: float) -> tupl
     return Guaranteed(bandwidth, peak), proved
 
 
-def _implies(one: Claim, other: Claim) -> bool:
+def implies(one: Claim, other: Claim) -> bool:
     """Whether a claim of the same kind, if it holds, says at least as much as another."""
     stronger = one.limit <= other.limit and (one.bandwidth_Hz or 0.0) >= (other.bandwidth_Hz or 0.0)
     return one.holds and one.kind == other.kind and stronger

@@ -68,9 +68,9 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         "",
         *rig_lines(prototype),
         *controller_lines(prototype),
-        *_polynomials(loop),
+        *polynomial_lines(loop),
         *_stability(stability),
-        *(line for claim in claims for line in _claim(claim)),
+        *(line for claim in claims for line in claim_lines(claim)),
     ]
     head, body = "\n".join(above), "\n".join(below)
     return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
@@ -119,7 +119,7 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
     yield ""
 
 
-def _polynomials(loop: Loop) -> Iterator[str]:
+def polynomial_lines(loop: Loop, table: str = "polynomials") -> Iterator[str]:
     """All four over one common factor, so that every coefficient is an integer."""
     named = {
         "p0": loop.characteristic.constant,
@@ -136,7 +136,7 @@ def _polynomials(loop: Loop) -> Iterator[str]:
             divisor = fmpq(value.p.gcd(divisor.p))
     yield "# The closed loop's characteristic polynomial is p0 + m p1, m the outer end mass in kg; the open loop is"
     yield "# returned / (p0 - returned + m p1), and the closed-loop compliance x / F_d is disturbance / (p0 + m p1)."
-    yield "[polynomials]"
+    yield f"[{table}]"
     for name, polynomial in named.items():
         yield f"{name} = {_list(polynomial * (factor / divisor), one_per_line=True)}"
     yield ""
@@ -262,7 +262,8 @@ def _frequencies(square: tuple[fmpq, fmpq]) -> tuple[fmpq, fmpq]:
     return _decimals(low[0], high[1], _DIGITS)
 
 
-def _claim(claim: Claim) -> Iterator[str]:
+def claim_lines(claim: Claim) -> Iterator[str]:
+    """The table of one claim."""
     yield "[[claim]]"
     yield f'kind = "{claim.kind}"'
     yield f'limit = "{text(exact(claim.limit))}"'

@@ -282,13 +282,13 @@ def guaranteed_peak_sensitivity(loop: Loop, low: float | fmpq, high: float | fmp
     return peak_sensitivity_where_stable(loop, *masses) if is_stable_over(loop.characteristic, *masses) else inf
 
 
-def peak_sensitivity_where_stable(loop: Loop, low: fmpq, high: fmpq) -> float:
-    """The same for a range that is proved to be stable already."""
+def peak_sensitivity_where_stable(loop: Loop, low: fmpq, high: fmpq, start: float | None = None) -> float:
+    """The same for a range that is proved to be stable already, from a guess if one is given."""
 
     def proves(limit: fmpq) -> bool:
         return quadratic_nonnegative(*sensitivity_slack(loop, limit), low, high, fmpq(0), None).holds
 
-    return _least_proved(estimates.peak_sensitivity(loop, low, high), proves, 1e12)
+    return _least_proved(estimates.peak_sensitivity(loop, low, high) if start is None else start, proves, 1e12)
 
 
 def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:

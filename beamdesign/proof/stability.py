@@ -102,7 +102,7 @@ def stable_ranges(family: Affine, low: fmpq, high: fmpq) -> StabilityMap:
     above = [group[0] for group in groups if _place(group[0], low, high) > 0]
     parts = _split(family, low, high, inside)
     listed = tuple(crossing for group in inside for crossing in group)
-    reason = _reason(parts, listed)
+    reason = in_words(parts, listed)
     return StabilityMap(
         low, high, listed, tuple(parts), below[-1] if below else None, above[0] if above else None, reason
     )
@@ -128,7 +128,7 @@ def _split(family: Affine, low: fmpq, high: fmpq, inside: Sequence[Sequence[Cros
     return parts
 
 
-def _reason(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
+def in_words(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
     """What is wrong, in words: unstable stretches (neighbours joined), or single masses on the axis."""
     stretches: list[list[fmpq]] = []
     before_stable = True

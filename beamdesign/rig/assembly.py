@@ -4,7 +4,7 @@ A rig is a set of components (`RIGS`). Equations (7) to (16) of Zalucky and Hard
 beam with every effect off.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
@@ -14,10 +14,10 @@ import casadi as ca
 from beamdesign.rig.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM
 from beamdesign.rig.bench import BENCH
 from beamdesign.rig.component import Rig
-from beamdesign.rig.effect import Site
+from beamdesign.rig.effect import Effect, Site
 from beamdesign.rig.effects import library
 
-__all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble"]
+__all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble", "join"]
 
 INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
 RIGS: dict[str, Rig] = {"twin_beam": TWIN_BEAM, "actuator_bench": BENCH}
@@ -73,9 +73,17 @@ def assemble(kinds: Structure) -> Assembly:
     Raises:
         KeyError: for an effect that is not in the library, or one that changes a port that does not exist.
     """
+    return join(kinds, tuple(library()[name] for name in kinds.effects))
+
+
+def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
+    """Join the components of a rig and any effects, such as the linear members of others.
+
+    Raises:
+        KeyError: for an effect that changes a port that does not exist.
+    """
     rig = RIGS[kinds.rig]
     laws = rig.ports
-    effects = [library()[name] for name in kinds.effects]
     for effect in effects:
         for name in effect.laws:
             laws[name]

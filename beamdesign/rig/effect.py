@@ -54,6 +54,63 @@ Law = Callable[[Any, Site], Any]
 
 
 @dataclass(frozen=True)
+class Operation:
+    """What the figures of an effect's linear members may depend on.
+
+    Attributes:
+        figure: lumped figures of the rig by name, as in `beamdesign.rig.twin_beam.FIGURES`.
+        load_N: largest steady force that the cylinder carries.
+        supply_Pa: supply pressure.
+    """
+
+    figure: Mapping[str, float]
+    load_N: float
+    supply_Pa: float
+
+
+@dataclass(frozen=True)
+class Span:
+    """Values that a figure of a linear member takes.
+
+    Attributes:
+        low: least value.
+        high: largest value.
+        rest: value with everything at rest.
+        performance: the part of the span over which more than stability is asked; all of it where None.
+    """
+
+    low: float
+    high: float
+    rest: float
+    performance: tuple[float, float] | None = None
+
+
+Spans = Callable[[Mapping[str, float], Operation], Span]
+"""From the effect's own parameters and the operation to a span."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The linear loops that stand for an effect in a proof: frozen values of what the effect lets vary.
+
+    Attributes:
+        covers: in words, which loops these are.
+        leaves_out: in words, what of the effect they are not.
+        laws: linear laws by port in place of the effect's own; None where its own laws are linear already.
+        states: names of the states that these laws add.
+        figures: spans of figures that these laws see beside the effect's parameters.
+        gain: span of a factor on the loop gain; proofs hold for every value between its ends.
+    """
+
+    covers: str
+    leaves_out: str = ""
+    laws: Mapping[str, Law] | None = field(default=None, hash=False)
+    states: tuple[str, ...] = ()
+    figures: Mapping[str, Spans] = field(default_factory=dict, hash=False)
+    gain: Spans | None = None
+
+
+@dataclass(frozen=True)
 class Effect:
     """One departure from the linear rig.
 
@@ -65,6 +122,7 @@ class Effect:
         states: names of the states it adds, with units.
         source: of the law.
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
+        linear: what stands for it in proofs; None where nothing does.
     """
 
     name: str
@@ -74,6 +132,7 @@ class Effect:
     states: tuple[str, ...]
     source: str
     memory: tuple[str, ...] = ()
+    linear: Linear | None = None
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

@@ -45,6 +45,8 @@ BEAMS = Component(
         "inner_reaction_N": inner_reaction,
         "mount_force_N": lambda port, figure, state: port["outer_reaction_N"] + port["inner_reaction_N"],
         "sensed_m": lambda port, figure, state: port["outer_tip_m"],
+        "rod_m": lambda port, figure, state: state["inner_m"],
+        "stroke_m": lambda port, figure, state: port["outer_tip_m"] - port["rod_m"],
         "rod_m_per_s": lambda port, figure, state: state["inner_m_per_s"],
         "stroke_m_per_s": lambda port, figure, state: port["outer_tip_m_per_s"] - port["rod_m_per_s"],
     }

@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -24,4 +24,10 @@ EFFECT = Effect(
     ),
     states=(),
     source="amplitude demodulation; E. O. Doebelin, Measurement Systems, differential transformers",
+    linear=Linear(
+        "the sensor's gain times every frozen factor from 1 - depth to 1 + depth",
+        "the ripple in time: what it drives, and what it does by varying the gain",
+        laws={},
+        gain=lambda own, at: Span(1 - own["depth"], 1 + own["depth"], 1.0),
+    ),
 )

@@ -4,7 +4,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -19,4 +19,10 @@ EFFECT = Effect(
     parameters=(Parameter("limit_A", 10e-3, 0.2e-3, 0.2, 0.7, "largest current; rated currents are 8 to 40 mA"),),
     states=(),
     source="limit of a servo-amplifier; Zalucky and Hardt (1984) filtered the sensor to keep it from saturating",
+    linear=Linear(
+        "gain from none to the whole, the sector in which a saturation lies; performance below the limit",
+        "limit cycles and recovery from large signals",
+        laws={},
+        gain=lambda own, at: Span(0.0, 1.0, 1.0, (1.0, 1.0)),
+    ),
 )

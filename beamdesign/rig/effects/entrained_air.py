@@ -1,10 +1,11 @@
 """Entrained air: free air in the oil, which gives way more the lower the pressure."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
 
 _ATMOSPHERE_PA = 101_325.0
 _POLYTROPIC = 1.4
@@ -12,11 +13,23 @@ _LEAST_PRESSURE_PA = 20_000.0  # absolute; below this the oil would cavitate
 
 
 def _law(pressure: Any, site: Site) -> Any:
+    return _ratio(pressure, site.parameter["air_fraction"], site.parameter["oil_bulk_modulus_Pa"])
+
+
+def _ratio(pressure: Any, air: Any, modulus: Any) -> Any:
     """Bulk modulus over that of air-free oil, from volumes of oil and air that share one pressure."""
     absolute = ca.fmax(pressure + _ATMOSPHERE_PA, _LEAST_PRESSURE_PA)
-    air, modulus = site.parameter["air_fraction"], site.parameter["oil_bulk_modulus_Pa"]
     shrunk = air * (_ATMOSPHERE_PA / absolute) ** (1 / _POLYTROPIC)
     return (1 - air + shrunk) / (1 - air + shrunk * modulus / (_POLYTROPIC * absolute))
+
+
+def _stiffness(own: Mapping[str, float], at: Operation) -> Span:
+    difference = at.load_N / at.figure["piston_area"]
+
+    def ratio(pressure: float) -> float:
+        return float(_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"]))
+
+    return Span(ratio((at.supply_Pa - difference) / 2), 1.0, ratio(at.supply_Pa / 2))
 
 
 EFFECT = Effect(
@@ -32,4 +45,13 @@ EFFECT = Effect(
     ),
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 2: oil and air (n = 1.4) at one pressure",
+    linear=Linear(
+        "oil spring from that at the lowest pressure of a chamber to that of oil free of air, alike in both chambers",
+        "values of the oil spring between these two, and chambers of different stiffness",
+        laws={
+            "bulk_ratio_a": lambda signal, site: signal * site.parameter["stiffness_factor"],
+            "bulk_ratio_b": lambda signal, site: signal * site.parameter["stiffness_factor"],
+        },
+        figures={"stiffness_factor": _stiffness},
+    ),
 )

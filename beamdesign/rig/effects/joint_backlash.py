@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
 
 
 def _force(signal: Any, site: Site) -> Any:
@@ -26,10 +26,27 @@ def _force(signal: Any, site: Site) -> Any:
 
 _INDENTATION_M = 1e-6
 
+_LEAST_SHARE = 0.1
+
+
+def _bearing(signal: Any, site: Site) -> Any:
+    """The force of a joint that has no play and bears with a share of its stiffness and damping."""
+    own = site.parameter
+    apart, closing = site.state["rod_m"] - site.port["inner_m"], site.state["rod_m_per_s"] - site.port["inner_m_per_s"]
+    force = own["share"] * (own["stiffness_N_per_m"] * apart + own["damping_N_s_per_m"] * closing)
+    site.rate["rod_m"] = site.state["rod_m_per_s"]
+    site.rate["rod_m_per_s"] = (signal - force) / own["rod_mass_kg"]
+    return force
+
+
 EFFECT = Effect(
     name="joint_backlash",
     subsystem="structure",
-    laws={"rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"], "inner_force_N": _force},
+    laws={
+        "rod_m": lambda signal, site: site.state["rod_m"],
+        "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
+        "inner_force_N": _force,
+    },
     parameters=(
         Parameter("play_m", 50e-6, 0.0, 2e-3, 50e-6, "free travel from one side of the joint to the other"),
         Parameter("stiffness_N_per_m", 5e7, 1e7, 2e8, 0.4, "of the joint once it bears"),
@@ -38,4 +55,15 @@ EFFECT = Effect(
     ),
     states=("rod_m", "rod_m_per_s"),
     source="K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440, contact whose damping needs indentation",
+    linear=Linear(
+        "a joint that bears, with its whole stiffness and damping down to a tenth of them",
+        "the joint within its play, values of the stiffness between these two, and limit cycles",
+        laws={
+            "rod_m": lambda signal, site: site.state["rod_m"],
+            "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
+            "inner_force_N": _bearing,
+        },
+        states=("rod_m", "rod_m_per_s"),
+        figures={"share": lambda own, at: Span(_LEAST_SHARE, 1.0, 1.0)},
+    ),
 )

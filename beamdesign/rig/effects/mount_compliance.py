@@ -7,7 +7,7 @@ The sensor's reference may stand on the ground or turn with the mount.
 from math import pi
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site
 
 
 def _motion(signal: Any, site: Site) -> Any:
@@ -39,4 +39,5 @@ EFFECT = Effect(
     ),
     states=("mount_m", "mount_m_per_s"),
     source="clamp as a spring and a mass; A. Zalucky and D. E. Hardt (1984), System Design (beams clamped in one base)",
+    linear=Linear("as it is"),
 )

@@ -4,11 +4,13 @@ With the chambers at half the supply pressure it is the linear valve, so that it
 alone counts, not what a valve that heeds no pressure would pass through either port.
 """
 
+from collections.abc import Mapping
+from math import sqrt
 from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
 
 _SMOOTH = 1e-3  # of the supply pressure: below this drop the root goes over to a straight line
 
@@ -38,6 +40,16 @@ def _orifice_b(signal: Any, site: Site) -> Any:
     return -_into(-site.port["metered_m3_per_s"], site.port["pressure_b_Pa"], site)
 
 
+def _gain(own: Mapping[str, float], at: Operation) -> Span:
+    """Root of the pressure drop over that at no load, at the largest load either way."""
+    share = at.load_N / (at.figure["piston_area"] * own["supply_pressure_Pa"])
+    if share >= 1:
+        raise ValueError(
+            f"a load of {at.load_N:g} N takes all of the supply pressure, so that the valve passes nothing"
+        )
+    return Span(sqrt(1 - share), sqrt(1 + share), 1.0)
+
+
 EFFECT = Effect(
     name="pressure_dependent_flow",
     subsystem="servovalve",
@@ -45,4 +57,10 @@ EFFECT = Effect(
     parameters=(Parameter("supply_pressure_Pa", 20e6, 2e6, 40e6, 0.3, "20 MPa is the supply of the published rig"),),
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, critical-centre valve",
+    linear=Linear(
+        "flow gain from that against the largest load to that with it, the valve near null",
+        "flow that gives way to pressure while the valve is open",
+        laws={},
+        gain=_gain,
+    ),
 )

@@ -5,11 +5,13 @@ motion. It settles no faster than `_QUICKEST`, which bounds the stiffness of the
 above that rate times the presliding distance.
 """
 
+from collections.abc import Mapping
+from math import e, sqrt
 from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
 
 _QUICKEST = 1e4  # 1/s
 
@@ -22,6 +24,18 @@ def _law(signal: Any, site: Site) -> Any:
     site.rate["deflection"] = rate - ca.fabs(rate) * deflection
     excess = (figure["breakaway_ratio"] - 1) * ca.exp(-((speed / figure["stribeck_m_per_s"]) ** 2))
     return signal + figure["coulomb_N"] * (1 + excess) * deflection + figure["viscous_N_s_per_m"] * speed
+
+
+def _spring(own: Mapping[str, float], at: Operation) -> Span:
+    """Slope of friction over stroke: at most twice that at rest, where the deflection is turned back from full."""
+    slope = own["coulomb_N"] * own["breakaway_ratio"] / own["presliding_m"]
+    return Span(0.0, 2 * slope, slope)
+
+
+def _dashpot(own: Mapping[str, float], at: Operation) -> Span:
+    """Slope of friction over speed: least where exp(-v^2/vs^2) falls most steeply."""
+    fall = own["coulomb_N"] * (own["breakaway_ratio"] - 1) * sqrt(2 / e) / own["stribeck_m_per_s"]
+    return Span(own["viscous_N_s_per_m"] - fall, own["viscous_N_s_per_m"], own["viscous_N_s_per_m"])
 
 
 EFFECT = Effect(
@@ -38,4 +52,17 @@ EFFECT = Effect(
     states=("deflection",),
     memory=("deflection",),
     source="P. R. Dahl, AIAA J. 14 (1976) 1675; B. Armstrong-Helouvry et al., Automatica 30 (1994) 1083 (Stribeck)",
+    linear=Linear(
+        "the seal as a spring between piston and cylinder, from none while it slides to its stiffest just after a"
+        " reversal, and a dashpot from the falling to the level part of the Stribeck curve",
+        "values of spring and dashpot between these, and stick-slip",
+        laws={
+            "friction_N": lambda signal, site: (
+                signal
+                + site.parameter["spring_N_per_m"] * site.port["stroke_m"]
+                + site.parameter["dashpot_N_s_per_m"] * site.port["stroke_m_per_s"]
+            )
+        },
+        figures={"spring_N_per_m": _spring, "dashpot_N_s_per_m": _dashpot},
+    ),
 )

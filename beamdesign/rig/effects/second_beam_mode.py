@@ -6,7 +6,7 @@ The tip moves by the sum of both modes, the forces and the end mass at the tip a
 from math import pi
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site
 
 
 def _position(signal: Any, site: Site) -> Any:
@@ -45,4 +45,5 @@ EFFECT = Effect(
     ),
     states=("mode_m", "mode_m_per_s"),
     source="modal superposition; R. D. Blevins, Formulas for Natural Frequency and Mode Shape",
+    linear=Linear("as it is"),
 )

@@ -3,7 +3,7 @@
 from math import pi
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -20,4 +20,5 @@ EFFECT = Effect(
     ),
     states=("lagged_V",),
     source="Zalucky and Hardt (1984), low-pass filter of the displacement signal",
+    linear=Linear("as it is"),
 )

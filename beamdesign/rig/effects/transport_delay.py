@@ -5,7 +5,7 @@ Its gain is one at every frequency; its phase differs from that of the delay T b
 
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -22,4 +22,5 @@ EFFECT = Effect(
     parameters=(Parameter("delay_s", 0.5e-3, 0.1e-3, 5e-3, 0.8, "of sampling, computing and transmission together"),),
     states=("smooth_V", "slope_V_per_s"),
     source="Pade approximant of exp(-sT); Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems",
+    linear=Linear("its approximant, as it is simulated"),
 )

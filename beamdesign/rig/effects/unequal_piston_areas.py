@@ -10,11 +10,12 @@ At half the supply in both chambers such a cylinder would push. The valve's null
 rests without load: the leakage of the closed valve then holds the pressures at which the two sides balance.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
 
 
 def _passed(signal: Any, asymmetry: Any, own: Any) -> Any:
@@ -34,6 +35,11 @@ def _linear_b(signal: Any, site: Site) -> Any:
 def _null(site: Site) -> Any:
     """Leakage at half the supply pressure that brings the chambers to the pressures of no load, m3/s."""
     return site.figure["leakage"] * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"]
+
+
+def _gain(own: Mapping[str, float], at: Operation) -> Span:
+    size = abs(own["asymmetry"])
+    return Span(1 / (1 + size), 1 / (1 - size), 1 / (1 - size))
 
 
 EFFECT = Effect(
@@ -59,4 +65,15 @@ EFFECT = Effect(
     ),
     states=(),
     source="Zalucky and Hardt (1984), Appendix and experimental results: the smaller side governs",
+    linear=Linear(
+        "flow gain from that of the larger side to that of the smaller one",
+        "the change of sides within one motion",
+        laws={
+            "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
+            "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
+            "linear_a_m3_per_s": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
+            "linear_b_m3_per_s": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
+        },
+        gain=_gain,
+    ),
 )

@@ -6,7 +6,7 @@ imbalance times the supply, and nulls at a current of that pressure over the pre
 
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site
 
 
 def _more(site: Site) -> Any:
@@ -25,4 +25,5 @@ EFFECT = Effect(
     ),
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, leakage of worn and of new spool valves",
+    linear=Linear("as it is: it shifts where the valve nulls", "that the load pressure at rest is not zero"),
 )

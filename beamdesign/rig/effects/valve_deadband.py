@@ -4,7 +4,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -21,4 +21,10 @@ EFFECT = Effect(
     ),
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 5, overlapped spool valves",
+    linear=Linear(
+        "gain from none to the whole, the sector in which a dead band lies; performance for flows well beyond it",
+        "limit cycles, and the motion within the dead band, which nothing opposes",
+        laws={},
+        gain=lambda own, at: Span(0.0, 1.0, 1.0, (1.0, 1.0)),
+    ),
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
 
 _QUICKEST = 1e4  # 1/s
 
@@ -28,4 +28,14 @@ EFFECT = Effect(
     states=("friction",),
     memory=("friction",),
     source="P. R. Dahl, AIAA J. 14 (1976) 1675,, here on the spool",
+    linear=Linear(
+        "the friction as a spring on the spool, from none while it slides to its stiffest just after a reversal",
+        "values of that spring between these two, and limit cycles",
+        laws={
+            "spool_A": lambda signal, site: (
+                signal - site.parameter["spring"] * site.port["flow_m3_per_s"] / site.figure["flow_gain"]
+            )
+        },
+        figures={"spring": lambda own, at: Span(0.0, 2.0, 1.0)},
+    ),
 )

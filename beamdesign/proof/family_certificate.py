@@ -1,0 +1,213 @@
+"""The certificate of a prototype with effects: every linear member of it, over end masses and factors on the gain."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from math import isinf
+
+from flint import fmpq
+
+from beamdesign.crossing import Crossing
+from beamdesign.loop import close_loop
+from beamdesign.members import Family, family
+from beamdesign.polynomial import exact
+from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
+from beamdesign.proof.family_document import Proved, document
+from beamdesign.proof.performance import Claim
+from beamdesign.proof.rational import nearest, simple_between
+from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity, prove, scaled
+from beamdesign.proof.stability import Range, StabilityMap, in_words, stable_ranges
+from beamdesign.prototype import Prototype
+from beamdesign.rig.effects import library
+
+_STEPS = 64
+"""Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time."""
+
+
+def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> list[Proved]:
+    """Each member's loop over masses and factors on the gain."""
+    controller = prototype.controller
+    if controller is None:
+        raise ValueError("the prototype has no [controller]")
+    return [
+        Proved(
+            member,
+            Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high)),
+            Rectangle(loop, low, high, exact(member.performance.low), exact(member.performance.high)),
+        )
+        for member in found.members
+        for loop in [close_loop(member.rig.plant(prototype.payload.inner_end_mass_kg), controller)]
+    ]
+
+
+def certify_family(
+    prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()
+) -> Certificate:
+    """Decide stability and claims for every linear member of a prototype, and write the proof.
+
+    Stability, decay and gain margin are about every factor on the gain that the effects allow; compliance and peak
+    sensitivity about those at which the effects are to let the loop perform.
+
+    Raises:
+        ValueError: for an empty range, or without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    low, high = exact(low_kg), exact(high_kg)
+    if low > high:
+        raise ValueError(f"empty range: {low_kg} is above {high_kg}")
+    found = family(prototype, high_kg)
+    proved = rectangles(prototype, found, low, high)
+    stability = common_ranges([part.stable for part in proved], low, high)
+    decided = [_decide(proved, asked) for asked in claims]
+    guaranteed, reached = None, []
+    if stability.stable:
+        guaranteed, reached = _guarantees(proved, prototype.goal.compliance_m_per_N, (low_kg, high_kg))
+    written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
+    text = document(prototype, found, proved, stability, written, _summary(prototype, found, stability, written))
+    method = f"{METHOD}; {scope(prototype, found)}"
+    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text, method)
+
+
+def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
+    """A claim about every member: the first that refutes it, or that it holds."""
+    performance = asked.kind in ("compliance", "peak_sensitivity")
+    for part in proved:
+        if performance and part.stable.unstable_side() is not None:
+            reason = "not every member is stable for all of these masses and factors on the gain"
+            bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
+            masses = nearest(part.stable.low), nearest(part.stable.high)
+            return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason)
+        claim = prove(part.performing if performance else part.stable, asked)
+        if not claim.holds:
+            where = f" (with {part.member.name})" if part.member.name else ""
+            return replace(claim, reason=claim.reason + where)
+    return claim
+
+
+def _guarantees(
+    proved: Sequence[Proved], compliance: float, ends: tuple[float, float]
+) -> tuple[Guaranteed, list[Claim]]:
+    """The best figures that every member has, and each as a claim that holds."""
+    performing = [part.performing for part in proved]
+    reached, peak = bandwidth(performing, compliance), peak_sensitivity(performing)
+    claims = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
+    if reached > 0:
+        claims.append(Claim("compliance", compliance, ends, True, reached))
+    return Guaranteed(reached, peak), claims
+
+
+def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> StabilityMap:
+    """The masses at which all rectangles are stable for all of their gains.
+
+    Ends are crossings of some member at one end of its gains. Where a gain between the ends is not stable at a mass at
+    which both ends are, the range gives way in steps: it is proved, but need not be the largest.
+    """
+    maps = [
+        stable_ranges(scaled(part.loop, factor).characteristic, low, high)
+        for part in parts
+        for factor in sorted({part.least, part.most})
+    ]
+    if len(maps) == 1:
+        return maps[0]
+    common = [part for part in maps[0].ranges if part.stable]
+    for other in maps[1:]:
+        common = [piece for one in common for two in other.ranges if two.stable and (piece := _both(one, two))]
+    common = [piece for one in common if (piece := _given_way(parts, one))]
+    filled: list[Range] = []
+    reached: fmpq = low
+    for piece in common:
+        if reached < piece.low:
+            filled.append(_unstable(reached, piece.low))
+        filled.append(piece)
+        reached = piece.high
+    if reached < high or not common:
+        filled.append(_unstable(reached, high))
+    crossings = _listed(crossing for found in maps for crossing in found.crossings)
+    below = _listed(found.below for found in maps if found.below is not None)
+    above = _listed(found.above for found in maps if found.above is not None)
+    reason = in_words(filled, crossings)
+    return StabilityMap(
+        low, high, crossings, tuple(filled), below[-1] if below else None, above[0] if above else None, reason
+    )
+
+
+def _listed(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
+    return tuple(sorted(crossings, key=lambda crossing: crossing.value))
+
+
+def _unstable(low: fmpq, high: fmpq) -> Range:
+    return Range(low, high, None, None, low, False)
+
+
+def _both(one: Range, two: Range) -> Range | None:
+    """Masses in two stable ranges."""
+    first, last = max((one, two), key=lambda part: part.low), min((one, two), key=lambda part: part.high)
+    if first.low > last.high or (first.low == last.high and (first.opens_at or last.closes_at)):
+        return None
+    sample = first.low if first.low == last.high else simple_between(first.low, last.high)
+    return Range(first.low, last.high, first.opens_at, last.closes_at, sample, True)
+
+
+def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
+    """The range less what is needed for every gain between the ends to be stable, too; None where nothing is left."""
+    step = (piece.high - piece.low) / _STEPS
+
+    def stands(mass: fmpq) -> bool:
+        return all(side.stable for part in parts for side in replace(part, low=mass, high=mass).sides())
+
+    low, high = piece.low, piece.high
+    while low < high and not stands(low):
+        low += step
+    while low < high and not stands(high):
+        high -= step
+    if low > high or not stands(low):
+        return None
+    opens, closes = (piece.opens_at if low == piece.low else None), (piece.closes_at if high == piece.high else None)
+    sample = low if low == high else simple_between(low, high)
+    return Range(low, high, opens, closes, sample, True)
+
+
+def scope(prototype: Prototype, found: Family) -> str:
+    """What the proof is about, in one sentence."""
+    members = "one linear loop stands" if len(found.members) == 1 else f"{len(found.members)} linear loops stand"
+    return f"{members} for the effects {', '.join(sorted(prototype.effects))}, at frozen values"
+
+
+def covered(prototype: Prototype, found: Family) -> list[str]:
+    """Per effect what the proof covers and what it leaves out, in words; then the gains and the load."""
+    lines = []
+    for name in sorted(prototype.effects):
+        linear = library()[name].linear
+        assert linear is not None  # the family exists
+        out = f"; not covered: {linear.leaves_out}" if linear.leaves_out else ""
+        lines.append(f"{name}: {linear.covers}{out}.")
+    gain, inside = found.members[0].gain, found.members[0].performance
+    if gain.low != gain.high:
+        lines.append(f"Stability holds at every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
+        if inside != gain:
+            to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
+            lines.append(f"Compliance and peak sensitivity hold at factors of {inside.low:.6g}{to}.")
+    lines += [f"{name}: {span.low:.6g} and {span.high:.6g}." for name, span in found.spans.items()]
+    lines.append(
+        "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and"
+        " what changes while it moves, are not covered."
+    )
+    return lines
+
+
+def _summary(prototype: Prototype, found: Family, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+    """The result in words, for the top of the certificate."""
+    low, high = nearest(stability.low), nearest(stability.high)
+    lines = [
+        f"Certificate of {prototype.name!r} with effects for every outer end mass from {low:g} to {high:g} kg.",
+        f"{scope(prototype, found).capitalize()}.",
+        *covered(prototype, found),
+    ]
+    every = "Every member is" if len(found.members) > 1 else "The closed loop is"
+    if stability.stable:
+        lines.append(f"{every} stable over the whole range.")
+    else:
+        lines.append(f"NOT stable over the whole range: {stability.reason}.")
+        lines += [f"{every} stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
+    lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
+    return "\n".join(lines)
+

@@ -1,0 +1,135 @@
+"""The text of a certificate over the linear members of a prototype, which `beamdesign.proof.replay_members` reads."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from flint import fmpq
+
+from beamdesign.members import TWO_PI, Family, Member
+from beamdesign.polynomial import exact
+from beamdesign.proof.document import claim_lines, controller_lines, polynomial_lines, quoted, rig_lines
+from beamdesign.proof.performance import Claim
+from beamdesign.proof.rational import shortened, simple_between, text
+from beamdesign.proof.rectangle import Rectangle
+from beamdesign.proof.stability import Range, StabilityMap
+from beamdesign.prototype import Prototype
+from beamdesign.rig.effects import library
+
+KIND = "beamdesign.members"
+VERSION = 1
+
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A member with the rectangle over which it is to be stable, and that over which it is to perform."""
+
+    member: Member
+    stable: Rectangle
+    performing: Rectangle
+
+
+def document(
+    prototype: Prototype,
+    found: Family,
+    proved: Sequence[Proved],
+    stability: StabilityMap,
+    claims: Sequence[Claim],
+    summary: str,
+) -> str:
+    """Write the certificate.
+
+    Args:
+        prototype: whose figures it states.
+        found: its family.
+        proved: the members' loops.
+        stability: what all of them have in common.
+        claims: statements about all of them, held or refuted.
+        summary: the result in words, put on top as a comment.
+    """
+    above = [
+        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        "#",
+        "# To prove it again: beamdesign certify --replay THIS-FILE (beamdesign/proof/replay_members.py and replay.py).",
+        "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
+        "# text. Polynomials list the coefficients of s^0, s^1, ... The checksum is of the text without its own line.",
+        "",
+        f'kind = "{KIND}"',
+        f"version = {VERSION}",
+        "",
+    ]
+    below = [
+        f"name = {quoted(prototype.name)}",
+        'parameter = "outer_end_mass_kg"',
+        f'low = "{text(stability.low)}"',
+        f'high = "{text(stability.high)}"',
+        "",
+        *rig_lines(prototype),
+        *controller_lines(prototype),
+        *effect_lines(prototype),
+        *(line for part in proved for line in _member(part)),
+        *_stability(stability),
+        *(line for claim in claims for line in claim_lines(claim)),
+    ]
+    head, body = "\n".join(above), "\n".join(below)
+    return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
+
+
+def effect_lines(prototype: Prototype) -> Iterator[str]:
+    """The tables of the effects' parameters; none without effects."""
+    if not prototype.effects:
+        return
+    yield "# Parameters of the effects. Frequencies in Hz become rad/s by the factor two_pi."
+    yield "[effects]"
+    yield f'two_pi = "{text(exact(TWO_PI))}"'
+    for name in sorted(prototype.effects):
+        given = prototype.effects[name]
+        yield ""
+        yield f"[effects.{name}]"
+        for parameter in library()[name].parameters:
+            yield f'{parameter.name} = "{text(exact(given.get(parameter.name, parameter.default)))}"'
+    yield ""
+
+
+def _member(part: Proved) -> Iterator[str]:
+    """A member: its frozen figures, the factors on its gain, and its polynomials at a factor of one."""
+    yield "[[member]]"
+    for key, rectangle in (("gain", part.stable), ("performance_gain", part.performing)):
+        yield f'{key} = ["{text(rectangle.least)}", "{text(rectangle.most)}"]'
+    yield ""
+    for name, table in part.member.frozen.items():
+        yield f"[member.frozen.{name}]"
+        for key, value in table.items():
+            yield f'{key} = "{text(exact(value))}"'
+        yield ""
+    yield from polynomial_lines(part.stable.loop, "member.polynomials")
+
+
+def _stability(stability: StabilityMap) -> Iterator[str]:
+    yield "# Masses at which every member is stable at every factor on its gain."
+    yield "[stability]"
+    yield f"stable = {'true' if stability.stable else 'false'}"
+    stable = [part for part in stability.ranges if part.stable]
+    if not stable:
+        yield "range = []"
+    yield ""
+    for part in stable:
+        low, high = _closed(part)
+        yield "[[stability.range]]"
+        yield f'low = "{text(low)}"'
+        yield f'high = "{text(high)}"'
+        yield ""
+
+
+def _closed(part: Range) -> tuple[fmpq, fmpq]:
+    """A closed range of short decimals inside a range that is open where it ends at a crossing."""
+    low, high = part.low, part.high
+    if part.opens_at is not None:
+        low = shortened(low, _DIGITS, up=True)
+        low = low if part.low < low < part.sample else simple_between(part.low, part.sample)
+    if part.closes_at is not None:
+        high = shortened(high, _DIGITS)
+        high = high if part.sample < high < part.high else simple_between(part.sample, part.high)
+    return low, high

@@ -1,0 +1,342 @@
+"""Re-prove a certificate over the linear members of a prototype with effects; see `replay.py`, which it builds on.
+
+Nothing here is shared with the programme that wrote the certificate: each member's polynomials are rebuilt from the
+listed figures by the impedances of its parts, and what is claimed of a rectangle of masses and gains is decided on the
+rectangle's sides with the methods of `replay.py`.
+
+Run as `python -m beamdesign.proof.replay_members CERTIFICATE`; exit status 0 if it holds, 1 if it does not, 2 if it
+cannot be read.
+"""
+
+import hashlib
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from flint import arb, ctx, fmpq, fmpq_mat, fmpq_poly
+
+from beamdesign.proof import replay as single
+from beamdesign.proof.replay import FLOAT_ROUNDING, Malformed, Pair, Replay, S, rational
+
+KIND = "beamdesign.members"
+VERSION = 1
+KNOWN = {
+    "carrier_ripple", "current_saturation", "entrained_air", "joint_backlash", "mount_compliance",
+    "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag", "transport_delay",
+    "unequal_piston_areas", "uneven_leakage", "valve_deadband", "valve_hysteresis",
+}  # fmt: skip
+"""Effects whose linear members are rebuilt here; of some, nothing is left in them but factors on the gain."""
+
+ONE, ZERO = fmpq_poly([1]), fmpq_poly([0])
+Figures = Mapping[str, fmpq]
+
+
+def replay(source: str | Path) -> Replay:
+    """Prove a certificate again.
+
+    Args:
+        source: path of the certificate, or its text.
+
+    Raises:
+        Malformed: where it cannot be read as a certificate.
+    """
+    text = single._text(source)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise Malformed(f"not valid TOML: {error}") from error
+    if table.get("kind") != KIND or table.get("version") != VERSION:
+        raise Malformed(f"kind and version must be {KIND!r} and {VERSION}")
+    try:
+        with ctx.workprec(256):
+            results = list(_statements(table, text))
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise Malformed(f"an entry is missing or of the wrong kind: {error}") from error
+    reasons = tuple(words for proved, words in results if not proved)
+    return Replay(not reasons, reasons, tuple(words for proved, words in results if proved))
+
+
+def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
+    """Every statement of the certificate: whether it was proved, and it or its failure in words."""
+    checksum = f'sha256 = "{table["sha256"]}"\n'
+    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
+    yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
+    low, high = rational(table["low"]), rational(table["high"])
+    if low > high:
+        raise Malformed("the range of masses is empty")
+    if unknown := sorted(set(table["effects"]) - KNOWN - {"two_pi"}):
+        raise Malformed(f"effects that are not known here: {', '.join(unknown)}")
+    if not table["member"]:
+        raise Malformed("there is no member")
+    yield from single._figures(table)
+    turn = abs(arb(rational(table["effects"]["two_pi"])) / (2 * arb.pi()) - 1) < arb(FLOAT_ROUNDING)
+    yield bool(turn), "two_pi is 2 pi" if turn else "two_pi is not 2 pi"
+    members = []
+    for number, entry in enumerate(table["member"], start=1):
+        member = Member(table, entry)
+        members.append(member)
+        same = member.follows
+        words = "follow from the figures" if same else "do not follow from the figures"
+        yield same, f"the polynomials of member {number} {words}"
+    if not all(member.follows for member in members):
+        return  # what follows would be about some other loops
+    whole = all(member.is_stable_over(low, high) for member in members)
+    yield from _stability(table["stability"], members, whole, low, high)
+    for claim in table.get("claim", []):
+        yield _claim(claim, members, whole, low, high)
+
+
+def _stability(
+    table: dict[str, Any], members: "Sequence[Member]", whole: bool, low: fmpq, high: fmpq
+) -> Iterator[tuple[bool, str]]:
+    for part in table["range"]:
+        start, end = rational(part["low"]), rational(part["high"])
+        words = f"every member stable from {single._short(start)} to {single._short(end)} kg"
+        proved = low <= start <= end <= high and all(member.is_stable_over(start, end) for member in members)
+        yield proved, words if proved else f"not proved: {words}"
+    right = table["stable"] is whole
+    yield right, f"stable = {whole}" if right else "`stable` contradicts what is found"
+
+
+def _claim(
+    claim: dict[str, Any], members: "Sequence[Member]", whole: bool, low: fmpq, high: fmpq
+) -> tuple[bool, str]:
+    """One claim about all members: it holds if it says so, and fails for one of them if it says so."""
+    kind, limit, holds = claim["kind"], rational(claim["limit"]), claim["holds"]
+    if not isinstance(holds, bool) or limit <= 0:
+        raise Malformed("a claim needs holds = true or false, and a positive limit")
+    words = f"{kind} {claim['limit']}"
+    truth: Callable[[Member], bool]
+    if kind in ("compliance", "peak_sensitivity"):
+        until = None
+        if kind == "compliance":
+            words += f" m/N up to {claim['bandwidth_Hz']} Hz"
+            if claim["bandwidth_Hz"] != "infinite":
+                until = single._ends((2 * arb.pi() * arb(rational(claim["bandwidth_Hz"]))) ** 2)[1]
+
+        def truth(member: Member) -> bool:
+            return member.performs(kind, limit, low, high, until)
+    elif kind == "decay_rate":
+
+        def truth(member: Member) -> bool:
+            return member.is_stable_over(low, high, S - limit)
+    elif kind == "gain_margin":
+        ends = sorted((fmpq(1), limit))
+
+        def truth(member: Member) -> bool:
+            return member.is_stable_over(low, high, S, (member.gain[0] * ends[0], member.gain[1] * ends[1]))
+    else:
+        raise Malformed(f"claim.kind {kind!r} is not known here")
+    found = whole and all(truth(member) for member in members)
+    if found is not holds:
+        return False, f"{'not proved' if holds else 'holds after all'}: {words}"
+    return True, words if holds else f"refuted: {words}"
+
+
+class Member:
+    """One linear loop over the mass m and a factor g on its gain: opened + m p1 + g returned."""
+
+    def __init__(self, table: dict[str, Any], entry: dict[str, Any]):
+        self.gain, self.performance = (_factors(entry[key]) for key in ("gain", "performance_gain"))
+        if not self.gain[0] <= self.performance[0] <= self.performance[1] <= self.gain[1]:
+            raise Malformed("the factors for performance are not among those for stability")
+        names = ("p0", "p1", "returned", "disturbance")
+        stated = {name: single._polynomial(entry["polynomials"][name]) for name in names}
+        self.opened, self.p1 = stated["p0"] - stated["returned"], stated["p1"]
+        self.returned, self.disturbance = stated["returned"], stated["disturbance"]
+        self.follows = single._proportional(_rebuilt(table, entry.get("frozen", {})), stated)
+
+    def is_stable_over(self, low: fmpq, high: fmpq, s: fmpq_poly = S, gain: Pair | None = None) -> bool:
+        """Whether it is stable on the rectangle, with s replaced: the four sides decide (Bartlett et al., 1988)."""
+        opened, p1, returned = (polynomial(s) for polynomial in (self.opened, self.p1, self.returned))
+        least, most = gain or self.gain
+        over_mass = [single.Family(opened + factor * returned, p1) for factor in {least, most}]
+        over_gain = [single.Family(opened + mass * p1, returned) for mass in {low, high}]
+        return all(side.is_stable_over(low, high) for side in over_mass) and all(
+            side.is_stable_over(least, most) for side in over_gain
+        )
+
+    def performs(self, kind: str, limit: fmpq, low: fmpq, high: fmpq, until: fmpq | None) -> bool:
+        """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least."""
+        compliance = kind == "compliance"
+        for factor in set(self.performance):
+            top = (self.disturbance, ZERO) if compliance else (self.opened, self.p1)
+            slack = single.Slack(limit, (self.opened + factor * self.returned, self.p1), top)
+            if not slack.nonnegative(low, high, until):
+                return False
+        for mass in {low, high}:
+            opened = self.opened + mass * self.p1
+            top = (self.disturbance if compliance else opened, ZERO)
+            if not single.Slack(limit, (opened, self.returned), top).nonnegative(*self.performance, until):
+                return False
+        return True
+
+
+def _factors(pair: Sequence[str]) -> Pair:
+    least, most = (rational(value) for value in pair)
+    if not 0 <= least <= most:
+        raise Malformed(f"no range of factors: {pair}")
+    return least, most
+
+
+# The loop of a member, from the figures.
+
+
+def _rebuilt(table: dict[str, Any], frozen: Mapping[str, Mapping[str, str]]) -> dict[str, fmpq_poly]:
+    """The polynomials of a member: impedances of its parts, solved for tip and mount by Cramer's rule."""
+    figure = {name: rational(value) for name, value in table["rig"].items() if name != "kind"}
+    turn = rational(table["effects"]["two_pi"])
+    effects = {
+        name: {key: rational(value) for key, value in (own | dict(frozen.get(name, {}))).items()}
+        for name, own in table["effects"].items()
+        if name != "two_pi"
+    }
+    numerator, denominator = (single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
+    bare, loaded = (_mechanics(figure, effects, turn, fmpq(mass)) for mass in (0, 1))
+    valve = figure["valve_frequency_rad_per_s"]
+    spring = 1 + effects["valve_hysteresis"]["spring"] if "valve_hysteresis" in effects else 1
+    around = fmpq_poly([valve**2 * spring, 2 * figure["valve_damping_ratio"] * valve, 1]) * denominator
+    forward = figure["sensor_gain_V_per_m"] * figure["flow_gain_m3_per_s_per_A"] * valve**2 * numerator
+    if "filter_frequency_rad_per_s" in figure:
+        forward, around = forward * figure["filter_frequency_rad_per_s"], around * (
+            S + figure["filter_frequency_rad_per_s"]
+        )
+    if "sensor_lag" in effects:
+        rate = turn * effects["sensor_lag"]["break_Hz"]
+        forward, around = forward * rate, around * (S + rate)
+    if "transport_delay" in effects:
+        delay = effects["transport_delay"]["delay_s"]
+        forward *= fmpq_poly([12, -6 * delay, delay**2])
+        around *= fmpq_poly([12, 6 * delay, delay**2])
+    opened, sensed, moved = bare
+    returned = forward * sensed
+    p0 = opened * around + returned
+    return {
+        "p0": p0,
+        "p1": (loaded[0] - opened) * around,
+        "returned": returned,
+        "disturbance": moved * around,
+    }
+
+
+def _mechanics(
+    figure: Figures, effects: Mapping[str, Figures], turn: fmpq, mass: fmpq
+) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
+    """Beams, mount, rod and oil with a mass on the outer tip.
+
+    The unknowns are the outer beam's first mode, its second, the inner tip, the rod, the mount and the force of the
+    oil, as far as there are such; each has one equation.
+
+    Returns:
+        determinant, what a flow gives at the sensor, and what a force on the tip gives there; over the determinant.
+    """
+    names = ["first", "inner", "oil"]
+    names += ["second"] if "second_beam_mode" in effects else []
+    names += ["rod"] if "joint_backlash" in effects else []
+    names += ["mount"] if "mount_compliance" in effects else []
+    area, rod = figure["piston_area_m2"], "rod" if "joint_backlash" in effects else "inner"
+    rows: dict[str, dict[str, fmpq_poly]] = {name: {} for name in names}
+
+    def add(row: str, column: str, value: fmpq_poly) -> None:
+        if row in rows and column in rows:
+            rows[row][column] = rows[row].get(column, ZERO) + value
+
+    def join(one: str, two: str, impedance: fmpq_poly) -> None:
+        """A spring and dashpot between two coordinates; one that does not exist stands still."""
+        for row, sign in ((one, 1), (two, -1)):
+            add(row, one, sign * impedance)
+            add(row, two, -sign * impedance)
+
+    def inertia(name: str, value: fmpq) -> None:
+        add(name, name, fmpq_poly([0, 0, value]))
+
+    join("first", "mount", fmpq_poly([figure["outer_stiffness_N_per_m"], figure["outer_damping_N_s_per_m"]]))
+    join("inner", "mount", fmpq_poly([figure["inner_stiffness_N_per_m"], figure["inner_damping_N_s_per_m"]]))
+    inertia("first", figure["outer_mass_kg"])
+    inertia("inner", figure["inner_mass_kg"] + figure["inner_end_mass_kg"])
+    if "second_beam_mode" in effects:
+        own = effects["second_beam_mode"]
+        frequency, stiffness = turn * own["frequency_Hz"], figure["outer_stiffness_N_per_m"] / own["compliance_share"]
+        join("second", "ground", stiffness * fmpq_poly([1, 2 * own["damping_ratio"] / frequency]))
+        inertia("second", stiffness / frequency**2)
+    if "mount_compliance" in effects:
+        own = effects["mount_compliance"]
+        frequency, stiffness = turn * own["frequency_Hz"], own["stiffness_N_per_m"]
+        join("mount", "ground", stiffness * fmpq_poly([1, 2 * own["damping_ratio"] / frequency]))
+        inertia("mount", stiffness / frequency**2)
+    if "joint_backlash" in effects:
+        own = effects["joint_backlash"]
+        join("rod", "inner", own["share"] * fmpq_poly([own["stiffness_N_per_m"], own["damping_N_s_per_m"]]))
+        inertia("rod", own["rod_mass_kg"])
+    tip = [name for name in ("first", "second") if name in rows]
+    seal = ZERO
+    if "seal_friction" in effects:
+        own = effects["seal_friction"]
+        seal = fmpq_poly([own["spring_N_per_m"], own["dashpot_N_s_per_m"]])
+    for row in tip:  # forces at the tip act on both modes, and it moves by their sum
+        add(row, "oil", -ONE)
+        for column in tip:
+            add(row, column, fmpq_poly([0, 0, mass]) + seal)
+        add(row, rod, -seal)
+        add(rod, row, -seal)
+        add("oil", row, S)
+    add(rod, rod, seal)
+    add(rod, "oil", ONE)
+    softer = effects["entrained_air"]["stiffness_factor"] if "entrained_air" in effects else fmpq(1)
+    leak, oil = figure["leakage_m3_per_s_per_Pa"] / area**2, 1 / (softer * figure["oil_stiffness_N_per_m"])
+    add("oil", "oil", fmpq_poly([leak, oil]))
+    add("oil", rod, -S)
+    matrix = [[rows[row].get(column, ZERO) for column in names] for row in names]
+
+    def moved(by: Sequence[fmpq], seen: Mapping[str, fmpq]) -> fmpq_poly:
+        """Numerator of a sum of coordinates over the forces that drive each equation."""
+        total = ZERO
+        for i, name in enumerate(names):
+            if name in seen:
+                column = [
+                    [fmpq_poly([by[k]]) if j == i else entry for j, entry in enumerate(row)]
+                    for k, row in enumerate(matrix)
+                ]
+                total += seen[name] * _determinant(column)
+        return total
+
+    at_tip = dict.fromkeys(tip, fmpq(1))
+    share = effects["mount_compliance"]["sensor_share"] if "mount_compliance" in effects else fmpq(0)
+    flow = [1 / area if name == "oil" else fmpq(0) for name in names]
+    force = [fmpq(1) if name in tip else fmpq(0) for name in names]
+    return _determinant(matrix), moved(flow, {**at_tip, "mount": -share}), moved(force, at_tip)
+
+
+def _determinant(matrix: Sequence[Sequence[fmpq_poly]]) -> fmpq_poly:
+    """Determinant of a matrix of polynomials, interpolated from its values."""
+    degree = sum(max(max(entry.degree() for entry in row), 0) for row in matrix)
+    n, total, basis = len(matrix), ZERO, ONE
+    for point in (fmpq(k) for k in range(degree + 1)):
+        value = fmpq_mat(n, n, [entry(point) for row in matrix for entry in row]).det()
+        total += basis * ((value - total(point)) / basis(point))
+        basis *= S - point
+    return total
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Replay one certificate, and say what was proved and what was not."""
+    if len(arguments) != 1:
+        print("usage: python -m beamdesign.proof.replay_members CERTIFICATE", file=sys.stderr)
+        return 2
+    try:
+        outcome = replay(Path(arguments[0]))
+    except Malformed as error:
+        print(f"{arguments[0]}: {error}", file=sys.stderr)
+        return 2
+    for words in outcome.claims:
+        print(f"checked: {words}")
+    for words in outcome.reasons:
+        print(f"FAILED: {words}")
+    print("valid" if outcome.valid else "not valid")
+    return 0 if outcome.valid else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
