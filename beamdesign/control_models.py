@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from beamdesign.controller import control_model
-from beamdesign.linear import linear_rig
+from beamdesign.members import MemberRig, family
 from beamdesign.prototype import Prototype
 from beamdesign.rig import twin_beam
 
@@ -27,7 +27,8 @@ def state_space(
     - "closed": the same signals with the sensor subtracted from the command, equation (12).
 
     States are named as in `beamdesign.rig.twin_beam.STATES`, then `filtered_V` where the sensor has a filter, then
-    `controller_1` and so on for a controller with dynamics.
+    `controller_1` and so on for a controller with dynamics. A prototype with effects is taken linear at rest; its
+    states are those of `beamdesign.rig.assembly.STATES`, then `EFFECT_STATE`.
 
     Args:
         prototype: its inner end mass is that of `payload.inner_end_mass_kg`.
@@ -41,9 +42,13 @@ def state_space(
 
     if loop not in ("closed", "open", "plant"):
         raise ValueError(f"loop is 'closed', 'open' or 'plant', not {loop!r}")
-    rig = linear_rig(prototype)
-    a, b, c = rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
-    states = [*twin_beam.STATES, *(["filtered_V"] if rig.filtered else [])]
+    member = family(prototype, outer_end_mass_kg).rest
+    a, b, c = member.rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
+    b = b * [1.0, member.gain.high]
+    if isinstance(member.rig, MemberRig):
+        states = [name.replace(".", "_") for name in member.rig.assembly.states]
+    else:
+        states = [*twin_beam.STATES, *(["filtered_V"] if member.rig.filtered else [])]
     if loop == "plant":
         return control.ss(
             a, b, c, np.zeros((2, 2)), states=states, inputs=twin_beam.INPUTS, outputs=twin_beam.OUTPUTS, name="plant"

@@ -137,11 +137,11 @@ def linear_rig(prototype: Prototype) -> LinearRig:
     """The linear plant of a prototype; see Zalucky and Hardt (1984), equations (7) to (18).
 
     Raises:
-        InputError: where the prototype carries effects, which these equations do not have.
+        InputError: where the prototype carries effects, which these equations do not have; `beamdesign.members` does.
     """
     if prototype.effects:
         raise InputError(
             prototype.name,
-            [(f"effects.{name}", "the linear model has no such effect; remove it") for name in prototype.effects],
+            [(f"effects.{name}", "is not in equations (7) to (18); remove it") for name in prototype.effects],
         )
     return LinearRig(figures(prototype), prototype.sensor.filter_Hz is not None)

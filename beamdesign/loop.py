@@ -1,6 +1,6 @@
 """The closed loop of a prototype over its outer end mass: poles, gains, compliance, margins, sensitivity, bandwidth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import atan2, degrees, inf, pi, sqrt
 
@@ -9,7 +9,8 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.controller import transfer_function
 from beamdesign.crossing import Crossing, crossings
-from beamdesign.linear import Plant, linear_rig
+from beamdesign.linear import Plant
+from beamdesign.members import Member, family
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, Proportional, Prototype
 
@@ -48,15 +49,22 @@ def close_loop(plant: Plant, controller: Proportional | Lag) -> Loop:
 
 
 def loop(prototype: Prototype) -> Loop:
-    """The closed loop of a prototype with its controller and inner end mass.
+    """The closed loop of a prototype with its controller and inner end mass; with effects, that of its member at rest.
 
     Raises:
         ValueError: where the prototype has no controller.
+        InputError: where no linear loop stands for one of its effects.
     """
+    return _member_loop(prototype, family(prototype).rest)
+
+
+def _member_loop(prototype: Prototype, member: Member) -> Loop:
+    """The loop of a member at the largest of its gains."""
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
-    plant = linear_rig(prototype).plant(prototype.payload.inner_end_mass_kg)
-    return close_loop(plant, prototype.controller)
+    closed = close_loop(member.rig.plant(prototype.payload.inner_end_mass_kg), prototype.controller)
+    factor = member.gain.high
+    return closed if factor == 1 else replace(closed, returned=closed.returned * exact(factor))
 
 
 @dataclass(frozen=True)
@@ -191,14 +199,21 @@ class CriticalGain:
 def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> CriticalGain:
     """Critical gain of a prototype at one outer end mass (kg): exact, not swept.
 
-    The controller's breaks are kept, its own gain does not matter.
+    The controller's breaks are kept, its own gain does not matter. With effects it is the least of all linear members.
 
     Raises:
         ValueError: without a controller, or where the loop oscillates at no gain or is unstable at every low one.
     """
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
-    unit = loop(prototype.but(controller=prototype.controller.but(gain_A_per_V=1.0))).at(outer_end_mass)
+    unit = prototype.but(controller=prototype.controller.but(gain_A_per_V=1.0))
+    members = family(prototype, outer_end_mass).members
+    found = [_critical_gain(_member_loop(unit, member).at(outer_end_mass)) for member in members]
+    return min(found, key=lambda critical: critical.gain_A_per_V)
+
+
+def _critical_gain(unit: LoopAtMass) -> CriticalGain:
+    """Critical gain of a loop whose controller has a gain of one."""
     positive = [crossing for crossing in unit.gain_crossings() if crossing.value > 0]
     if not positive:
         raise ValueError("no gain makes this loop oscillate")

@@ -19,7 +19,6 @@ from beamdesign.rig.effect import Operation, Span
 from beamdesign.rig.effects import library, problems
 from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 from beamdesign.rig.linearised import LinearAssembly, linear_assembly
-from beamdesign.rig.twin_beam import FIGURES
 
 STANDARD_GRAVITY = 9.80665
 """m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass."""
@@ -63,8 +62,17 @@ class MemberRig:
 
     def _values(self, outer: Any, inner: Any) -> list[Any]:
         """Parameters of the assembly; those of the controller and the supply have no part in the linear plant."""
-        given = {name: value for name, value in self.figures.items()} | {"outer_end_mass": outer, "inner_end_mass": inner}
-        rest = {"supply_pressure": SUPPLY_PRESSURE_PA, "believed_sensor_gain": 1.0, "gain": 1.0, "pole": 1.0, "zero": 1.0}
+        given: dict[str, Any] = self.figures | {
+            "outer_end_mass": outer,
+            "inner_end_mass": inner,
+        }
+        rest = {
+            "supply_pressure": SUPPLY_PRESSURE_PA,
+            "believed_sensor_gain": 1.0,
+            "gain": 1.0,
+            "pole": 1.0,
+            "zero": 1.0,
+        }
         own = {f"{name}.{key}": value for name, table in self.effects.items() for key, value in table.items()}
         everything = given | rest | own
         return [everything[name] for name in self.assembly.parameters]
@@ -103,10 +111,10 @@ class MemberRig:
         rows = [self.assembly.states.index(name) for name in _CHAMBERS]
         mean = fmpq_poly([-(a[rows[0], rows[0]] + a[rows[1], rows[0]]), 1])
         if all(divmod(polynomial, mean)[1].is_zero() for polynomial in polynomials):
-            polynomials = tuple(polynomial / mean for polynomial in polynomials)
+            polynomials = (polynomials[0] / mean, polynomials[1] / mean, polynomials[2] / mean)
         # End masses act through accelerations: the lowest coefficient is free of them.
         lowest = next(value for value in polynomials[0].coeffs() if value != 0)
-        return tuple(polynomial / lowest for polynomial in polynomials)  # type: ignore[return-value]
+        return polynomials[0] / lowest, polynomials[1] / lowest, polynomials[2] / lowest
 
     @cached_property
     def bilinear(self) -> BilinearPlant:
@@ -158,19 +166,21 @@ class Member:
     Attributes:
         rig: its plant.
         gain: factors over which it is to be stable.
-        performance: factors over which it is to perform.
+        performance: factors over which it is to perform, None where it only has to be stable.
         frozen: figures of its effects that are frozen at one end of their span, by effect.
     """
 
     rig: LinearRig | MemberRig
     gain: Interval = ONE
-    performance: Interval = ONE
+    performance: Interval | None = ONE
     frozen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         """Its frozen figures in words; empty for the only member."""
-        return ", ".join(f"{effect}.{key} = {value:.6g}" for effect, t in self.frozen.items() for key, value in t.items())
+        return ", ".join(
+            f"{effect}.{key} = {value:.6g}" for effect, t in self.frozen.items() for key, value in t.items()
+        )
 
 
 @dataclass(frozen=True)
@@ -240,7 +250,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
         return MemberRig(lumped, filtered, {name: own[name] | dict(frozen.get(name, {})) for name in kept})
 
     whole = Interval(_times(span.low for span in gains), _times(span.high for span in gains))
-    inside = [span.performance or (span.low, span.high) for span in gains]
+    inside = [span.performing for span in gains]
     performing = Interval(_times(low for low, _ in inside), _times(high for _, high in inside))
     places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
     members = []
@@ -248,7 +258,10 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
         frozen: dict[str, dict[str, float]] = {}
         for (name, key, _), value in zip(places, ends, strict=True):
             frozen.setdefault(name, {})[key] = value
-        members.append(Member(rig(frozen), whole, performing, frozen))
+        performs = all(
+            span.performing[0] <= value <= span.performing[1] for (_, _, span), value in zip(places, ends, strict=True)
+        )
+        members.append(Member(rig(frozen), whole, performing if performs else None, frozen))
     at_rest = {name: {key: span.rest for key, span in table.items()} for name, table in spans.items()}
     factor = _times(span.rest for span in gains)
     rest = Member(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)

@@ -218,8 +218,7 @@ def test_constraints_at_points_are_slacks_one_by_one(paper: Prototype):
     points = check_points(0.0, 6.8, frequencies=4).with_compliance(0.3, np.array([3.4]))
     logarithms, log_bandwidth = np.log([0.12, 1.3, 38.0]), log(5.0)
     sensitivity, stiffness = guarantee(
-        "lag",
-        False,
+        loop_slack("lag", False),
         ca.MX(ca.DM(figures)),
         ca.MX(1.9),
         ca.MX(ca.DM(logarithms)),

@@ -47,6 +47,7 @@ def certify(
     """Prove stability and performance over a payload range.
 
     For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
+    Of a prototype with effects, all linear members that stand for them are proved.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
     """
     from beamdesign.prototype import read_prototype
@@ -139,6 +140,8 @@ def _say(record: "Prototype", certificate: "Certificate") -> None:
         if not claim.holds:
             say(f"    {claim.reason}")
     say(f"method: {certificate.method}")
+    for line in certificate.scope:
+        say(f"  {line}")
 
 
 def _hertz(crossing: "Crossing") -> str:
@@ -157,6 +160,7 @@ def _fields(certificate: "Certificate") -> dict[str, Any]:
         "stable_ranges_kg": certificate.stable_ranges_kg,
         "crossings": [_crossing(crossing) for crossing in certificate.crossings],
         "method": certificate.method,
+        "scope": certificate.scope,
         "outer_end_mass_kg": certificate.outer_end_mass_kg,
         "holds": certificate.holds,
         "reason": certificate.reason,

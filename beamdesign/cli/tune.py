@@ -44,8 +44,8 @@ def tune(
     """Tune for the largest bandwidth over a payload range.
 
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
-    peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic. Exit status 1 if no
-    design can be proved.
+    peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic, and for all linear
+    members of a prototype with effects. Exit status 1 if no design can be proved.
     """
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
@@ -87,6 +87,8 @@ def tune(
     ]
     say_table(f"{record.name}: tuned {controller} controller", ("figure", "value"), rows)
     say(f"proved in exact arithmetic; {found.certificates} stability certificates on the way")
+    for line in certificate.scope:
+        say(f"  {line}")
     for kind, path in paths.items():
         say(f"{kind}: {path}")
     write_json(
@@ -99,6 +101,7 @@ def tune(
                 "peak_sensitivity": best.peak_sensitivity,
                 "outer_end_mass_kg": list(masses),
                 "method": certificate.method,
+                "scope": certificate.scope,
             },
             "starts_bandwidth_Hz": found.starts,
             "stability_certificates": found.certificates,

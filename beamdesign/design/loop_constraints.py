@@ -3,11 +3,15 @@
 from dataclasses import dataclass
 from functools import cache
 from math import pi
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from flint import fmpq_poly
 
 from beamdesign.design.controller_forms import FORMS
+from beamdesign.members import BilinearPlant
+from beamdesign.proof.rational import nearest
 from beamdesign.rig.transfer import transfer_polynomials
 from beamdesign.rig.twin_beam import FIGURES
 
@@ -68,12 +72,18 @@ def loop_slack(kind: str, filtered: bool) -> ca.Function:
     Outputs: log(|p| / |opened|), which peak sensitivity Ms bounds below by -log(Ms), and log(|p| / |disturbance|),
     which a compliance limit c bounds below by -log(c).
     """
-    form = FORMS[kind]
     figures = ca.SX.sym("figures", len(FIGURES))
+    polynomials = [ca.vertsplit(p) for p in transfer_polynomials(filtered)(figures)]
+    return _slack(kind, figures, polynomials)
+
+
+def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]]) -> ca.Function:
+    """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures."""
+    form = FORMS[kind]
     logarithms = ca.SX.sym("controller", len(form.names))
     frequency = ca.SX.sym("frequency")
     w = 2 * pi * frequency
-    plant, control, disturbance = (_on_axis(ca.vertsplit(p), w) for p in transfer_polynomials(filtered)(figures))
+    plant, control, disturbance = (_on_axis(p, w) for p in polynomials)
     gain, *shape = ca.vertsplit(ca.exp(logarithms))
     law = form.polynomials(shape)
     numerator, denominator = (_on_axis([ca.SX(c) for c in p], w) for p in law)
@@ -89,9 +99,24 @@ def loop_slack(kind: str, filtered: bool) -> ca.Function:
     return ca.Function("loop_slack", [figures, logarithms, frequency], slacks)
 
 
+def member_slack(kind: str, plant: BilinearPlant, factor: float) -> ca.Function:
+    """The same for a plant whose figures stand, with its gain times a factor; its figures are the two end masses."""
+    masses = ca.SX.sym("masses", 2)
+    outer, inner = ca.vertsplit(masses)
+
+    def coefficients(*terms: tuple[Any, fmpq_poly]) -> list[ca.SX]:
+        length = max(polynomial.degree() for _, polynomial in terms) + 1
+        return [sum((weight * nearest(p[k]) for weight, p in terms), ca.SX(0)) for k in range(length)]
+
+    (d00, d01), (d10, d11) = plant.denominator
+    denominator = coefficients((1.0, d00), (inner, d01), (outer, d10), (outer * inner, d11))
+    control = coefficients((factor, plant.control[0]), (factor * inner, plant.control[1]))
+    disturbance = coefficients((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))
+    return _slack(kind, masses, [denominator, control, disturbance])
+
+
 def guarantee(
-    kind: str,
-    filtered: bool,
+    slack: ca.Function,
     figures: ca.MX,
     inner_end_mass: ca.MX,
     logarithms: ca.MX,
@@ -102,9 +127,8 @@ def guarantee(
     """Slacks at all check points, as expressions of the design variables.
 
     Args:
-        kind: controller kind, a key of `FORMS`.
-        filtered: whether a sensor filter is in the loop.
-        figures: (14,) lumped figures less the end masses.
+        slack: `loop_slack` or `member_slack`.
+        figures: its figures less the end masses.
         inner_end_mass: kg.
         logarithms: of the controller's parameters.
         log_bandwidth: of the bandwidth in Hz.
@@ -114,7 +138,6 @@ def guarantee(
     Returns:
         log(1 / |S|), one per sensitivity point, and log(|F_d / x|), one per compliance point.
     """
-    slack = loop_slack(kind, filtered)
 
     def at(frequency: ca.MX, masses: ca.MX) -> list[ca.MX]:
         n = masses.shape[1]

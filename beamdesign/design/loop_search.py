@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
+from flint import fmpq_poly
 
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.linear import LinearRig
+from beamdesign.members import BilinearPlant
+from beamdesign.proof.rational import nearest
 from beamdesign.rig.transfer import transfer_polynomials
 
 
@@ -63,6 +66,18 @@ def grid_plant(rig: LinearRig, frequency_Hz: np.ndarray) -> GridPlant:
     return GridPlant(frequency_Hz, np.array(denominator), control, disturbance)
 
 
+def member_grid(plant: BilinearPlant, factor: float, frequency_Hz: np.ndarray) -> GridPlant:
+    """Evaluate a plant whose figures stand on a grid, with its gain times a factor."""
+    s = 2j * pi * frequency_Hz
+
+    def at(polynomial: fmpq_poly) -> np.ndarray:
+        return np.polyval([nearest(c) for c in reversed(polynomial.coeffs())], s)
+
+    denominator = np.array([[at(polynomial) for polynomial in row] for row in plant.denominator])
+    control, disturbance = (np.array([at(p) for p in pair]) for pair in (plant.control, plant.disturbance))
+    return GridPlant(frequency_Hz, denominator, factor * control, disturbance)
+
+
 def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np.ndarray:
     """Upper ends of the intervals of gain K on which |1 / (1 + K l)| stays within the limit at every sample l.
 
@@ -94,37 +109,47 @@ def sampled_bandwidth(frequency_Hz: np.ndarray, worst_compliance: np.ndarray, li
 
 
 def best_gain(
-    grid: GridPlant,
+    grid: GridPlant | Sequence[GridPlant],
     form: ControllerForm,
     shape: Sequence[float],
     inner_end_mass: float,
     outer_end_masses: np.ndarray,
     peak_sensitivity: float,
     compliance: float,
+    only_stable: bool = False,
 ) -> Candidate:
     """Best gain of one controller shape and inner end mass on the grid; bandwidth 0 where none is allowed.
 
     Args:
-        grid: plant responses.
+        grid: plant responses, or those of all plants that are to do with this controller, on one grid of frequencies.
         form: kind of controller.
         shape: its parameters after the gain.
         inner_end_mass: kg.
         outer_end_masses: (m,) samples of the range, kg.
         peak_sensitivity: limit of max |S|.
         compliance: limit of |x / F_d|, m/N.
+        only_stable: leave out gains at which 1 + L winds about the origin on the grid. With much phase beyond the grid,
+            loops that are far from stable have small sensitivities on it.
     """
-    s = 2j * pi * grid.frequency_Hz
+    grids = [grid] if isinstance(grid, GridPlant) else grid
+    frequency = grids[0].frequency_Hz
+    s = 2j * pi * frequency
     numerator, denominator = (np.polyval(p[::-1], s) for p in form.polynomials(shape))
-    rows = grid.denominator[:, 0] + inner_end_mass * grid.denominator[:, 1]
-    plant = rows[0] + outer_end_masses[:, None] * rows[1]
-    control = grid.control[0] + inner_end_mass * grid.control[1]
-    disturbance = np.abs(grid.disturbance[0] + inner_end_mass * grid.disturbance[1])
-    per_gain = control * (numerator / denominator) / plant
-    stiffness = np.abs(plant) / disturbance  # |F_d / x| of the open loop
+    responses, stiffnesses = [], []
+    for one in grids:
+        rows = one.denominator[:, 0] + inner_end_mass * one.denominator[:, 1]
+        plant = rows[0] + outer_end_masses[:, None] * rows[1]
+        control = one.control[0] + inner_end_mass * one.control[1]
+        disturbance = np.abs(one.disturbance[0] + inner_end_mass * one.disturbance[1])
+        responses.append(control * (numerator / denominator) / plant)
+        stiffnesses.append(np.abs(plant) / disturbance)  # |F_d / x| of the open loop
+    per_gain, stiffness = np.concatenate(responses), np.concatenate(stiffnesses)
     best = Candidate(0.0, 0.0, tuple(shape), inner_end_mass)
     for gain in feasible_gain_ends(per_gain, peak_sensitivity):
+        if only_stable and (np.abs(np.unwrap(np.angle(1 + gain * per_gain), axis=1)[:, -1]) > pi).any():
+            continue
         worst = 1 / (stiffness * np.abs(1 + gain * per_gain)).min(axis=0)
-        bandwidth = sampled_bandwidth(grid.frequency_Hz, worst, compliance)
+        bandwidth = sampled_bandwidth(frequency, worst, compliance)
         if bandwidth > best.bandwidth_Hz:
             best = Candidate(bandwidth, float(gain), tuple(shape), inner_end_mass)
     return best

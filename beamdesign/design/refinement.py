@@ -4,8 +4,9 @@ The variables of a program, in this order: logarithms of the controller's parame
 of the guaranteed bandwidth (Hz), and whatever describes the sections.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from itertools import product
 from math import exp, log
 
 import casadi as ca
@@ -13,11 +14,10 @@ import numpy as np
 
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
+from beamdesign.design.loop_set import constraints, first_active, loop_set
 from beamdesign.linear import LinearRig
-from beamdesign.loop import Loop, close_loop
-from beamdesign.polynomial import exact
-from beamdesign.proof.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
-from beamdesign.proof.stability import is_stable_over
+from beamdesign.loop import Loop
+from beamdesign.members import Member
 from beamdesign.prototype import Goal, Lag, Proportional
 
 ROUNDS = 24
@@ -56,7 +56,7 @@ class LoopProgram:
         filtered: whether a sensor filter is in the loop.
         goal: limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of the guarantee.
-        figures: the section variables to the (14,) lumped figures.
+        figures: the section variables to the (14,) lumped figures; to none where there are members.
         structure: all variables to slacks that must not be negative.
         objective: all variables to what is minimised.
         lower: (n,) bounds of all variables.
@@ -69,6 +69,7 @@ class LoopProgram:
             sizes of no tubes, or of an inner one that does not go into the outer one.
         flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
         cost: of a proved loop, to choose the best one by.
+        members: linear members of a rig with effects, whose sections stand; all of them are guaranteed.
     """
 
     form: ControllerForm
@@ -85,6 +86,7 @@ class LoopProgram:
     rig: Callable[[np.ndarray], LinearRig | None]
     flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
+    members: tuple[Member, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class Refinement:
 class _Solver:
     """IPOPT for one program: the check points are parameters, in slots that repeat a point where unused."""
 
-    def __init__(self, program: LoopProgram, points: CheckPoints):
+    def __init__(self, program: LoopProgram, points: CheckPoints, active: Collection[int]):
         self._slots = (len(points.sensitivity) + _SPARE[0], len(points.compliance) + _SPARE[1])
         self._program = program
         count, n = len(program.form.names), len(program.lower)
@@ -128,21 +130,20 @@ class _Solver:
             ca.MX.sym(name, k, 2) for name, k in zip("sc", self._slots, strict=True)
         )
         inside = ca.MX.sym("inside")
-        sensitivity, stiffness = guarantee(
-            program.form.kind,
-            program.filtered,
-            program.figures(sections),
-            inner,
-            logarithms,
-            log_bandwidth,
-            sensitivity_points,
-            compliance_points,
-        )
-        constraints = ca.vertcat(
-            sensitivity + log(program.goal.peak_sensitivity) - inside,
-            stiffness + log(program.goal.compliance_m_per_N) - _INSIDE,
-            program.structure(variables),
-        )
+        slacks = []
+        for constraint in constraints(program.form.kind, program.filtered, program.members, active):
+            sensitivity, stiffness = guarantee(
+                constraint.slack,
+                program.figures(sections),
+                inner,
+                logarithms,
+                log_bandwidth,
+                sensitivity_points,
+                compliance_points,
+            )
+            slacks.append(sensitivity + log(program.goal.peak_sensitivity) + constraint.looser - inside)
+            if constraint.performs:
+                slacks.append(stiffness + log(program.goal.compliance_m_per_N) - _INSIDE)
         self._solver = ca.nlpsol(
             "loop",
             "ipopt",
@@ -150,7 +151,7 @@ class _Solver:
                 "x": variables,
                 "p": ca.vertcat(ca.vec(sensitivity_points), ca.vec(compliance_points), inside),
                 "f": program.objective(variables),
-                "g": constraints,
+                "g": ca.vertcat(*slacks, program.structure(variables)),
             },
             {
                 "print_time": False,
@@ -199,12 +200,12 @@ def _peak_near(loop: Loop, frequency_Hz: float, mass: float, low: float, high: f
     return frequency_Hz, mass
 
 
-def _largest_sampled(loop: Loop, low: float, high: float) -> tuple[float, float]:
-    """Frequency and mass of the largest |S| on a coarse grid; the proof's witness need not be near the worst peak."""
+def _largest_sampled(loop: Loop, low: float, high: float) -> tuple[float, float, float]:
+    """Largest |S| on a coarse grid, its frequency and mass; the proof's witness need not be near the worst peak."""
     frequencies, masses = np.geomspace(1.0, 400.0, 400), low + _SHARES * (high - low)
     peaks = np.array([np.abs(loop.at(float(mass)).sensitivity_response(frequencies)) for mass in masses])
     i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
-    return float(frequencies[j]), float(masses[i])
+    return float(peaks[i, j]), float(frequencies[j]), float(masses[i])
 
 
 def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -> CheckPoints:
@@ -216,9 +217,10 @@ def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -
     rig = program.rig(anchor[count + 2 :])
     if rig is None:
         return points
-    loop = close_loop(rig.plant(float(anchor[count])), program.form.rounded(anchor[:count].tolist()))
+    controller = program.form.rounded(anchor[:count].tolist())
+    loops = loop_set(rig, program.members, controller, float(anchor[count]), (low, high)).ends()
     frequencies = np.geomspace(1.0, 400.0, 1200)
-    for mass in np.unique(low + _SHARES * (high - low)):
+    for loop, mass in product(loops, np.unique(low + _SHARES * (high - low))):
         size = np.abs(loop.at(float(mass)).sensitivity_response(frequencies))
         inner = size[1:-1]
         peaks = (inner > size[:-2]) & (inner >= size[2:]) & (inner > _HIGH_PEAK * program.goal.peak_sensitivity)
@@ -238,13 +240,14 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     count = len(program.form.names)
     low, high = program.outer_end_mass_kg
     points, inside, reach = check_points(low, high), _INSIDE, program.reach
-    solver = _Solver(program, points)
+    active = first_active(program.members)
+    solver = _Solver(program, points, active)
     anchor, best = np.clip(start, program.lower, program.upper), None
     fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
     reason, certificates = "no round of refinement was proved", 0
     while certificates < ROUNDS and reach > _SMALLEST_REACH:
         if not solver.holds(points):
-            solver = _Solver(program, points)
+            solver = _Solver(program, points, active)
         variables = solver(anchor, points, inside, reach)
         if not np.isfinite(variables).all():
             return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
@@ -255,43 +258,58 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             continue
         controller = program.form.rounded([float(value) for value in variables[:count]])
         inner = round(float(variables[count]), 6)
-        loop = close_loop(rig.plant(inner), controller)
+        loops = loop_set(rig, program.members, controller, inner, (low, high))
         certificates += 1
-        if not is_stable_over(loop.characteristic, exact(low), exact(high)):
+        if unstable := loops.unstable():
             reason = "the refined loop is not stable over the whole range"
-            if fenced is anchor:
+            if not active.issuperset(unstable):
+                active.update(unstable)
+                solver = _Solver(program, points, active)
+            elif fenced is anchor:
                 reach *= 0.4
             else:
                 points, fenced = _with_peaks(points, program, anchor), anchor
             continue
         moved, anchor = float(np.abs(variables - anchor).max()), variables
-        claim = prove_peak_sensitivity(loop, program.goal.peak_sensitivity, low, high)
-        if not claim.holds:
+        refuted = loops.refuted_peak(program.goal.peak_sensitivity)
+        if refuted is not None:
+            claim, member = refuted
             reason = f"peak sensitivity refuted: {claim.reason}"
             assert claim.witness_frequency_Hz is not None
             assert claim.witness_outer_end_mass_kg is not None
             witness = (claim.witness_frequency_Hz, claim.witness_outer_end_mass_kg)
-            for place in (witness, _largest_sampled(loop, low, high)):
-                points = points.with_sensitivity(*_peak_near(loop, *place, low, high))
-            excess = log(guaranteed_peak_sensitivity(loop, low, high) / program.goal.peak_sensitivity)
+            sampled = [(*_largest_sampled(loop, low, high), loop) for loop in loops.ends()]
+            worst = max(sampled, key=lambda found: found[0])
+            for place in (witness, worst[1:3]):
+                points = points.with_sensitivity(*_peak_near(worst[3], *place, low, high))
+            if member not in active:
+                active.add(member)
+                solver = _Solver(program, points, active)
+                continue
+            excess = log(loops.peak_sensitivity() / program.goal.peak_sensitivity)
             if moved < _STUCK:
                 inside += excess
             else:
                 inside = _INSIDE + (excess if excess < program.tighten_below else 0.0)
             continue
-        bandwidth = min(guaranteed_bandwidth(loop, program.goal.compliance_m_per_N, low, high), LARGEST_BANDWIDTH_HZ)
+        bandwidths = loops.bandwidths(program.goal.compliance_m_per_N)
+        bandwidth = min(*bandwidths.values(), LARGEST_BANDWIDTH_HZ)
         flaw = program.flaw(variables)
         if bandwidth < needed_Hz:
             reason = f"guarantees {bandwidth:.4g} Hz, {needed_Hz:.4g} Hz are needed"
         elif flaw:
             reason = flaw
         else:
-            peak = min(guaranteed_peak_sensitivity(loop, low, high), program.goal.peak_sensitivity)
+            peak = min(loops.peak_sensitivity(), program.goal.peak_sensitivity)
             found = Proved(controller, inner, bandwidth, peak, variables)
             best = found if best is None else min(best, found, key=program.cost)
         aimed = exp(variables[count + 1])
         if bandwidth < aimed * (1 - 1e-4) or bandwidth < needed_Hz <= aimed:  # refuted between the check points
             points = points.with_compliance(max(bandwidth / aimed, _SMALLEST_SHARE), low + _SHARES * (high - low))
+            slow = {k for k, value in bandwidths.items() if value < aimed * (1 - 1e-4)}
+            if not active.issuperset(slow):
+                active |= slow
+                solver = _Solver(program, points, active)
         elif moved < 0.99 * reach:
             break
     return Refinement(best, certificates, "" if best else reason)

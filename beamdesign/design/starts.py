@@ -4,11 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, GridPlant, best_gain, grid_plant
+from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, GridPlant, best_gain
+from beamdesign.design.loop_set import grids, loop_set
 from beamdesign.design.refinement import LoopProgram
-from beamdesign.loop import close_loop
-from beamdesign.polynomial import exact
-from beamdesign.proof.stability import is_stable_over
 
 _APART = 0.1
 """Least distance between starts, as a share of the range of each variable that is free."""
@@ -31,23 +29,24 @@ def best_starts(
     low, high = program.outer_end_mass_kg
     masses = np.unique(np.linspace(low, high, 7))
     names = len(program.form.names)
-    grids: dict[bytes, GridPlant] = {}
+    responses: dict[bytes, list[GridPlant]] = {}
     found: list[np.ndarray] = []
     for sample in samples:
         sections = sample[names + 2 :]
-        if sections.tobytes() not in grids:
+        if sections.tobytes() not in responses:
             rig = program.rig(sections)
             if rig is None:
                 continue
-            grids = {sections.tobytes(): grid_plant(rig, SEARCH_FREQUENCIES_HZ)}
+            responses = {sections.tobytes(): grids(rig, program.members, SEARCH_FREQUENCIES_HZ)}
         best = best_gain(
-            grids[sections.tobytes()],
+            responses[sections.tobytes()],
             program.form,
             np.exp(sample[1:names]),
             float(sample[names]),
             masses,
             program.goal.peak_sensitivity,
             program.goal.compliance_m_per_N,
+            only_stable=bool(program.members),
         )
         if best.gain > 0.0:
             variables = sample.copy()
@@ -67,7 +66,6 @@ def best_starts(
             continue
         proofs += 1
         controller = program.form.rounded(variables[:names].tolist())
-        loop = close_loop(rig.plant(float(variables[names])), controller)
-        if is_stable_over(loop.characteristic, exact(low), exact(high)):
+        if not loop_set(rig, program.members, controller, float(variables[names]), (low, high)).unstable():
             chosen.append(variables)
     return chosen, proofs

@@ -15,6 +15,7 @@ from beamdesign.design.controller_forms import FORMS, ControllerForm
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Proved, Refinement, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.members import Member, family
 from beamdesign.prototype import Goal, Payload, Prototype
 
 Progress = Callable[[float, str], None]
@@ -56,10 +57,15 @@ class Tuning:
 
 
 def _program(
-    rig: LinearRig, form: ControllerForm, goal: Goal, masses_kg: tuple[float, float], largest_inner: float
+    rig: LinearRig,
+    form: ControllerForm,
+    goal: Goal,
+    masses_kg: tuple[float, float],
+    largest_inner: float,
+    members: tuple[Member, ...] = (),
 ) -> LoopProgram:
-    """Largest bandwidth of a rig whose sections stand."""
-    figures = ca.MX(ca.DM(list(rig.figures.values())))
+    """Largest bandwidth of a rig whose sections stand, or of all its members where it has effects."""
+    figures = ca.MX(0, 1) if members else ca.MX(ca.DM(list(rig.figures.values())))
     low, high = np.log(SMALLEST_BANDWIDTH_HZ), np.log(LARGEST_BANDWIDTH_HZ)
     bounds = np.array([*form.log_bounds, (0.0, largest_inner), (low, high)])
     return LoopProgram(
@@ -77,6 +83,7 @@ def _program(
         rig=lambda sections: rig,
         flaw=lambda variables: "",
         cost=lambda proved: -proved.bandwidth_Hz,
+        members=members,
     )
 
 
@@ -97,15 +104,20 @@ def tune(
         progress: told the share done and what is being done.
 
     Returns:
-        the tuned prototype with what was proved of it, or a reason why there is none.
+        the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
+        linear member is proved.
+
+    Raises:
+        InputError: for effects for which no linear loop stands.
     """
     told = progress or (lambda fraction, text: None)
-    form, rig = FORMS[kind], linear_rig(prototype)
+    form, rig = FORMS[kind], linear_rig(prototype.but(effects={}))
+    members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
     peaks = [limit for limit in STRICTER_PEAKS if limit < prototype.goal.peak_sensitivity]
     certificates = 0
     for k, peak in enumerate([prototype.goal.peak_sensitivity, *peaks]):
         goal = prototype.goal.but(peak_sensitivity=peak)
-        program = _program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg)
+        program = _program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg, members)
         refined, proofs = _refine_best(program, _within(told, k, len(peaks) + 1))
         certificates += proofs
         proved = [refinement.proved for refinement in refined if refinement.proved]

@@ -65,6 +65,7 @@ class Certificate:
         guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
         text: the certificate as `beamdesign.proof.replay` reads it.
         method: how it was proved, in words.
+        scope: for a prototype with effects, per effect what is covered and what is not, in words.
     """
 
     outer_end_mass_kg: tuple[float, float]
@@ -73,6 +74,7 @@ class Certificate:
     guaranteed: Guaranteed | None
     text: str
     method: str = METHOD
+    scope: tuple[str, ...] = ()
 
     @property
     def stable(self) -> bool:

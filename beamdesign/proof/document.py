@@ -77,8 +77,11 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
 
 
 def states_figures_of(certificate: str, prototype: Prototype) -> bool:
-    """Whether the text of a certificate states the rig and the controller of a prototype, and nothing else."""
-    return "\n".join([*rig_lines(prototype), *controller_lines(prototype)]) in certificate
+    """Whether the text of a certificate states rig, controller and effects of a prototype, and no others."""
+    from beamdesign.proof.family_document import effect_lines  # it builds on this file
+
+    stated = "\n".join([*rig_lines(prototype), *controller_lines(prototype), *effect_lines(prototype)])
+    return stated in certificate and ("\n[effects]\n" in certificate) == bool(prototype.effects)
 
 
 def quoted(value: str) -> str:

@@ -28,20 +28,17 @@ def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> li
     controller = prototype.controller
     if controller is None:
         raise ValueError("the prototype has no [controller]")
-    return [
-        Proved(
-            member,
-            Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high)),
-            Rectangle(loop, low, high, exact(member.performance.low), exact(member.performance.high)),
-        )
-        for member in found.members
-        for loop in [close_loop(member.rig.plant(prototype.payload.inner_end_mass_kg), controller)]
-    ]
+    found_loops = []
+    for member in found.members:
+        loop = close_loop(member.rig.plant(prototype.payload.inner_end_mass_kg), controller)
+        stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
+        inside = member.performance
+        performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
+        found_loops.append(Proved(member, stable, performing))
+    return found_loops
 
 
-def certify_family(
-    prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()
-) -> Certificate:
+def certify_family(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
     """Decide stability and claims for every linear member of a prototype, and write the proof.
 
     Stability, decay and gain margin are about every factor on the gain that the effects allow; compliance and peak
@@ -58,13 +55,16 @@ def certify_family(
     proved = rectangles(prototype, found, low, high)
     stability = common_ranges([part.stable for part in proved], low, high)
     decided = [_decide(proved, asked) for asked in claims]
-    guaranteed, reached = None, []
+    guaranteed: Guaranteed | None = None
+    reached: list[Claim] = []
     if stability.stable:
         guaranteed, reached = _guarantees(proved, prototype.goal.compliance_m_per_N, (low_kg, high_kg))
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
     text = document(prototype, found, proved, stability, written, _summary(prototype, found, stability, written))
     method = f"{METHOD}; {scope(prototype, found)}"
-    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text, method)
+    return Certificate(
+        (low_kg, high_kg), stability, tuple(decided), guaranteed, text, method, tuple(covered(prototype, found))
+    )
 
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
@@ -76,10 +76,16 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
             bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
             masses = nearest(part.stable.low), nearest(part.stable.high)
             return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason)
-        claim = prove(part.performing if performance else part.stable, asked)
+    claim: Claim | None = None
+    for part in proved:
+        rectangle = part.performing if performance else part.stable
+        if rectangle is None:
+            continue
+        claim = prove(rectangle, asked)
         if not claim.holds:
             where = f" (with {part.member.name})" if part.member.name else ""
             return replace(claim, reason=claim.reason + where)
+    assert claim is not None  # some member performs
     return claim
 
 
@@ -87,7 +93,7 @@ def _guarantees(
     proved: Sequence[Proved], compliance: float, ends: tuple[float, float]
 ) -> tuple[Guaranteed, list[Claim]]:
     """The best figures that every member has, and each as a claim that holds."""
-    performing = [part.performing for part in proved]
+    performing = [part.performing for part in proved if part.performing is not None]
     reached, peak = bandwidth(performing, compliance), peak_sensitivity(performing)
     claims = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
     if reached > 0:
@@ -180,7 +186,8 @@ def covered(prototype: Prototype, found: Family) -> list[str]:
         assert linear is not None  # the family exists
         out = f"; not covered: {linear.leaves_out}" if linear.leaves_out else ""
         lines.append(f"{name}: {linear.covers}{out}.")
-    gain, inside = found.members[0].gain, found.members[0].performance
+    gain = found.members[0].gain
+    inside = next(member.performance for member in found.members if member.performance is not None)
     if gain.low != gain.high:
         lines.append(f"Stability holds at every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
         if inside != gain:
@@ -210,4 +217,3 @@ def _summary(prototype: Prototype, found: Family, stability: StabilityMap, claim
         lines += [f"{every} stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
     lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
     return "\n".join(lines)
-

@@ -24,11 +24,11 @@ _DIGITS = 12
 
 @dataclass(frozen=True)
 class Proved:
-    """A member with the rectangle over which it is to be stable, and that over which it is to perform."""
+    """A member with the rectangle over which it is to be stable, and that over which it is to perform, if it is."""
 
     member: Member
     stable: Rectangle
-    performing: Rectangle
+    performing: Rectangle | None
 
 
 def document(
@@ -52,7 +52,7 @@ def document(
     above = [
         *(f"# {line}".rstrip() for line in summary.splitlines()),
         "#",
-        "# To prove it again: beamdesign certify --replay THIS-FILE (beamdesign/proof/replay_members.py and replay.py).",
+        "# To prove it again: beamdesign certify --replay THIS-FILE  (proof/replay_members.py and replay.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
         "# text. Polynomials list the coefficients of s^0, s^1, ... The checksum is of the text without its own line.",
         "",
@@ -97,7 +97,8 @@ def _member(part: Proved) -> Iterator[str]:
     """A member: its frozen figures, the factors on its gain, and its polynomials at a factor of one."""
     yield "[[member]]"
     for key, rectangle in (("gain", part.stable), ("performance_gain", part.performing)):
-        yield f'{key} = ["{text(rectangle.least)}", "{text(rectangle.most)}"]'
+        if rectangle is not None:
+            yield f'{key} = ["{text(rectangle.least)}", "{text(rectangle.most)}"]'
     yield ""
     for name, table in part.member.frozen.items():
         yield f"[member.frozen.{name}]"

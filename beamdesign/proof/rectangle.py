@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from beamdesign.proof.certificate import Asked
 
 _ZERO = fmpq_poly([0])
+_ONE = fmpq(1)
 
 
 @dataclass(frozen=True)
@@ -104,8 +105,8 @@ class Rectangle:
     loop: Loop
     low: fmpq
     high: fmpq
-    least: fmpq = fmpq(1)
-    most: fmpq = fmpq(1)
+    least: fmpq = _ONE
+    most: fmpq = _ONE
 
     def sides(self) -> list[Side]:
         """The sides, those of varying mass first; one alone where the factor does not vary."""
@@ -154,11 +155,16 @@ def peak_sensitivity(rectangles: Sequence[Rectangle]) -> float:
     worst = 0.0
     for side in (side for rectangle in rectangles for side in rectangle.sides()):
         # Mostly one side governs, and one proof settles each of the others.
-        if worst == 0.0 or not prove_peak_sensitivity(side.loop, worst, side.low, side.high).holds:  # type: ignore[arg-type]
+        if worst == 0.0 or not prove_peak(side, worst).holds:
             worst = max(worst, _peak(side))
             if isinf(worst):
                 return inf
     return worst
+
+
+def prove_peak(side: Side, limit: float) -> Claim:
+    """Prove or refute a limit of the sensitivity on one side."""
+    return prove_peak_sensitivity(side.loop, limit, side.low, side.high)  # type: ignore[arg-type]
 
 
 def _peak(side: Side) -> float:
@@ -183,7 +189,7 @@ def prove(rectangle: Rectangle, asked: "Asked") -> Claim:
             case "compliance":
                 claim = prove_compliance(side.loop, asked.limit, asked.bandwidth_Hz, side.low, side.high)  # type: ignore[arg-type]
             case "peak_sensitivity":
-                claim = prove_peak_sensitivity(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
+                claim = prove_peak(side, asked.limit)
             case "decay_rate":
                 claim = prove_decay_rate(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
         if not claim.holds:

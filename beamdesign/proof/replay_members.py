@@ -68,8 +68,8 @@ def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
         raise Malformed("the range of masses is empty")
     if unknown := sorted(set(table["effects"]) - KNOWN - {"two_pi"}):
         raise Malformed(f"effects that are not known here: {', '.join(unknown)}")
-    if not table["member"]:
-        raise Malformed("there is no member")
+    if not any("performance_gain" in entry for entry in table["member"]):
+        raise Malformed("there is no member, or none that is to perform")
     yield from single._figures(table)
     turn = abs(arb(rational(table["effects"]["two_pi"])) / (2 * arb.pi()) - 1) < arb(FLOAT_ROUNDING)
     yield bool(turn), "two_pi is 2 pi" if turn else "two_pi is not 2 pi"
@@ -100,9 +100,7 @@ def _stability(
     yield right, f"stable = {whole}" if right else "`stable` contradicts what is found"
 
 
-def _claim(
-    claim: dict[str, Any], members: "Sequence[Member]", whole: bool, low: fmpq, high: fmpq
-) -> tuple[bool, str]:
+def _claim(claim: dict[str, Any], members: "Sequence[Member]", whole: bool, low: fmpq, high: fmpq) -> tuple[bool, str]:
     """One claim about all members: it holds if it says so, and fails for one of them if it says so."""
     kind, limit, holds = claim["kind"], rational(claim["limit"]), claim["holds"]
     if not isinstance(holds, bool) or limit <= 0:
@@ -139,8 +137,9 @@ class Member:
     """One linear loop over the mass m and a factor g on its gain: opened + m p1 + g returned."""
 
     def __init__(self, table: dict[str, Any], entry: dict[str, Any]):
-        self.gain, self.performance = (_factors(entry[key]) for key in ("gain", "performance_gain"))
-        if not self.gain[0] <= self.performance[0] <= self.performance[1] <= self.gain[1]:
+        self.gain = _factors(entry["gain"])
+        self.performance = _factors(entry["performance_gain"]) if "performance_gain" in entry else None
+        if self.performance and not self.gain[0] <= self.performance[0] <= self.performance[1] <= self.gain[1]:
             raise Malformed("the factors for performance are not among those for stability")
         names = ("p0", "p1", "returned", "disturbance")
         stated = {name: single._polynomial(entry["polynomials"][name]) for name in names}
@@ -159,8 +158,13 @@ class Member:
         )
 
     def performs(self, kind: str, limit: fmpq, low: fmpq, high: fmpq, until: fmpq | None) -> bool:
-        """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least."""
+        """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least.
+
+        A member without factors for performance is not asked.
+        """
         compliance = kind == "compliance"
+        if self.performance is None:
+            return True
         for factor in set(self.performance):
             top = (self.disturbance, ZERO) if compliance else (self.opened, self.p1)
             slack = single.Slack(limit, (self.opened + factor * self.returned, self.p1), top)
@@ -200,8 +204,9 @@ def _rebuilt(table: dict[str, Any], frozen: Mapping[str, Mapping[str, str]]) -> 
     around = fmpq_poly([valve**2 * spring, 2 * figure["valve_damping_ratio"] * valve, 1]) * denominator
     forward = figure["sensor_gain_V_per_m"] * figure["flow_gain_m3_per_s_per_A"] * valve**2 * numerator
     if "filter_frequency_rad_per_s" in figure:
-        forward, around = forward * figure["filter_frequency_rad_per_s"], around * (
-            S + figure["filter_frequency_rad_per_s"]
+        forward, around = (
+            forward * figure["filter_frequency_rad_per_s"],
+            around * (S + figure["filter_frequency_rad_per_s"]),
         )
     if "sensor_lag" in effects:
         rate = turn * effects["sensor_lag"]["break_Hz"]
@@ -270,7 +275,7 @@ def _mechanics(
         own = effects["joint_backlash"]
         join("rod", "inner", own["share"] * fmpq_poly([own["stiffness_N_per_m"], own["damping_N_s_per_m"]]))
         inertia("rod", own["rod_mass_kg"])
-    tip = [name for name in ("first", "second") if name in rows]
+    tip: list[str] = [name for name in ("first", "second") if name in rows]
     seal = ZERO
     if "seal_friction" in effects:
         own = effects["seal_friction"]
@@ -302,7 +307,7 @@ def _mechanics(
                 total += seen[name] * _determinant(column)
         return total
 
-    at_tip = dict.fromkeys(tip, fmpq(1))
+    at_tip: dict[str, fmpq] = dict.fromkeys(tip, fmpq(1))
     share = effects["mount_compliance"]["sensor_share"] if "mount_compliance" in effects else fmpq(0)
     flow = [1 / area if name == "oil" else fmpq(0) for name in names]
     force = [fmpq(1) if name in tip else fmpq(0) for name in names]

@@ -84,6 +84,11 @@ class Span:
     rest: float
     performance: tuple[float, float] | None = None
 
+    @property
+    def performing(self) -> tuple[float, float]:
+        """The part of the span over which more than stability is asked."""
+        return self.performance or (self.low, self.high)
+
 
 Spans = Callable[[Mapping[str, float], Operation], Span]
 """From the effect's own parameters and the operation to a span."""

@@ -29,7 +29,7 @@ def _law(signal: Any, site: Site) -> Any:
 def _spring(own: Mapping[str, float], at: Operation) -> Span:
     """Slope of friction over stroke: at most twice that at rest, where the deflection is turned back from full."""
     slope = own["coulomb_N"] * own["breakaway_ratio"] / own["presliding_m"]
-    return Span(0.0, 2 * slope, slope)
+    return Span(0.0, 2 * slope, slope, (0.0, 0.0))
 
 
 def _dashpot(own: Mapping[str, float], at: Operation) -> Span:
@@ -54,7 +54,8 @@ EFFECT = Effect(
     source="P. R. Dahl, AIAA J. 14 (1976) 1675; B. Armstrong-Helouvry et al., Automatica 30 (1994) 1083 (Stribeck)",
     linear=Linear(
         "the seal as a spring between piston and cylinder, from none while it slides to its stiffest just after a"
-        " reversal, and a dashpot from the falling to the level part of the Stribeck curve",
+        " reversal, and a dashpot from the falling to the level part of the Stribeck curve; performance while it"
+        " slides",
         "values of spring and dashpot between these, and stick-slip",
         laws={
             "friction_N": lambda signal, site: (

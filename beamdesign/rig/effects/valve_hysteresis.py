@@ -29,13 +29,14 @@ EFFECT = Effect(
     memory=("friction",),
     source="P. R. Dahl, AIAA J. 14 (1976) 1675,, here on the spool",
     linear=Linear(
-        "the friction as a spring on the spool, from none while it slides to its stiffest just after a reversal",
+        "the friction as a spring on the spool, from none while it slides to its stiffest just after a reversal;"
+        " performance while it slides",
         "values of that spring between these two, and limit cycles",
         laws={
             "spool_A": lambda signal, site: (
                 signal - site.parameter["spring"] * site.port["flow_m3_per_s"] / site.figure["flow_gain"]
             )
         },
-        figures={"spring": lambda own, at: Span(0.0, 2.0, 1.0)},
+        figures={"spring": lambda own, at: Span(0.0, 2.0, 1.0, (0.0, 0.0))},
     ),
 )
