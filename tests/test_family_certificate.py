@@ -1,0 +1,208 @@
+"""Certificates over all linear members of a prototype with effects: dense grids, replay, and the nonlinear rig."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import fmpq
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.design.tuning import tune
+from beamdesign.loop import close_loop
+from beamdesign.members import family
+from beamdesign.polynomial import exact
+from beamdesign.proof.certificate import Asked, certify
+from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity
+from beamdesign.proof.replay import Malformed
+from beamdesign.proof.replay_members import KNOWN, replay
+from beamdesign.prototype import Lag, Payload, Prototype, write_prototype
+from beamdesign.rig.effects import library
+from beamdesign.scenario import Scenario, ScenarioRecord, Step
+from beamdesign.simulate import simulate
+
+CLAIMS = (
+    Asked("peak_sensitivity", 3.0),
+    Asked("compliance", 5.71e-8, 1.0),
+    Asked("gain_margin", 1.1),
+    Asked("decay_rate", 0.1),
+)
+
+
+@pytest.fixture
+def tame(paper: Prototype) -> Prototype:
+    return paper.but(
+        controller=Lag(gain_A_per_V=0.05, pole_Hz=1.75, zero_Hz=26.0),
+        payload=Payload(inner_end_mass_kg=2.0, outer_end_mass_kg=(0.0, 6.8)),
+    )
+
+
+def with_effects(rig: Prototype, *names: str) -> Prototype:
+    return rig.but(effects={name: {} for name in names})
+
+
+@pytest.mark.parametrize("name", sorted(library()))
+def test_every_effect_is_certified_and_proved_again_from_the_text(tame: Prototype, name: str):
+    """The replay rebuilds each member from impedances of its parts and shares no code with the proof."""
+    found = certify(with_effects(tame, name), 0.0, 6.8, CLAIMS)
+    again = replay(found.text)
+    assert found.stable
+    assert again.valid, again.reasons
+    assert f"# {name}: {library()[name].linear.covers}" in found.text
+    assert found.scope[0].startswith(name)
+    assert "not the nonlinear loop" in found.scope[-1]
+
+
+def test_the_replay_knows_every_effect():
+    assert set(library()) == KNOWN
+
+
+def test_effects_in_company_are_proved_again(tame: Prototype):
+    names = ("joint_backlash", "mount_compliance", "second_beam_mode", "sensor_lag", "valve_hysteresis")
+    found = certify(with_effects(tame, *names, "unequal_piston_areas"), 0.0, 2.0)
+    again = replay(found.text)
+    assert found.stable
+    assert again.valid, again.reasons
+    assert found.text.count("[[member]]") == 4
+
+
+def test_an_unstable_range_has_its_stable_part_in_common(remedy: Prototype):
+    """Gains of the two sides times the controller's, on the rig without effects: the stable masses of both."""
+    found = certify(with_effects(remedy, "unequal_piston_areas"), 0.0, 20.0, [Asked("peak_sensitivity", 9.0)])
+    ends = []
+    for factor in (1 / 1.121, 1 / 0.879):
+        gain = remedy.controller.gain_A_per_V * factor
+        ends.append(certify(remedy.but(controller=remedy.controller.but(gain_A_per_V=gain)), 0.0, 20.0))
+    low = max(end.stable_ranges_kg[0][0] for end in ends)
+    high = min(end.stable_ranges_kg[0][1] for end in ends)
+    assert found.stable_ranges_kg == [pytest.approx((low, high), rel=1e-12)]
+    assert not found.stable
+    assert found.guaranteed is None
+    assert not found.claims[0].holds
+    assert len(found.crossings) == sum(len(end.crossings) for end in ends)
+    assert replay(found.text).valid
+
+
+def test_a_gain_between_stable_ends_is_looked_at(paper: Prototype):
+    """With a dead band the gain may be anything: what is stable without and with the loop is not so in between."""
+    low_inner = paper.but(
+        controller=Lag(gain_A_per_V=0.2, pole_Hz=1.75, zero_Hz=26.0), payload=Payload(inner_end_mass_kg=4.5)
+    )
+    found = certify(with_effects(low_inner, "valve_deadband"), 0.0, 20.0)
+    member = family(with_effects(low_inner, "valve_deadband"), 20.0).members[0]
+    loop = close_loop(member.rig.plant(4.5), low_inner.controller)
+    for low, high in found.stable_ranges_kg:
+        for mass in np.linspace(low, high, 9)[1:-1]:
+            for factor in np.linspace(0.0, 1.0, 21):
+                polynomial = loop.opened.at(exact(mass)) + exact(factor) * loop.returned
+                roots = np.roots([float(c) for c in reversed(polynomial.coeffs())])
+                assert roots.real.max() < 1e-9 * abs(roots).max()
+    assert replay(found.text).valid
+
+
+def test_figures_of_a_rectangle_are_those_of_a_dense_grid_inside(tame: Prototype):
+    """Neither inside nor on the sides is anything worse than what the sides prove, and something comes close."""
+    (member,) = family(with_effects(tame, "unequal_piston_areas", "sensor_lag")).members
+    loop = close_loop(member.rig.plant(2.0), tame.controller)
+    rectangle = Rectangle(loop, fmpq(0), fmpq(34, 5), fmpq(1, 2), fmpq(2))
+    assert rectangle.unstable_side() is None
+    peak, reached = peak_sensitivity([rectangle]), bandwidth([rectangle], 5.71e-8)
+    frequencies = np.geomspace(0.1, 300.0, 1500)
+    s = 2j * np.pi * frequencies
+
+    def value(polynomial) -> np.ndarray:
+        return np.polyval([float(c) for c in reversed(polynomial.coeffs())], s)
+
+    constant, slope = value(loop.opened.constant), value(loop.opened.slope)
+    returned, disturbance = value(loop.returned), value(loop.disturbance)
+    masses, factors = np.linspace(0.0, 6.8, 41)[:, None, None], np.geomspace(0.5, 2.0, 31)[:, None]
+    opened = constant + masses * slope
+    closed = opened + factors * returned
+    sensitivity, compliance = np.abs(opened / closed), np.abs(disturbance / closed)
+    assert 0.995 * peak < sensitivity.max() <= peak
+    over = frequencies[(compliance > 5.71e-8).any(axis=(0, 1))].min()
+    assert 0.99 * over < reached <= over
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "reason"),
+    [
+        ('break_Hz = "400"', 'break_Hz = "401"', "do not follow from the figures"),
+        ('asymmetry = "0.121"', 'asymmetry = "0.122"', ""),
+        ('two_pi = "6.283185307179586"', 'two_pi = "6.2832"', "two_pi is not"),
+        ("holds = true", "holds = false", "holds after all"),
+        ('limit = "3"', 'limit = "1.1"', "not proved"),
+        ("stable = true", "stable = false", "contradicts"),
+    ],
+)
+def test_an_altered_certificate_is_found_out(tame: Prototype, before: str, after: str, reason: str):
+    text = certify(with_effects(tame, "unequal_piston_areas", "sensor_lag"), 0.0, 6.8, CLAIMS).text
+    assert before in text
+    altered = text.replace(before, after, 1)
+    assert "altered" in " ".join(replay(altered).reasons)
+    # With the checksum made good, what was altered has to be found out by proof. Parameters of an effect that is but a
+    # factor on the gain only say where that factor comes from.
+    line = next(line for line in altered.splitlines() if line.startswith("sha256 = "))
+    body = altered.replace(line + "\n", "", 1)
+    resealed = altered.replace(line, f'sha256 = "{hashlib.sha256(body.encode()).hexdigest()}"', 1)
+    outcome = replay(resealed)
+    assert outcome.valid == (reason == "")
+    assert reason in " ".join(outcome.reasons)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("[effects.sensor_lag]", "[effects.sensor_leg]"),
+        ("version = 1", "version = 2"),
+        ('performance_gain = ["1", "1"]', 'performance_gain = ["0.9", "1"]'),
+        ('gain = ["1", "1"]', 'gain = ["-1", "1"]'),
+    ],
+)
+def test_what_is_no_certificate_is_refused(tame: Prototype, before: str, after: str):
+    text = certify(with_effects(tame, "sensor_lag"), 0.0, 6.8).text
+    assert before in text
+    with pytest.raises(Malformed):
+        replay(text.replace(before, after, 1))
+
+
+@pytest.mark.parametrize("names", [("unequal_piston_areas", "sensor_lag"), ("second_beam_mode",), ("seal_friction",)])
+def test_a_tuned_loop_is_proved_and_survives_on_the_nonlinear_rig(paper: Prototype, names: tuple[str, ...]):
+    """Steps of force and command in the time domain, at both ends of the payload and between."""
+    found = tune(with_effects(paper, *names), (0.0, 6.8))
+    assert found.best is not None
+    proof = certify(found.prototype, 0.0, 6.8)
+    assert proof.stable
+    assert proof.guaranteed.bandwidth_Hz >= found.best.bandwidth_Hz > 3.0
+    assert proof.guaranteed.peak_sensitivity <= 2.0001
+    assert replay(proof.text).valid
+    rows = tuple(
+        ScenarioRecord(name=f"at_{mass:g}", input=(Step(amplitude_N=300.0, at_s=0.05),), outer_end_mass_kg=mass)
+        for mass in (0.0, 2.0, 6.8)
+    )
+    ran = simulate(found.prototype, Scenario(name="steps", duration_s=1.5, record=rows))
+    assert ran.stable
+    for record in ran.records:
+        late = record.column("displacement_m")[-200:]
+        assert np.ptp(late) < 0.05 * np.ptp(record.column("displacement_m"))
+
+
+def test_commands_take_prototypes_with_effects(tame: Prototype, tmp_path: Path):
+    rig, out = tmp_path / "p.toml", tmp_path / "out"
+    write_prototype(with_effects(tame, "sensor_lag", "unequal_piston_areas"), rig)
+    runner = CliRunner()
+    done = runner.invoke(app, ["tune", str(rig), "--out", str(out), "--json", str(tmp_path / "t.json")])
+    assert done.exit_code == 0, done.output
+    assert "unequal_piston_areas: flow gain from that of the larger side" in done.output
+    assert "not the nonlinear loop" in json.loads((tmp_path / "t.json").read_text())["guaranteed"]["scope"][-1]
+    paths = [str(out / "prototype.toml"), str(tmp_path / "c.toml")]
+    done = runner.invoke(app, ["certify", paths[0], "--out", paths[1], "--json", str(tmp_path / "c.json")])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "c.json").read_text())["stable"]
+    assert runner.invoke(app, ["certify", paths[0], "--replay", paths[1]]).exit_code == 0
+    write_prototype(tame, rig)
+    other = runner.invoke(app, ["certify", str(rig), "--replay", paths[1]])
+    assert other.exit_code == 1
+    assert "its figures are not those of" in other.output
