@@ -1,0 +1,137 @@
+"""The loops that one controller has to serve: one for a rig without effects, those of all linear members otherwise."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.design.loop_constraints import loop_slack, member_slack
+from beamdesign.design.loop_search import GridPlant, grid_plant, member_grid
+from beamdesign.linear import LinearRig
+from beamdesign.loop import Loop, close_loop
+from beamdesign.members import Member, MemberRig
+from beamdesign.polynomial import exact
+from beamdesign.proof.performance import Claim
+from beamdesign.proof.rectangle import Rectangle, at_mass, bandwidth, peak_sensitivity, prove_peak, scaled
+from beamdesign.prototype import Lag, Proportional
+
+LOOSER_PEAK = 3.0
+"""An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """What an optimiser enforces of one loop at its check points.
+
+    Attributes:
+        slack: see `beamdesign.design.loop_constraints.loop_slack`.
+        looser: logarithm of what the limit of sensitivity is raised by.
+        performs: whether compliance is enforced as well.
+    """
+
+    slack: ca.Function
+    looser: float = 0.0
+    performs: bool = True
+
+
+def constraints(kind: str, filtered: bool, members: Sequence[Member], active: Collection[int]) -> list[Constraint]:
+    """Of a rig without effects, or of the members with the given numbers at both ends of their gains."""
+    if not members:
+        return [Constraint(loop_slack(kind, filtered))]
+    return [
+        Constraint(member_slack(kind, rig.bilinear, factor), 0.0 if performs else log(LOOSER_PEAK), performs)
+        for rig, factor, performs in _ends([members[k] for k in sorted(active)])
+    ]
+
+
+def first_active(members: Sequence[Member]) -> set[int]:
+    """The member that an optimiser begins with; proofs add the others that matter."""
+    return {next((k for k, member in enumerate(members) if member.performance is not None), 0)}
+
+
+def _ends(members: Sequence[Member]) -> list[tuple[MemberRig, float, bool]]:
+    """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
+    found = []
+    for member in members:
+        assert isinstance(member.rig, MemberRig)
+        inside = member.performance
+        asked = member.gain if inside is None else inside
+        found += [(member.rig, factor, inside is not None) for factor in sorted({asked.low, asked.high}) if factor > 0]
+    return found
+
+
+def grids(rig: LinearRig, members: Sequence[Member], frequency_Hz: np.ndarray) -> list[GridPlant]:
+    """Responses of everything that is to perform."""
+    if not members:
+        return [grid_plant(rig, frequency_Hz)]
+    return [
+        member_grid(member.bilinear, factor, frequency_Hz) for member, factor, performs in _ends(members) if performs
+    ]
+
+
+@dataclass(frozen=True)
+class LoopSet:
+    """All loops of one controller and inner end mass over a range of outer end masses.
+
+    Attributes:
+        stable: by number of the member, rectangles of masses and gains that are to be stable.
+        performing: likewise, those that are to perform.
+    """
+
+    stable: Mapping[int, Rectangle]
+    performing: Mapping[int, Rectangle]
+
+    def unstable(self) -> list[int]:
+        """Numbers of the members that are not stable throughout: exact."""
+        return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
+
+    def refuted_peak(self, limit: float) -> tuple[Claim, int] | None:
+        """A claim that this limit of the sensitivity is kept, refuted with mass and frequency, and the member.
+
+        None where it holds.
+        """
+        for k, rectangle in self.performing.items():
+            for side in rectangle.sides():
+                claim = prove_peak(side, limit)
+                if not claim.holds:
+                    return at_mass(side, claim), k
+        return None
+
+    def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
+        """Proved of each member that is to perform, Hz."""
+        return {k: bandwidth([rectangle], limit_m_per_N) for k, rectangle in self.performing.items()}
+
+    def peak_sensitivity(self) -> float:
+        """Proved for every loop that is to perform."""
+        return peak_sensitivity(list(self.performing.values()))
+
+    def ends(self) -> list[Loop]:
+        """The loops over the mass at the ends of the gains, those that are to perform."""
+        return [
+            scaled(rectangle.loop, factor)
+            for rectangle in self.performing.values()
+            for factor in sorted({rectangle.least, rectangle.most})
+        ]
+
+
+def loop_set(
+    rig: LinearRig,
+    members: Sequence[Member],
+    controller: Proportional | Lag,
+    inner_end_mass: float,
+    masses_kg: tuple[float, float],
+) -> LoopSet:
+    """Close the loops of a rig, or of its members where it has effects."""
+    low, high = (exact(mass) for mass in masses_kg)
+    if not members:
+        rectangle = Rectangle(close_loop(rig.plant(inner_end_mass), controller), low, high)
+        return LoopSet({0: rectangle}, {0: rectangle})
+    stable, performing = {}, {}
+    for k, member in enumerate(members):
+        loop = close_loop(member.rig.plant(inner_end_mass), controller)
+        stable[k] = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
+        if (inside := member.performance) is not None:
+            performing[k] = Rectangle(loop, low, high, exact(inside.low), exact(inside.high))
+    return LoopSet(stable, performing)
