@@ -69,7 +69,11 @@ def test_effects_in_company_are_proved_again(tame: Prototype):
 
 
 def test_an_unstable_range_has_its_stable_part_in_common(remedy: Prototype):
-    """Gains of the two sides times the controller's, on the rig without effects: the stable masses of both."""
+    """Gains of the two sides times the controller's, on the rig without effects: the stable masses of both.
+
+    Without leakage the sides differ in nothing else.
+    """
+    remedy = remedy.but(servovalve=remedy.servovalve.but(leakage_m3_per_s_per_Pa=0.0))
     found = certify(with_effects(remedy, "unequal_piston_areas"), 0.0, 20.0, [Asked("peak_sensitivity", 9.0)])
     ends = []
     for factor in (1 / 1.121, 1 / 0.879):
@@ -130,7 +134,7 @@ def test_figures_of_a_rectangle_are_those_of_a_dense_grid_inside(tame: Prototype
     ("before", "after", "reason"),
     [
         ('break_Hz = "400"', 'break_Hz = "401"', "do not follow from the figures"),
-        ('asymmetry = "0.121"', 'asymmetry = "0.122"', ""),
+        ('asymmetry = "0.121"', 'asymmetry = "0.122"', "do not follow from the figures"),
         ('two_pi = "6.283185307179586"', 'two_pi = "6.2832"', "two_pi is not"),
         ("holds = true", "holds = false", "holds after all"),
         ('limit = "3"', 'limit = "1.1"', "not proved"),
@@ -142,13 +146,12 @@ def test_an_altered_certificate_is_found_out(tame: Prototype, before: str, after
     assert before in text
     altered = text.replace(before, after, 1)
     assert "altered" in " ".join(replay(altered).reasons)
-    # With the checksum made good, what was altered has to be found out by proof. Parameters of an effect that is but a
-    # factor on the gain only say where that factor comes from.
+    # With the checksum made good, what was altered has to be found out by proof.
     line = next(line for line in altered.splitlines() if line.startswith("sha256 = "))
     body = altered.replace(line + "\n", "", 1)
     resealed = altered.replace(line, f'sha256 = "{hashlib.sha256(body.encode()).hexdigest()}"', 1)
     outcome = replay(resealed)
-    assert outcome.valid == (reason == "")
+    assert not outcome.valid
     assert reason in " ".join(outcome.reasons)
 
 

@@ -232,16 +232,20 @@ def _mechanics(
     """Beams, mount, rod and oil with a mass on the outer tip.
 
     The unknowns are the outer beam's first mode, its second, the inner tip, the rod, the mount and the force of the
-    oil, as far as there are such; each has one equation.
+    oil, or of each chamber, as far as there are such; each has one equation.
 
     Returns:
         determinant, what a flow gives at the sensor, and what a force on the tip gives there; over the determinant.
     """
-    names = ["first", "inner", "oil"]
+    leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
+    # Both chambers show only where their sides differ and leak; else they act as one.
+    uneven = effects.get("unequal_piston_areas", {}).get("asymmetry", fmpq(0)) if leak != 0 else fmpq(0)
+    chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": fmpq(1)}
+    names = ["first", "inner", *chambers]
     names += ["second"] if "second_beam_mode" in effects else []
     names += ["rod"] if "joint_backlash" in effects else []
     names += ["mount"] if "mount_compliance" in effects else []
-    area, rod = figure["piston_area_m2"], "rod" if "joint_backlash" in effects else "inner"
+    rod = "rod" if "joint_backlash" in effects else "inner"
     rows: dict[str, dict[str, fmpq_poly]] = {name: {} for name in names}
 
     def add(row: str, column: str, value: fmpq_poly) -> None:
@@ -281,18 +285,21 @@ def _mechanics(
         own = effects["seal_friction"]
         seal = fmpq_poly([own["spring_N_per_m"], own["dashpot_N_s_per_m"]])
     for row in tip:  # forces at the tip act on both modes, and it moves by their sum
-        add(row, "oil", -ONE)
         for column in tip:
             add(row, column, fmpq_poly([0, 0, mass]) + seal)
         add(row, rod, -seal)
         add(rod, row, -seal)
-        add("oil", row, S)
     add(rod, rod, seal)
-    add(rod, "oil", ONE)
     softer = effects["entrained_air"]["stiffness_factor"] if "entrained_air" in effects else fmpq(1)
-    leak, oil = figure["leakage_m3_per_s_per_Pa"] / area**2, 1 / (softer * figure["oil_stiffness_N_per_m"])
-    add("oil", "oil", fmpq_poly([leak, oil]))
-    add("oil", rod, -S)
+    count = len(chambers)
+    for name, side in chambers.items():  # each adds a force to the cylinder, towards its own end
+        for row in tip:
+            add(row, name, -ONE)
+            add(name, row, S)
+        add(rod, name, ONE)
+        add(name, rod, -S)
+        spring = softer * figure["oil_stiffness_N_per_m"] * side / count
+        add(name, name, fmpq_poly([count * leak / (area * side) ** 2, 1 / spring]))
     matrix = [[rows[row].get(column, ZERO) for column in names] for row in names]
 
     def moved(by: Sequence[fmpq], seen: Mapping[str, fmpq]) -> fmpq_poly:
@@ -309,7 +316,7 @@ def _mechanics(
 
     at_tip: dict[str, fmpq] = dict.fromkeys(tip, fmpq(1))
     share = effects["mount_compliance"]["sensor_share"] if "mount_compliance" in effects else fmpq(0)
-    flow = [1 / area if name == "oil" else fmpq(0) for name in names]
+    flow = [1 / area if name in chambers else fmpq(0) for name in names]
     force = [fmpq(1) if name in tip else fmpq(0) for name in names]
     return _determinant(matrix), moved(flow, {**at_tip, "mount": -share}), moved(force, at_tip)
 
