@@ -175,6 +175,8 @@ def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
     without = noise_free(case, _probe(case))
     if not all(motion.bounded for motion in without.values()):
         return None
+    if _tolerance_gap(case, without) > _LARGEST_TOLERANCE_GAP:
+        return None
     floor = relative_floor(case, without)
     chosen = [name for name in _BACKGROUND if rng.uniform() < 0.6]
     aim = float(rng.uniform(0.2, 0.8)) * floor
@@ -207,7 +209,7 @@ def _with_effects(
     without = noise_free(case)
     floor = relative_floor(case, without)
     gaps = {"background": case.gaps["background"], "floor": floor, "tolerances": _tolerance_gap(case, without)}
-    if gaps["tolerances"] > _LARGEST_TOLERANCE_GAP:
+    if not np.isfinite(gaps["tolerances"]):
         notes.append("the tolerances alone changed the rig too much")
         return None
     if not found:
@@ -229,7 +231,7 @@ def _with_effects(
 def _tolerance_gap(case: Case, without: dict[str, Motion]) -> float:
     """What the tolerances alone change."""
     believed = replace(case, factors=dict.fromkeys(case.factors, 1.0))
-    return relative_gap(without, noise_free(believed))
+    return relative_gap(without, noise_free(believed, without[case.runs[0].name].duration))
 
 
 def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.random.Generator) -> Departure | None:

@@ -52,8 +52,14 @@ class Kind:
     listed: bool = True
 
 
+_QUICKEST = 3e4
+"""rad/s; a lag quicker than this is none, and would not fit into the steps of the simulation."""
+
+
 def _lag(scales: Scales, shape: Shape, severity: float) -> Shape:
     rate = 2 * pi * 400 / severity
+    if 2 * rate > _QUICKEST:
+        return {}
     if shape["order"] > 1.5:  # the same delay at low frequency
         return {"lag_rate": 2 * shape["zeta"] * rate, "lag_order": 2.0, "lag_damping_ratio": shape["zeta"]}
     return {"lag_rate": rate, "lag_order": 1.0}
@@ -155,7 +161,7 @@ def _draws(**each: Callable[[np.random.Generator], float]) -> Callable[[np.rando
 
 _LISTED = (
     Kind(
-        "sensor_lag", "sensor", _draws(order=_one_of(1, 1, 2), zeta=_between(0.6, 1.0)), _lag, (0.15, 8), _told_lag
+        "sensor_lag", "sensor", _draws(order=_one_of(1, 1, 2), zeta=_between(0.6, 1.0)), _lag, (0.17, 8), _told_lag
     ),
     Kind(
         "transport_delay", "controller", _draws(), lambda s, q, v: {"delay": 0.5e-3 * v}, (0.2, 9),
@@ -264,7 +270,8 @@ _OUTSIDE = (
     ),
     Kind("sensor_stiction", "sensor", _draws(), lambda s, q, v: {"sensor_play": 2e-6 * v}, (0.05, 60), listed=False),
     Kind(
-        "coil_lag", "amplifier", _draws(), lambda s, q, v: {"coil_rate": 2 * pi * 400 / v}, (0.15, 8), listed=False
+        "coil_lag", "amplifier", _draws(),
+        lambda s, q, v: {"coil_rate": 2 * pi * 400 / v} if 2 * pi * 400 / v < _QUICKEST else {}, (0.15, 8), listed=False
     ),
     Kind(
         "command_hum", "controller", _draws(hertz=_one_of(50, 60, 100), phase=_between(0, 6.28)),

@@ -394,6 +394,11 @@ class Motion:
     outer: np.ndarray
     bounded: bool
 
+    @property
+    def duration(self) -> float:
+        """From the first sample to one interval after the last, s."""
+        return float(self.times[-1] + self.times[1])
+
 
 def march(
     figures: np.ndarray,
