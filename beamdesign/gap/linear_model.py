@@ -43,6 +43,7 @@ class LinearModel:
     base: np.ndarray = field(repr=False)
     assembly: Assembly
     load: float = 0.0
+    _rest: list[np.ndarray] = field(default_factory=list, repr=False, compare=False)
 
     @property
     def weight(self) -> np.ndarray:
@@ -61,27 +62,34 @@ class LinearModel:
             p[own.index("gain")] = gain
         return np.asarray(p)
 
-    def points(self, z: np.ndarray) -> list[np.ndarray]:
+    def points(self, p: np.ndarray) -> list[np.ndarray]:
         """Where the rig works: (n,) states, once per direction of the valve where these differ.
+
+        Args:
+            p: parameters of `assembly`.
 
         Raises:
             ValueError: where it has no equilibrium.
         """
-        p, states = self.parameters(z), self.assembly.states
+        effects, states = self.assembly.kinds.effects, self.assembly.states
+        if not MOVING & set(effects) and self.load == 0:
+            if not self._rest:
+                self._rest.append(equilibrium(self.assembly, np.zeros(3), p))
+            return list(self._rest)
         x = equilibrium(self.assembly, np.array([self.load, 0.0, 0.0]), p)
-        if "joint_backlash" in self.assembly.kinds.effects:
+        if "joint_backlash" in effects:
             play = p[self.assembly.parameters.index("joint_backlash.play_m")]
             x[states.index("joint_backlash.rod_m")] = x[states.index("inner_m")] + play / 2 + _BEARING_M
         flow = states.index("flow_m3_per_s")
-        if "unequal_piston_areas" not in self.assembly.kinds.effects or abs(x[flow]) > _OPEN_M3_PER_S:
+        if "unequal_piston_areas" not in effects or abs(x[flow]) > _OPEN_M3_PER_S:
             return [x]
         both = [x.copy(), x.copy()]
         both[0][flow], both[1][flow] = _OPEN_M3_PER_S, -_OPEN_M3_PER_S
         return both
 
-    def at(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> Linearisation:
+    def at(self, p: np.ndarray, x: np.ndarray) -> Linearisation:
         """The linear loop at a point."""
-        return linearise(self.assembly, x, np.array([self.load, 0.0, 0.0]), self.parameters(z, gain))
+        return linearise(self.assembly, x, np.array([self.load, 0.0, 0.0]), p)
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""

@@ -6,11 +6,12 @@ G(s) = c (s - A)^-1 b is real there. G is real where G(s) = G(-s): the zeros on 
 rounding by Newton's method on Im G(jw).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import sqrt
 
 import numpy as np
-from scipy.linalg import eigvals, matrix_balance
+from scipy.linalg import eigvals
 
 from beamdesign.gap.linear_model import LinearModel
 
@@ -19,6 +20,7 @@ _SLOWEST, _FASTEST = 1e-3, 1e3  # in that unit; slower is drift, faster no rig
 _NEAR_AXIS = 1e-2
 _SETTLED, _MOST_STEPS = 1e-12, 12
 _UNSTABLE = 1e-9
+_ABOVE = 1.001  # of a critical gain
 
 
 @dataclass(frozen=True)
@@ -55,11 +57,12 @@ def onset(model: LinearModel, z: np.ndarray) -> Onset | None:
     Returns:
         None where the loop has no equilibrium, or no gain takes it from stable to oscillating.
     """
+    p = model.parameters(z)
     try:
-        points = model.points(z)
+        points = model.points(p)
     except ValueError:
         return None
-    found = [at for x in points if (at := _onset_at(model, z, x)) is not None]
+    found = [at for x in points if (at := _onset_at(model, p, x)) is not None]
     return min(found, key=lambda at: at.gain, default=None)
 
 
@@ -75,56 +78,58 @@ def onset_slopes(model: LinearModel, z: np.ndarray, at: Onset) -> tuple[np.ndarr
     return gain / at.gain, frequency * _TIME / at.frequency
 
 
-def _onset_at(model: LinearModel, z: np.ndarray, x: np.ndarray) -> Onset | None:
-    weight, unit = model.weight, float(model.base[model.placement.assembly.parameters.index("gain")])
-    once, twice = (_scaled(model.at(z, x, gain).a, weight) for gain in (unit, 2 * unit))
+def _onset_at(model: LinearModel, p: np.ndarray, x: np.ndarray) -> Onset | None:
+    weight, at = model.weight, model.assembly.parameters.index("gain")
+    unit, doubled = p[at], p.copy()
+    doubled[at] = 2 * unit
+    once, twice = (_scaled(model.at(figures, x).a, weight) for figures in (p, doubled))
     returned = (twice - once) / unit
     opened = once - unit * returned
     if not np.any(returned):
         return None
     row, column = np.unravel_index(int(np.argmax(np.abs(returned))), returned.shape)
     b, c = returned[:, column] / returned[row, column], returned[row]
-    gains = phase_crossings(opened, b, c)
-    for k, (gain, w) in enumerate(gains):
-        below = gains[k - 1][0] if k else 0.0
-        above = gains[k + 1][0] if k + 1 < len(gains) else 2 * gain
-        middle = 0.5 * gain if k == 0 else sqrt(below * gain)
-        if _is_stable(opened + middle * returned) and not _is_stable(opened + sqrt(gain * above) * returned):
+    before = 0.0
+    for gain, w in phase_crossings(opened, b, c):
+        middle = sqrt(before * gain) if before else 0.5 * gain
+        if _is_stable(opened + middle * returned) and not _is_stable(opened + _ABOVE * gain * returned):
             resolvent = 1j * w * np.eye(len(opened)) - opened
             right, left = np.linalg.solve(resolvent, b), np.linalg.solve(resolvent.T, c)
             by_gain = complex((left @ b) * (c @ right) / (left @ right))
             return Onset(gain, w * _TIME, x, right, left, by_gain)
+        before = gain
     return None
 
 
-def phase_crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[tuple[float, float]]:
+def phase_crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Iterator[tuple[float, float]]:
     """All positive gains K at which a + K b c has a pole jw on the axis, w > 0, with w; ascending by gain.
 
     Args:
-        a: (n, n), with time in a unit that makes its poles of order one.
+        a: (n, n), with states and time in units that make its entries of order one.
         b: (n,).
         c: (n,).
     """
     n = len(a)
-    balanced, (factors, _) = matrix_balance(a, permute=False, separate=True)
-    b, c = b / factors, c * factors
     # G(s) - G(-s): the system and its mirror image, side by side
     pencil = np.zeros((2 * n + 1, 2 * n + 1))
-    pencil[:n, :n], pencil[n : 2 * n, n : 2 * n] = balanced, -balanced
+    pencil[:n, :n], pencil[n : 2 * n, n : 2 * n] = a, -a
     # sizes of b and c do not move the zeros
     pencil[:n, -1] = pencil[n : 2 * n, -1] = b / np.linalg.norm(b)
     pencil[-1, :n] = pencil[-1, n : 2 * n] = c / np.linalg.norm(c)
-    pairs = eigvals(pencil, np.diag([1.0] * (2 * n) + [0.0]), homogeneous_eigvals=True)
-    numerator, denominator = pairs
+    numerator, denominator = eigvals(pencil, np.diag([1.0] * (2 * n) + [0.0]), homogeneous_eigvals=True)
     finite = np.abs(denominator) * _FASTEST > np.abs(numerator)
     zeros = numerator[finite] / denominator[finite]
-    near = zeros[(zeros.imag > _SLOWEST) & (np.abs(zeros.real) < _NEAR_AXIS * np.abs(zeros.imag))]
-    found: list[tuple[float, float]] = []
-    for start in near.imag:
-        crossing = _polished(balanced, b, c, float(start))
-        if crossing is not None and all(abs(crossing[1] / w - 1) > 1e-9 for _, w in found):
-            found.append(crossing)
-    return sorted(found)
+    near = zeros[(zeros.imag > _SLOWEST) & (np.abs(zeros.real) < _NEAR_AXIS * np.abs(zeros.imag))].imag
+    if not len(near):
+        return
+    resolvents = 1j * near[:, None, None] * np.eye(n) - a
+    response = np.linalg.solve(resolvents, np.tile(b[:, None], (len(near), 1, 1)))[..., 0] @ c
+    seen: list[float] = []
+    for k in np.argsort(-response.real):  # the gain at which it crosses is 1 / Re G
+        crossing = _polished(a, b, c, float(near[k])) if response[k].real > 0 else None
+        if crossing is not None and all(abs(crossing[1] / w - 1) > 1e-9 for w in seen):
+            seen.append(crossing[1])
+            yield crossing
 
 
 def _polished(a: np.ndarray, b: np.ndarray, c: np.ndarray, w: float) -> tuple[float, float] | None:
@@ -142,15 +147,13 @@ def _polished(a: np.ndarray, b: np.ndarray, c: np.ndarray, w: float) -> tuple[fl
         if not abs(w - start) < 0.1 * start:
             return None
         if abs(step) < _SETTLED * w:
-            break
-    else:
-        return None
-    return (1 / value.real, w) if value.real > 0 else None
+            return (1 / value.real, w) if value.real > 0 else None
+    return None
 
 
 def _is_stable(a: np.ndarray) -> bool:
     """Whether no pole lies to the right; those at the origin (friction's memory) are let pass."""
-    return bool(np.linalg.eigvals(matrix_balance(a, permute=False)[0]).real.max() < _UNSTABLE)
+    return bool(np.linalg.eigvals(a).real.max() < _UNSTABLE)
 
 
 def _scaled(a: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -83,7 +83,7 @@ class ResponseEvidence:
             return None
         response, right, left = found
         model = self.model(placement)
-        slopes = [model.slopes(z, x) for x in model.points(z)]
+        slopes = [model.slopes(z, x) for x in model.points(model.parameters(z))]
         columns = []
         for k in range(len(z)):
             by = _mean([side[k] for side in slopes])
@@ -95,8 +95,9 @@ class ResponseEvidence:
     def _solved(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Response (N,), states (N, n) per newton and their adjoints (N, n) at every line."""
         model = self.model(placement)
+        p = model.parameters(z)
         try:
-            loop = _mean([model.at(z, x) for x in model.points(z)])
+            loop = _mean([model.at(p, x) for x in model.points(p)])
         except ValueError:
             return None
         weight = model.weight
