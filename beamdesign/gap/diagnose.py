@@ -9,6 +9,7 @@ from beamdesign.gap.diagnosis import Diagnosis, Verdict, Where
 from beamdesign.gap.evidence import record_evidence
 from beamdesign.gap.holdout import held_out
 from beamdesign.gap.judgement import Judgement, judge
+from beamdesign.gap.kept_fits import KeptFits
 from beamdesign.gap.search import Progress, search
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.wording import sentences
@@ -17,17 +18,23 @@ CONFIDENT = 0.7
 """Probability of the best hypothesis from which the verdict is not called ambiguous."""
 
 
-def diagnose(data: Dataset, workers: int = 2, progress: Progress = lambda share, words: None) -> Diagnosis:
+def diagnose(
+    data: Dataset,
+    workers: int = 2,
+    progress: Progress = lambda share, words: None,
+    kept: KeptFits | None = None,
+) -> Diagnosis:
     """Diagnose the gap between a prototype and its rig.
 
     Args:
         data: what came back from the rig.
         workers: processes.
         progress: told the share done and what is being done.
+        kept: fits of an earlier run, where those of this one are kept as well.
     """
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    found = search(seen, workers, progress)
+    found = search(seen, workers, progress, kept)
     judged = judge(found)
     verdict = verdict_of(judged)
     best = judged.best

@@ -1,8 +1,10 @@
 """All hypotheses about a gap, fitted: nulls first, every single cause, then pairs."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from multiprocessing import active_children
+from signal import SIG_IGN, SIGINT, signal
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from beamdesign.gap.dataset import Dataset
 from beamdesign.gap.evidence import evidence_of
 from beamdesign.gap.fit import ITERATIONS, Evidence, Fit, fit
 from beamdesign.gap.hypothesis import NOTHING, Hypothesis, pairs, singles
+from beamdesign.gap.kept_fits import KeptFits
 from beamdesign.gap.starts import starts
 from beamdesign.prototype import Prototype
 
@@ -71,15 +74,21 @@ class _Task:
     on: tuple[int, ...] = ()
 
 
-def search(data: Dataset, workers: int = 1, progress: Progress = lambda share, words: None) -> Search:
+def search(
+    data: Dataset,
+    workers: int = 1,
+    progress: Progress = lambda share, words: None,
+    kept: KeptFits | None = None,
+) -> Search:
     """Fit all hypotheses to a data set.
 
     Args:
         data: what to explain.
         workers: processes.
         progress: told the share done and what is being fitted.
+        kept: fits of an earlier run, where those of this one are kept as well.
     """
-    with _Fitters(data, workers) as fitters:
+    with _Fitters(data, workers, kept) as fitters:
         progress(0.0, "tolerances")
         (null,) = fitters([_Task(NOTHING, {})])
         alone = singles(data.prototype)
@@ -139,8 +148,9 @@ def _sorted(fits: Iterable[Fit]) -> list[Fit]:
 class _Fitters:
     """Processes that make fits, or this one where one worker is enough."""
 
-    def __init__(self, data: Dataset, workers: int):
-        self.data, self.evidence = data, evidence_of(data)
+    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None):
+        self.data, self.evidence, self._kept = data, evidence_of(data), kept
+        self._others = active_children()
         self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data,)) if workers > 1 else None
 
     def __enter__(self) -> "_Fitters":
@@ -149,22 +159,34 @@ class _Fitters:
     def __exit__(self, *error: object) -> None:
         if self._pool is not None:
             self._pool.shutdown(wait=error[0] is None, cancel_futures=True)
+        if error[0] is not None:  # whoever interrupts does not want to wait for the fits that are being made
+            for child in active_children():
+                if child not in self._others:
+                    child.terminate()
 
     def __call__(self, tasks: Iterable[_Task], told: Callable[[int], None] = lambda k: None) -> list[Fit]:
         """Fits in the order of the tasks."""
         given = list(tasks)
-        if self._pool is None:
-            found = []
-            for k, task in enumerate(given):
-                found.append(_fitted(task, self.data.prototype, self.evidence))
-                told(k + 1)
-            return found
-        futures = {self._pool.submit(_fitted_here, task): k for k, task in enumerate(given)}
         results: dict[int, Fit] = {}
-        for count, future in enumerate(as_completed(futures), start=1):
-            results[futures[future]] = future.result()
-            told(count)
+        for k, task in enumerate(given):
+            if self._kept is not None and (before := self._kept.recall(task)) is not None:
+                results[k] = before
+        for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
+            results[k] = found
+            if self._kept is not None:
+                self._kept.keep(given[k], found)
+            told(len(results))
         return [results[k] for k in range(len(given))]
+
+    def _made(self, tasks: dict[int, _Task]) -> Iterator[tuple[int, Fit]]:
+        """Fits as they come, each with its position."""
+        if self._pool is None:
+            for k, task in tasks.items():
+                yield k, _fitted(task, self.data.prototype, self.evidence)
+            return
+        futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
 
 
 _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
@@ -172,6 +194,7 @@ _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 
 def _begin(data: Dataset) -> None:
     global _here
+    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
     _here = data.prototype, evidence_of(data)
 
 
