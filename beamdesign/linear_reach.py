@@ -17,7 +17,6 @@ import numpy as np
 from beamdesign.harmonic_balance import NoBalance, forced_motion
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Structure, assemble
-from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 
 Varied = Literal["load", "force", "air"]
 PUBLISHED_EFFECTS = ("pressure_dependent_flow", "unequal_piston_areas")
@@ -106,7 +105,7 @@ def reach(
         share: of the amplitude.
         preload: constant load while the force or the air is raised, N.
     """
-    stall = SUPPLY_PRESSURE_PA * prototype.actuator.piston_area_m2
+    stall = prototype.supply.pressure_Pa * prototype.actuator.piston_area_m2
     off: dict[Varied, tuple[float, float, Callable[[float], float]]] = {
         "load": (1e-2, 1.0, lambda at: _worse_way(prototype, frequency, outer_end_mass, at * stall)),
         "force": (1e-3, 1.0, lambda at: departure(prototype, at * stall, frequency, outer_end_mass, preload)),

@@ -65,6 +65,9 @@ class Actuator(Record):
 
     piston_area_m2: Annotated[Positive, Field(lt=1, description="A, average of the two sides")]
     oil_stiffness_N_per_m: Annotated[Positive, Field(description="K_c, oil spring between piston and outer beam")]
+    stroke_m: Annotated[
+        Positive | None, Field(lt=10, description="from one end stop to the other; the rig rests in the middle")
+    ] = None
 
 
 class Servovalve(Record):
@@ -76,6 +79,16 @@ class Servovalve(Record):
     damping_ratio: Annotated[
         Positive, Field(lt=10, description="xi; the paper does not give it, 0.5 reproduces its critical gains")
     ] = 0.5
+    rated_current_A: Annotated[Positive | None, Field(lt=10, description="current at which it is fully open")] = None
+
+
+class Supply(Record):
+    """The hydraulic supply. It has no part in the linear model."""
+
+    pressure_Pa: Annotated[Positive, Field(ge=1e6, le=1e8, description="p_S, above the tank")] = 20e6
+    flow_m3_per_s: Annotated[Positive | None, Field(lt=1, description="largest that it keeps up its pressure at")] = (
+        None
+    )
 
 
 class Sensor(Record):
@@ -83,6 +96,8 @@ class Sensor(Record):
 
     gain_V_per_m: Annotated[Positive, Field(description="F, sensor and op-amp gain")]
     filter_Hz: Annotated[Positive | None, Field(description="break frequency of a first-order low-pass filter")] = None
+    noise_V: Annotated[NonNegative | None, Field(description="RMS of what the sensor gives when nothing moves")] = None
+    resolution_m: Annotated[NonNegative | None, Field(lt=1, description="least displacement it tells")] = None
 
 
 class Proportional(Record):
@@ -168,6 +183,7 @@ class Prototype(Record):
     actuator: Actuator
     servovalve: Servovalve
     sensor: Sensor
+    supply: Supply = Supply()
     controller: Controller | None = None
     payload: Payload = Payload()
     goal: Goal = Goal()

@@ -99,6 +99,7 @@ def _plotted(record: Any, plan: Any, rig: Any) -> Any:
     from beamdesign.simulate import COLUMNS
 
     limits = {"displacement_m": (plan.displacement_limit_m, "limit")}
+    limits["load_pressure_Pa"] = (rig.supply.pressure_Pa, "supply")
     if (given := rig.effects.get("current_saturation")) is not None:
         limit_A = library()["current_saturation"].parameters[0]
         limits["current_A"] = (given.get(limit_A.name, limit_A.default), "amplifier's limit")

@@ -7,7 +7,6 @@ from beamdesign.prototype import Lag, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import Structure
 from beamdesign.rig.effects import library, problems
-from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 
 
 def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
@@ -44,15 +43,19 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
     values = lumped.figures(prototype) | {
         "outer_end_mass": outer_end_mass,
         "inner_end_mass": inner_end_mass,
-        "supply_pressure": SUPPLY_PRESSURE_PA,
+        "supply_pressure": prototype.supply.pressure_Pa,
         "believed_sensor_gain": prototype.sensor.gain_V_per_m,
         "gain": controller.gain_A_per_V,
         "pole": 2 * pi * controller.pole_Hz if isinstance(controller, Lag) else 1.0,
         "zero": 2 * pi * controller.zero_Hz if isinstance(controller, Lag) else 1.0,
     }
+    # What an effect that is named alone takes from the rig itself.
+    own = {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa}
     for name in sorted(prototype.effects):
         given = prototype.effects[name]
-        values |= {f"{name}.{q.name}": float(given.get(q.name, q.default)) for q in library()[name].parameters}
+        for q in library()[name].parameters:
+            key = f"{name}.{q.name}"
+            values[key] = float(given.get(q.name, own.get(key, q.default)))
     return values
 
 
