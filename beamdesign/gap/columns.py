@@ -1,6 +1,7 @@
 """CSV files of numbers: read fast, and when something is wrong say where."""
 
 import csv
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 
@@ -13,10 +14,14 @@ _FEWEST = 3
 _SHOWN = 24
 
 
-def read_columns(path: Path) -> dict[str, np.ndarray]:
+def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     """Read a CSV file of numbers with one line of column names.
 
     Names may stand in quotes; a byte order mark and any line ends are understood.
+
+    Args:
+        path: of the file.
+        only: the columns that count, as far as they are there, whatever stands in the others; all where empty.
 
     Raises:
         InputError: naming file, column and row where something is not a finite number, or where the file has no rows.
@@ -36,11 +41,15 @@ def read_columns(path: Path) -> dict[str, np.ndarray]:
     if "\0" in body:
         raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
     try:
-        values = np.loadtxt(StringIO(body), delimiter=",", ndmin=2, comments=None)
+        used = [k for k, name in enumerate(names) if not only or name in only]
+        if not used:
+            return {}
+        values = np.loadtxt(StringIO(body), delimiter=",", ndmin=2, comments=None, usecols=used if only else None)
     except ValueError:
-        raise InputError(path, _bad_cells(names, body)) from None
-    if values.shape[1] != len(names):
+        raise InputError(path, _bad_cells(names, body, only)) from None
+    if not only and values.shape[1] != len(names):
         raise InputError(path, _bad_cells(names, body))
+    names = [names[k] for k in used]
     wrong = []
     for k, name in enumerate(names):
         bad = np.nonzero(~np.isfinite(values[:, k]))[0]
@@ -84,7 +93,7 @@ def _row_of(body: str, position: int) -> int:
     return filled[position]
 
 
-def _bad_cells(names: list[str], body: str) -> list[Problem]:
+def _bad_cells(names: list[str], body: str, only: Sequence[str] = ()) -> list[Problem]:
     """The first row that cannot be read, in words."""
     for row, line in enumerate(body.splitlines(), start=2):
         if not line.strip():
@@ -95,6 +104,8 @@ def _bad_cells(names: list[str], body: str) -> list[Problem]:
             return [Problem("(file)", f"row {row} has {found}, the header {len(names)}{_why(cells, names)}")]
         for name, cell in zip(names, cells, strict=True):
             # What Python takes for a number and a table does not: 1_000.
+            if only and name not in only:
+                continue
             if _number(cell) is None or "_" in cell:
                 shown = repr(next(csv.reader([cell]), [cell])[0].strip()[:_SHOWN]) if cell.strip() else "empty"
                 return [Problem(name, f"row {row} is not a number: {shown}")]

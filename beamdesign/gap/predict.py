@@ -1,0 +1,178 @@
+"""What a prototype would have recorded under the inputs of a data set; nothing that was measured is looked at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
+from beamdesign.gap.columns import read_columns, uniform_times
+from beamdesign.gap.dataset_index import index_of, kind_of, read_index
+from beamdesign.prototype import Controller, Prototype, read_prototype
+from beamdesign.records import InputError, read_table
+from beamdesign.rig.assembly import OUTPUTS, assemble
+from beamdesign.rig.compiled import integrate
+from beamdesign.rig.equilibrium import equilibrium
+from beamdesign.rig.parameters import parameters_of, structure_of
+from beamdesign.simulate import half_steps, substeps_for
+
+COLUMNS = ("t_s", "current_A", "displacement_m")
+BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
+FURTHEST_M = 0.5
+"""Displacement of the outer tip at which a loop has diverged."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What was done in one record.
+
+    Attributes:
+        name: of its file, without ending.
+        times: (N,) s.
+        disturbance_N: (N,).
+        command_V: (N,).
+        outer_end_mass: kg.
+        inner_end_mass: kg.
+        controller: of the loop; None where neither the record nor the believed prototype says.
+    """
+
+    name: str
+    times: np.ndarray = field(repr=False)
+    disturbance_N: np.ndarray = field(repr=False)
+    command_V: np.ndarray = field(repr=False)
+    outer_end_mass: float
+    inner_end_mass: float
+    controller: Controller | None
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """One record of the model.
+
+    Attributes:
+        name: of the record.
+        columns: names.
+        samples: (M, C); they end where the loop diverged.
+        reason: why they end early, in words; empty where they do not.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    samples: np.ndarray = field(repr=False)
+    reason: str = ""
+
+
+def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
+    """Read what was done to a twin-beam rig in the time records of a data set; measured columns may be missing or bad.
+
+    Returns:
+        the inputs, and the sensor gain that was believed, V/m, by which displacements of the set are stated.
+
+    Raises:
+        InputError: with what is wrong in dataset.toml, in its prototype or in an input column.
+    """
+    path = index_of(Path(folder))
+    entry, _ = read_index(path)
+    believed = read_prototype(path.parent / entry.prototype)
+    found = []
+    for row in entry.record:
+        columns = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
+        found.append(
+            Inputs(
+                Path(row.file).stem,
+                *columns,
+                row.outer_end_mass_kg,
+                row.inner_end_mass_kg,
+                row.controller or believed.controller,
+            )
+        )
+    if not found:
+        raise InputError(path, [("record", "the set holds no time record to predict")])
+    return tuple(found), believed.sensor.gain_V_per_m
+
+
+def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) -> Predicted:
+    """Simulate a record from rest.
+
+    Args:
+        prototype: with its effects. Its sensor gain is what the rig has; its controller counts only where the data set
+            names none.
+        given: what was done.
+        believed_sensor_gain: V/m, by which volts became the displacement of the data set.
+
+    Raises:
+        InputError: without a controller, for effects that cannot be, or where there is no equilibrium to start from.
+    """
+    rig = prototype if given.controller is None else prototype.but(controller=given.controller)
+    kinds = structure_of(rig)
+    assembly = assemble(kinds)
+    values = parameters_of(rig, given.outer_end_mass, given.inner_end_mass)
+    values["believed_sensor_gain"] = believed_sensor_gain
+    parameters = np.array(list(values.values()))
+    try:
+        start = equilibrium(assembly, np.zeros(3), parameters)
+    except ValueError as error:
+        raise InputError(prototype.name, [("(figures)", str(error))]) from error
+    step = float(given.times[-1] - given.times[0]) / (len(given.times) - 1)
+    substeps = substeps_for(assembly, parameters, step)
+    inputs = half_steps(np.column_stack([given.disturbance_N, given.command_V]), substeps)
+    y = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
+    columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
+    samples = np.column_stack([given.times[: len(y)], y[:, columns]])
+    at = float(given.times[min(len(y), len(given.times) - 1)])
+    reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
+    return Predicted(given.name, COLUMNS, samples, "" if len(y) == len(given.times) else reason)
+
+
+def predict_set(prototype_file: str | Path, folder: str | Path) -> tuple[Predicted, ...]:
+    """Every record of a data set as a prototype predicts it; a bench by a bench.
+
+    Raises:
+        InputError: where either cannot be read, or where they are of different kinds of rig.
+    """
+    if kind_of(folder) == "actuator_bench":
+        return tuple(_predict_bench(read_bench_prototype(prototype_file), Path(folder)))
+    inputs, gain = read_inputs(folder)
+    prototype = read_prototype(prototype_file)
+    return tuple(predict(prototype, given, gain) for given in inputs)
+
+
+def _predict_bench(prototype: BenchPrototype, folder: Path) -> list[Predicted]:
+    from beamdesign.bench_simulation import BENCH_COLUMNS as MADE
+    from beamdesign.bench_simulation import replay
+
+    path = index_of(folder)
+    files = _files(path)
+    found: list[Predicted] = []
+    made: dict[bytes, np.ndarray] = {}
+    for file in files:
+        times, command = _columns(path.parent / file, ("t_s", "command_V"))
+        key = command.tobytes() + times.tobytes()
+        if key not in made:  # both chambers of a condition come from two runs of one command
+            made[key] = replay(prototype, times, command)[:, [MADE.index(name) for name in BENCH_COLUMNS]]
+        found.append(Predicted(Path(file).stem, BENCH_COLUMNS, made[key]))
+    return found
+
+
+def _files(path: Path) -> list[str]:
+    """Of the records in a dataset.toml, whatever else it says of them."""
+    rows = read_table(path).get("record")
+    files = [row.get("file") if isinstance(row, dict) else None for row in rows] if isinstance(rows, list) else []
+    good = [file for file in files if isinstance(file, str) and (path.parent / file).is_file()]
+    if len(good) < len(files):
+        raise InputError(path, [("record.file", f"no file {file}") for file in files if file not in good])
+    if not good:
+        raise InputError(path, [("record", "the set holds no time record to predict")])
+    return good
+
+
+def _columns(path: Path, names: Sequence[str]) -> list[np.ndarray]:
+    columns = read_columns(path, only=names)
+    if missing := [name for name in names if name not in columns]:
+        raise InputError(path, [(name, "column missing") for name in missing])
+    times = columns["t_s"]
+    uniform_times(path, times)
+    if len(times) < 4:
+        raise InputError(path, [("t_s", f"too short: {len(times)} samples")])
+    return [np.linspace(times[0], times[-1], len(times)), *(columns[name] for name in names[1:])]
