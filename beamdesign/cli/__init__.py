@@ -10,6 +10,7 @@ from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.codesign import codesign
 from beamdesign.cli.front import front
+from beamdesign.cli.gap import gap
 from beamdesign.cli.paper import paper
 from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
@@ -26,6 +27,7 @@ app = typer.Typer(
 )
 for command in (run, size, tune, certify, certify_box, certify_switching, codesign, front, remedies, simulate, paper):
     app.command(command.__name__.replace("_", "-"))(command)
+app.add_typer(gap, name="gap")
 
 
 FAULT = 3

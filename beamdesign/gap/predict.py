@@ -77,16 +77,10 @@ def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
     believed = read_prototype(path.parent / entry.prototype)
     found = []
     for row in entry.record:
-        columns = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
-        found.append(
-            Inputs(
-                Path(row.file).stem,
-                *columns,
-                row.outer_end_mass_kg,
-                row.inner_end_mass_kg,
-                row.controller or believed.controller,
-            )
-        )
+        times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
+        masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
+        controller = row.controller or believed.controller
+        found.append(Inputs(Path(row.file).stem, times, disturbance, command, *masses, controller))
     if not found:
         raise InputError(path, [("record", "the set holds no time record to predict")])
     return tuple(found), believed.sensor.gain_V_per_m

@@ -1,0 +1,43 @@
+"""`beamdesign gap predict`: what a prototype would have recorded under the inputs of a data set."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+
+
+def predict(
+    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to simulate, with the effects it names.")],
+    dataset: Annotated[Path, typer.Argument(help="Folder with dataset.toml, the prototype believed and CSV files.")],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for one CSV file per record.")
+    ],
+    json: JsonOption = None,
+) -> None:
+    """Predict the records of a data set from its inputs alone.
+
+    Times, forces, commands, end masses and controllers are read; measured columns are not, and may be missing or not
+    finite. Displacements are stated as the data set states them: the sensor's volts over the gain believed there. A
+    loop that diverges ends its record there, and the exit status is 1.
+    """
+    from beamdesign.gap.predict import predict_set
+    from beamdesign.simulate import write_tables
+
+    with progress("simulating"):
+        found = predict_set(prototype, dataset)
+    paths: list[Path] = []
+    for record in found:
+        paths += write_tables({record.name: record.samples}, record.columns, out)
+    column = found[0].columns.index("displacement_m")
+    rows = [
+        (record.name, len(record.samples), float(abs(record.samples[:, column]).max()), record.reason or "complete")
+        for record in found
+    ]
+    say_table(f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), rows)
+    say(f"records: {len(paths)} files in {out}")
+    reasons = {record.name: record.reason for record in found if record.reason}
+    write_json(json, {"records": paths, "complete": not reasons, "reasons": reasons})
+    if reasons:
+        raise typer.Exit(1)

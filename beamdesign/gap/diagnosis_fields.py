@@ -1,0 +1,73 @@
+"""A diagnosis as plain fields for programs: names and units of its JSON file."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from beamdesign.gap.diagnosis import Cause, Diagnosis
+from beamdesign.gap.judgement import judge
+
+_LISTED = 12
+
+
+def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
+    """Everything a diagnosis says, in plain values.
+
+    `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of every fit;
+    `next_experiment` is None where the verdict is clear.
+    """
+    fields = {
+        "verdict": found.verdict,
+        "sentences": found.sentences,
+        "effects": [_cause(cause) for cause in found.causes],
+        "chosen": found.chosen,
+        "probability_unknown": found.probability_unknown,
+        "where": found.where,
+        "gap": found.gap,
+        "classes": found.classes,
+        "next_experiment": found.next_experiment,
+        "warnings": found.warnings,
+        "hypotheses": _hypotheses(found),
+        "data_set": found.name,
+    }
+    return {name: plain(value) for name, value in fields.items()}
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    return {
+        "name": cause.name,
+        "probability": cause.probability,
+        "parameters": cause.parameters,
+        "subsystem": cause.subsystem,
+        "share": cause.share,
+        "flags": cause.flags,
+    }
+
+
+def _hypotheses(found: Diagnosis) -> list[dict[str, Any]]:
+    """The most probable of all that were fitted."""
+    if found.search is None:
+        return []
+    judged = judge(found.search)
+    fits = {fit.hypothesis: fit for fit in (found.search.null, *found.search.fits)}
+    ranked = sorted(judged.of.items(), key=lambda item: -item[1])[:_LISTED]
+    return [
+        {"names": h.names, "probability": p, "share_left": found.search.excess(fits[h])} for h, p in ranked if p > 1e-6
+    ]
+
+
+def plain(value: Any) -> Any:
+    """Records, arrays and their figures as dictionaries, lists and numbers of Python."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: plain(item) for name, item in asdict(value).items()}
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, str | int | float | bool) or value is None:
+        return value
+    return str(value)
