@@ -12,7 +12,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.whole_file import write_whole
 
-AREA_ROUNDING = 0.02
+AREA_ROUNDING = 0.05
 """Relative difference between a stated mean area and that of bore and rod which passes as rounding or measurement."""
 
 

@@ -133,6 +133,7 @@ BENCH = Rig(
         VALVE.but(
             supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"] - state["sag_Pa"],
             tank_pressure_Pa=lambda port, figure, state: figure["tank_pressure"],
+            null_adjusted=lambda port, figure, state: 0.0,
             orifice_a_m3_per_s=lambda port, figure, state: _linear_port("a", 1.0, port, state),
             orifice_b_m3_per_s=lambda port, figure, state: _linear_port("b", -1.0, port, state),
             leakage_a_m3_per_s=lambda port, figure, state: _leakage("a", "b", port, figure, state),

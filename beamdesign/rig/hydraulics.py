@@ -87,6 +87,8 @@ VALVE = Component(
         "metered_m3_per_s": lambda port, figure, state: state["flow_m3_per_s"],
         "supply_pressure_Pa": lambda port, figure, state: figure["supply_pressure"],
         "tank_pressure_Pa": lambda port, figure, state: 0.0,
+        # 1 where somebody has adjusted the null so that the rig rests without load
+        "null_adjusted": lambda port, figure, state: 1.0,
         # what a valve lets through either port that heeds no pressure
         "linear_a_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
         "linear_b_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],

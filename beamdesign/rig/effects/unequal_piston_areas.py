@@ -6,8 +6,8 @@ cannot feed two unequal sides at one speed; it meters the oil into the chamber t
 piston drives it. So the speed is the flow over the area of the side being filled, faster one way than the other; about
 null, where either side may be the one that fills, the smaller side counts.
 
-At half the supply in both chambers such a cylinder would push. The valve's null is taken as adjusted so that the rig
-rests without load: the leakage of the closed valve then holds the pressures at which the two sides balance.
+At half the supply in both chambers such a cylinder would push. Where a rig's null is adjusted so that it rests without
+load, the leakage of the closed valve holds the pressures at which the two sides balance.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,8 @@ def _linear_b(signal: Any, site: Site) -> Any:
 
 def _null(site: Site) -> Any:
     """Leakage at half the supply pressure that brings the chambers to the pressures of no load, m3/s."""
-    return site.figure["leakage"] * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"]
+    leakage = site.port["null_adjusted"] * site.figure["leakage"]
+    return leakage * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"]
 
 
 def _gain(own: Mapping[str, float], at: Operation) -> Span:

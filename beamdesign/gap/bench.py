@@ -1,0 +1,388 @@
+"""Diagnosis of an actuator bench from its steady motions, with its records replayed as a check."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from beamdesign.bench_prototype import BenchPrototype
+from beamdesign.gap.bench_amended import amended, parameters
+from beamdesign.gap.bench_data import BenchSet, read_bench_set
+from beamdesign.gap.bench_fit import (
+    CHANNELS,
+    HeldOut,
+    Observations,
+    averaged,
+    errors,
+    held_out,
+    observations,
+    scatter,
+)
+from beamdesign.gap.bench_hypothesis import BenchHypothesis, candidates
+from beamdesign.gap.bench_model import NOTHING, steady
+from beamdesign.gap.bench_replay import ReplayError, replay_errors
+from beamdesign.gap.bench_steady import SteadyMotion, steady_motions
+from beamdesign.gap.bench_words import notes_on
+from beamdesign.rig.effects import library
+
+PRIOR_ODDS = 1 / 3
+"""Of one more cause against none."""
+
+_SURE, _LIKELY = 0.9, 0.5
+_DRAWS = 4000
+_SOUND = 3.0  # times the floor: a gap smaller than this is not worth a cause
+_SUBSYSTEMS = {
+    "parameter:piston_leakage": "actuator",
+    "parameter:supply_resistance": "oil",
+    "parameter:constant_load": "actuator",
+    "parameter:flow_gain": "servovalve",
+}
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One set of causes.
+
+    Attributes:
+        hypothesis: the causes.
+        probability: among the candidates; see `diagnose_bench`.
+        held_out: how it predicts conditions it has not seen.
+    """
+
+    hypothesis: BenchHypothesis
+    probability: float
+    held_out: HeldOut = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause, whatever others are at work beside it.
+
+    Attributes:
+        name: as contracts spell it.
+        subsystem: where it sits.
+        probability: sum over the candidates that have it.
+        share: of the gap that comes back when it alone is taken out of the chosen set; 0 where it is not in it.
+        parameters: value and standard deviation by contract name, where chosen.
+    """
+
+    name: str
+    subsystem: str
+    probability: float
+    share: float
+    parameters: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class ConditionRow:
+    """What one condition says in one direction.
+
+    Attributes:
+        condition: name.
+        direction: 1 extending, -1 retracting.
+        command_V: while it moves.
+        speed: m/s, mean of all runs.
+        speed_std: m/s, of single runs.
+        pressures: Pa, of chambers a and b.
+        net_force_N: A_a p_a - A_b p_b with the areas of bore and rod: what friction and load take.
+        opening: m3/s per root of Pa, flow over root of pressure drop of the edges (filling, emptying); they are alike
+            where orifices and areas are the whole story.
+        predicted: speed and both pressures by the chosen causes, fitted without this condition.
+    """
+
+    condition: str
+    direction: int
+    command_V: float
+    speed: float
+    speed_std: float
+    pressures: tuple[float, float]
+    net_force_N: float
+    opening: tuple[float, float]
+    predicted: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of relative speed errors and of pressure errors over the supply, on conditions held out.
+
+    Attributes:
+        before: of the prototype as it was believed.
+        retuned: with the figures that have tolerances fitted.
+        after: with the chosen causes.
+        noise_floor: of means over replicates.
+        closed: (before^2 - after^2)/(before^2 - floor^2).
+        closed_interval: 5 and 95 % of a bootstrap over conditions, of which there are few.
+    """
+
+    before: float
+    retuned: float
+    after: float
+    noise_floor: float
+    closed: float
+    closed_interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The command at which the candidates that are left differ most.
+
+    Attributes:
+        command_V: both directions.
+        channel: in which they do.
+        separation: standard deviation of the candidates' predictions over the deviation of that channel.
+    """
+
+    command_V: float
+    channel: str
+    separation: float
+
+
+@dataclass(frozen=True)
+class BenchDiagnosis:
+    """What a bench's data set says.
+
+    Attributes:
+        verdict: `no_gap`, `effect`, `ambiguous` or `unknown`.
+        reason: in two sentences.
+        chosen: contract names of the causes held responsible: those with a probability of at least 0.9, whatever else
+            may be at work beside them; the most probable set where none is that sure.
+        causes: all of them, most probable first.
+        ranked: sets of causes, most probable first.
+        gap: on steady motions.
+        table: by condition and direction.
+        replay: errors of the simulated records, before and after, on conditions held out.
+        confirmed: whether the replay is better with the chosen causes on every condition and in every channel.
+        next_experiment: where the verdict is not certain.
+        prototype: with the chosen causes.
+        notes: what cannot be told apart, what greedy selection would have done, flagged figures.
+        warnings: oddities of the data.
+    """
+
+    verdict: str
+    reason: str
+    chosen: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    ranked: tuple[Ranked, ...] = field(repr=False)
+    gap: Gap
+    table: tuple[ConditionRow, ...] = field(repr=False)
+    replay: tuple[ReplayError, ...] = field(repr=False)
+    confirmed: bool
+    next_experiment: NextExperiment | None
+    prototype: BenchPrototype = field(repr=False)
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
+    """Diagnose an actuator bench.
+
+    Every combination of causes is fitted with the prototype's tolerances as priors, once to everything and once without
+    each condition. Probabilities follow from the predictive densities of the conditions left out (pseudo-Bayesian model
+    averaging with a Bayesian bootstrap over conditions; Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13 (2018) 917),
+    so that one condition cannot decide alone; every further cause starts at odds of `PRIOR_ODDS`.
+
+    Raises:
+        InputError: for data that cannot be used; see `read_bench_set` and `steady_motions`.
+    """
+    return diagnose_bench_set(read_bench_set(dataset_folder))
+
+
+def diagnose_bench_set(data: BenchSet) -> BenchDiagnosis:
+    """Diagnose an actuator bench from what `read_bench_set` gives; see `diagnose_bench`."""
+    motions = steady_motions(data)
+    actuator = data.prototype.actuator
+    seen = observations(motions, actuator.asymmetry)
+    floor = scatter(seen, actuator.supply_pressure_Pa)
+    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in candidates()]
+    weights = probabilities(tried, data.conditions)
+    order = np.argsort(-weights, kind="stable")
+    ranked = tuple(Ranked(tried[k].fit.hypothesis, float(weights[k]), tried[k]) for k in order)
+    marginal = _marginals(ranked)
+    best = _responsible(ranked, marginal)
+    gap = _gap(data.prototype, ranked, best, seen, floor)
+    verdict, reason = _verdict(best, gap, marginal)
+    chosen = () if verdict == "no_gap" else best.hypothesis.names
+    causes = _causes(data.prototype, ranked, best, gap, marginal, chosen)
+    replayed = replay_errors(data, best.held_out)
+    found = amended(data.prototype, best.held_out.fit) if chosen else data.prototype
+    return BenchDiagnosis(
+        verdict,
+        reason,
+        chosen,
+        causes,
+        ranked,
+        gap,
+        _table(data.prototype, motions, best.held_out),
+        replayed,
+        all(each.after[channel] < each.before[channel] for each in replayed for channel in each.before),
+        _next_experiment(ranked, seen) if verdict in ("ambiguous", "unknown") else None,
+        found,
+        tuple(notes_on(ranked, best, marginal, len(data.conditions))),
+        data.warnings,
+    )
+
+
+def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.ndarray:
+    """Probability of each candidate, see `diagnose_bench`."""
+    densities = np.array([[each.density[c] for c in conditions] for each in tried])
+    prior = np.array([each.fit.hypothesis.causes for each in tried]) * np.log(PRIOR_ODDS)
+    share = np.random.default_rng(0).dirichlet(np.ones(len(conditions)), _DRAWS) * len(conditions)
+    score = share @ densities.T + prior
+    weight = np.exp(score - score.max(axis=1, keepdims=True))
+    return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
+
+
+def _marginals(ranked: Sequence[Ranked]) -> dict[str, float]:
+    names = sorted({name for each in ranked for name in each.hypothesis.names})
+    return {name: sum(each.probability for each in ranked if name in each.hypothesis.names) for name in names}
+
+
+def _responsible(ranked: Sequence[Ranked], marginal: Mapping[str, float]) -> Ranked:
+    """The candidate with the causes that are all but certain; the most probable set of names where none is."""
+    sure = tuple(sorted(name for name, probability in marginal.items() if probability >= _SURE))
+    by_names: dict[tuple[str, ...], float] = {}
+    for each in ranked:
+        by_names[each.hypothesis.names] = by_names.get(each.hypothesis.names, 0.0) + each.probability
+    names = sure if sure in by_names and sure else max(by_names, key=lambda key: by_names[key])
+    return next(each for each in ranked if each.hypothesis.names == names)
+
+
+def believed_figures(prototype: BenchPrototype) -> dict[str, float]:
+    """Figures of the steady model as they were believed."""
+    actuator = prototype.actuator
+    return NOTHING | {
+        "flow_gain": prototype.servovalve.flow_gain_m3_per_s_per_V,
+        "piston_area": actuator.piston_area_m2,
+        "supply_pressure": actuator.supply_pressure_Pa,
+        "tank_pressure": actuator.tank_pressure_Pa,
+        "piston_leakage": actuator.piston_leakage_m3_per_s_per_Pa,
+        "supply_resistance": actuator.supply_resistance_Pa_s_per_m3,
+        "constant_load_N": actuator.constant_load_N,
+    }
+
+
+def _gap(
+    prototype: BenchPrototype, ranked: Sequence[Ranked], best: Ranked, seen: Observations, floor: Mapping[str, float]
+) -> Gap:
+    supply = prototype.actuator.supply_pressure_Pa
+    conditions = list(dict.fromkeys(seen.condition.tolist()))
+    before, after, noise = [], [], []
+    for condition in conditions:
+        left = seen.of([condition])
+        missed = averaged(left, errors(left, believed_figures(prototype), False, supply))
+        before.append(np.mean([np.mean(missed[channel] ** 2) for channel in CHANNELS]))
+        after.append(np.mean([value**2 for value in best.held_out.error[condition].values()]))
+        runs = {"speed": len(left.volts) / 2} | {f"pressure_{s}": np.sum(left.side == s) / 2 for s in "ab"}
+        noise.append(np.mean([floor[channel] ** 2 / runs[channel] for channel in CHANNELS]))
+    b, a, f = np.array(before), np.array(after), np.array(noise)
+    pick = np.random.default_rng(1).integers(len(conditions), size=(_DRAWS, len(conditions)))
+    closed = _closed(b[pick].mean(axis=1), a[pick].mean(axis=1), f[pick].mean(axis=1))
+    low, high = np.quantile(closed, [0.05, 0.95])
+    retuned = next(each for each in ranked if each.hypothesis == BenchHypothesis())
+    return Gap(
+        float(np.sqrt(b.mean())),
+        retuned.held_out.total,
+        float(np.sqrt(a.mean())),
+        float(np.sqrt(f.mean())),
+        float(_closed(b.mean(), a.mean(), f.mean())),
+        (float(low), float(high)),
+    )
+
+
+def _closed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    return np.asarray((before - after) / np.maximum(before - floor, 1e-12))
+
+
+def _verdict(best: Ranked, gap: Gap, marginal: Mapping[str, float]) -> tuple[str, str]:
+    names = best.hypothesis.names
+    told = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
+    open_ = [name for name, p in marginal.items() if 1 - _SURE < p < _SURE]
+    if gap.before < _SOUND * gap.noise_floor or (not names and gap.retuned < _SOUND * gap.noise_floor):
+        return "no_gap", f"The prototype predicts the bench within its tolerances. {told}"
+    if not names or gap.closed < _LIKELY:
+        return "unknown", f"No set of causes known here explains the better part of the gap. {told}"
+    if open_:
+        listed = ", ".join(f"{name} ({marginal[name]:.2f})" for name in open_)
+        return "ambiguous", f"Responsible: {' + '.join(names)}; not decided: {listed}. {told}"
+    return "effect", f"Responsible: {' + '.join(names)}. {told}"
+
+
+def _causes(
+    prototype: BenchPrototype,
+    ranked: Sequence[Ranked],
+    best: Ranked,
+    gap: Gap,
+    marginal: Mapping[str, float],
+    chosen: Sequence[str],
+) -> tuple[Cause, ...]:
+    named = parameters(prototype, best.held_out.fit)
+    found = []
+    for name, probability in marginal.items():
+        share = 0.0
+        if name in chosen:
+            gone = {name, "parameter:constant_load"} if name == "seal_friction" else {name}  # its offset goes with it
+            rest = set(best.hypothesis.names) - gone
+            without = min(r.held_out.total for r in ranked if set(r.hypothesis.names) == rest)
+            share = (without**2 - gap.after**2) / max(gap.before**2 - gap.noise_floor**2, 1e-12)
+        subsystem = _SUBSYSTEMS[name] if name in _SUBSYSTEMS else library()[name].subsystem
+        found.append(Cause(name, subsystem, float(probability), float(share), named.get(name, {})))
+    return tuple(sorted(found, key=lambda cause: (-round(cause.probability, 3), -cause.share)))
+
+
+def _table(prototype: BenchPrototype, motions: Sequence[SteadyMotion], chosen: HeldOut) -> tuple[ConditionRow, ...]:
+    actuator = prototype.actuator
+    areas = {
+        1: actuator.piston_area_m2 * (1 + actuator.asymmetry),
+        -1: actuator.piston_area_m2 * (1 - actuator.asymmetry),
+    }
+    supply = float(np.mean([m.stall for m in motions if (m.direction > 0) == (m.side == "a")]))
+    tank = float(np.mean([m.stall for m in motions if (m.direction > 0) == (m.side == "b")]))
+    rows = []
+    for condition, direction in dict.fromkeys((m.condition, m.direction) for m in motions):
+        own = [m for m in motions if (m.condition, m.direction) == (condition, direction)]
+        speeds = np.array([m.speed for m in own])
+        a, b = (float(np.mean([m.pressure for m in own if m.side == side])) for side in "ab")
+        full, empty = (a, b) if direction > 0 else (b, a)
+        speed, volts = float(speeds.mean()), own[0].command_V
+        into, out = areas[direction] * abs(speed), areas[-direction] * abs(speed)
+        opening = (into / max(supply - full, 1.0) ** 0.5, out / max(empty - tank, 1.0) ** 0.5)
+        fitted = chosen.without[condition]
+        found = steady(NOTHING | fitted.values, np.array([volts]), fitted.hypothesis.orifices)
+        rows.append(
+            ConditionRow(
+                condition,
+                direction,
+                volts,
+                speed,
+                float(speeds.std(ddof=1)) if len(speeds) > 1 else 0.0,
+                (a, b),
+                areas[1] * a - areas[-1] * b,
+                opening,
+                (float(found.speed[0]), float(found.pressure_a[0]), float(found.pressure_b[0])),
+            )
+        )
+    return tuple(rows)
+
+
+def _next_experiment(ranked: Sequence[Ranked], seen: Observations) -> NextExperiment:
+    """Where the predictions of what is still probable lie apart the most."""
+    largest, least = float(np.abs(seen.volts).max()), float(np.abs(seen.volts).min())
+    grid = np.round(np.geomspace(0.3 * least, 1.5 * largest, 25), 2)
+    alive = [each for each in ranked if each.probability > 0.01] or list(ranked[:2])
+    weight = np.array([each.probability for each in alive])
+    weight /= weight.sum()
+    deviation = alive[0].held_out.fit.deviation
+    best = NextExperiment(float(grid[0]), "speed", 0.0)
+    for sign in (1, -1):
+        found = [steady(NOTHING | each.held_out.fit.values, sign * grid, each.hypothesis.orifices) for each in alive]
+        supply = alive[0].held_out.fit.values["supply_pressure"]
+        speed = np.array([each.speed for each in found])
+        channels = {"speed": speed / (weight @ speed)}
+        channels |= {f"pressure_{s}": np.array([each.pressure(s) for each in found]) / supply for s in "ab"}
+        for channel, values in channels.items():
+            spread = np.sqrt(weight @ (values - weight @ values) ** 2) / deviation[channel]
+            k = int(np.argmax(spread))
+            if spread[k] > best.separation:
+                best = NextExperiment(float(grid[k]), channel, float(spread[k]))
+    return best
