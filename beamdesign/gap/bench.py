@@ -1,7 +1,6 @@
 """Diagnosis of an actuator bench from its steady motions, with its records replayed as a check."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -9,22 +8,17 @@ import numpy as np
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.gap.bench_amended import amended, parameters
 from beamdesign.gap.bench_data import BenchSet, read_bench_set
-from beamdesign.gap.bench_fit import (
-    CHANNELS,
-    HeldOut,
-    Observations,
-    averaged,
-    errors,
-    held_out,
-    observations,
-    scatter,
-)
+from beamdesign.gap.bench_diagnosis import BenchDiagnosis, Cause, ConditionRow, Gap, NextExperiment, Ranked
+from beamdesign.gap.bench_fit import HeldOut, held_out
 from beamdesign.gap.bench_hypothesis import BenchHypothesis, candidates
 from beamdesign.gap.bench_model import NOTHING, steady
-from beamdesign.gap.bench_replay import ReplayError, replay_errors
+from beamdesign.gap.bench_observed import CHANNELS, Observations, averaged, errors, observations, scatter
+from beamdesign.gap.bench_replay import replay_errors
 from beamdesign.gap.bench_steady import SteadyMotion, steady_motions
 from beamdesign.gap.bench_words import notes_on
 from beamdesign.rig.effects import library
+
+__all__ = ["BenchDiagnosis", "believed_figures", "diagnose_bench", "diagnose_bench_set", "probabilities"]
 
 PRIOR_ODDS = 1 / 3
 """Of one more cause against none."""
@@ -40,147 +34,13 @@ _SUBSYSTEMS = {
 }
 
 
-@dataclass(frozen=True)
-class Ranked:
-    """One set of causes.
-
-    Attributes:
-        hypothesis: the causes.
-        probability: among the candidates; see `diagnose_bench`.
-        held_out: how it predicts conditions it has not seen.
-    """
-
-    hypothesis: BenchHypothesis
-    probability: float
-    held_out: HeldOut = field(repr=False)
-
-
-@dataclass(frozen=True)
-class Cause:
-    """One cause, whatever others are at work beside it.
-
-    Attributes:
-        name: as contracts spell it.
-        subsystem: where it sits.
-        probability: sum over the candidates that have it.
-        share: of the gap that comes back when it alone is taken out of the chosen set; 0 where it is not in it.
-        parameters: value and standard deviation by contract name, where chosen.
-    """
-
-    name: str
-    subsystem: str
-    probability: float
-    share: float
-    parameters: dict[str, tuple[float, float]]
-
-
-@dataclass(frozen=True)
-class ConditionRow:
-    """What one condition says in one direction.
-
-    Attributes:
-        condition: name.
-        direction: 1 extending, -1 retracting.
-        command_V: while it moves.
-        speed: m/s, mean of all runs.
-        speed_std: m/s, of single runs.
-        pressures: Pa, of chambers a and b.
-        net_force_N: A_a p_a - A_b p_b with the areas of bore and rod: what friction and load take.
-        opening: m3/s per root of Pa, flow over root of pressure drop of the edges (filling, emptying); they are alike
-            where orifices and areas are the whole story.
-        predicted: speed and both pressures by the chosen causes, fitted without this condition.
-    """
-
-    condition: str
-    direction: int
-    command_V: float
-    speed: float
-    speed_std: float
-    pressures: tuple[float, float]
-    net_force_N: float
-    opening: tuple[float, float]
-    predicted: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Root mean square of relative speed errors and of pressure errors over the supply, on conditions held out.
-
-    Attributes:
-        before: of the prototype as it was believed.
-        retuned: with the figures that have tolerances fitted.
-        after: with the chosen causes.
-        noise_floor: of means over replicates.
-        closed: (before^2 - after^2)/(before^2 - floor^2).
-        closed_interval: 5 and 95 % of a bootstrap over conditions, of which there are few.
-    """
-
-    before: float
-    retuned: float
-    after: float
-    noise_floor: float
-    closed: float
-    closed_interval: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class NextExperiment:
-    """The command at which the candidates that are left differ most.
-
-    Attributes:
-        command_V: both directions.
-        channel: in which they do.
-        separation: standard deviation of the candidates' predictions over the deviation of that channel.
-    """
-
-    command_V: float
-    channel: str
-    separation: float
-
-
-@dataclass(frozen=True)
-class BenchDiagnosis:
-    """What a bench's data set says.
-
-    Attributes:
-        verdict: `no_gap`, `effect`, `ambiguous` or `unknown`.
-        reason: in two sentences.
-        chosen: contract names of the causes held responsible: those with a probability of at least 0.9, whatever else
-            may be at work beside them; the most probable set where none is that sure.
-        causes: all of them, most probable first.
-        ranked: sets of causes, most probable first.
-        gap: on steady motions.
-        table: by condition and direction.
-        replay: errors of the simulated records, before and after, on conditions held out.
-        confirmed: whether the replay is better with the chosen causes on every condition and in every channel.
-        next_experiment: where the verdict is not certain.
-        prototype: with the chosen causes.
-        notes: what cannot be told apart, what greedy selection would have done, flagged figures.
-        warnings: oddities of the data.
-    """
-
-    verdict: str
-    reason: str
-    chosen: tuple[str, ...]
-    causes: tuple[Cause, ...]
-    ranked: tuple[Ranked, ...] = field(repr=False)
-    gap: Gap
-    table: tuple[ConditionRow, ...] = field(repr=False)
-    replay: tuple[ReplayError, ...] = field(repr=False)
-    confirmed: bool
-    next_experiment: NextExperiment | None
-    prototype: BenchPrototype = field(repr=False)
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
 def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
     """Diagnose an actuator bench.
 
     Every combination of causes is fitted with the prototype's tolerances as priors, once to everything and once without
-    each condition. Probabilities follow from the predictive densities of the conditions left out (pseudo-Bayesian model
-    averaging with a Bayesian bootstrap over conditions; Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13 (2018) 917),
-    so that one condition cannot decide alone; every further cause starts at odds of `PRIOR_ODDS`.
+    each condition. Probabilities follow from the predictive densities of the conditions left out (pseudo-Bayesian
+    model averaging with a Bayesian bootstrap over conditions; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13
+    (2018) 917), so that one condition cannot decide alone; every further cause starts at odds of `PRIOR_ODDS`.
 
     Raises:
         InputError: for data that cannot be used; see `read_bench_set` and `steady_motions`.
@@ -188,13 +48,18 @@ def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
     return diagnose_bench_set(read_bench_set(dataset_folder))
 
 
-def diagnose_bench_set(data: BenchSet) -> BenchDiagnosis:
-    """Diagnose an actuator bench from what `read_bench_set` gives; see `diagnose_bench`."""
+def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None = None) -> BenchDiagnosis:
+    """Diagnose an actuator bench from what `read_bench_set` gives; see `diagnose_bench`.
+
+    Args:
+        data: the runs.
+        among: candidates, with the one of no cause and of every chosen set less one cause; all where not given.
+    """
     motions = steady_motions(data)
     actuator = data.prototype.actuator
     seen = observations(motions, actuator.asymmetry)
     floor = scatter(seen, actuator.supply_pressure_Pa)
-    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in candidates()]
+    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in among or candidates()]
     weights = probabilities(tried, data.conditions)
     order = np.argsort(-weights, kind="stable")
     ranked = tuple(Ranked(tried[k].fit.hypothesis, float(weights[k]), tried[k]) for k in order)
@@ -325,6 +190,7 @@ def _causes(
             rest = set(best.hypothesis.names) - gone
             without = min(r.held_out.total for r in ranked if set(r.hypothesis.names) == rest)
             share = (without**2 - gap.after**2) / max(gap.before**2 - gap.noise_floor**2, 1e-12)
+            share = min(max(share, 0.0), 1.0)
         subsystem = _SUBSYSTEMS[name] if name in _SUBSYSTEMS else library()[name].subsystem
         found.append(Cause(name, subsystem, float(probability), float(share), named.get(name, {})))
     return tuple(sorted(found, key=lambda cause: (-round(cause.probability, 3), -cause.share)))

@@ -5,6 +5,7 @@ one condition come from two runs.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -122,9 +123,7 @@ def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
     edges = np.nonzero(np.diff(command_V) != 0)[0] + 1
     bounds = [0, *edges.tolist(), len(command_V)]
     return [
-        (i, j, float(command_V[i]))
-        for i, j in zip(bounds[:-1], bounds[1:], strict=True)
-        if command_V[i] != 0 and j - i >= LEAST_SAMPLES // 4
+        (i, j, float(command_V[i])) for i, j in pairwise(bounds) if command_V[i] != 0 and j - i >= LEAST_SAMPLES // 4
     ]
 
 

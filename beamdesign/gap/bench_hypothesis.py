@@ -102,8 +102,8 @@ class Prior:
 
 
 _DROP_STD = 0.2
-"""Standard deviation of the logarithm of flow that comes with orifices: a gain that was believed of a linear valve belongs
-to no pressure drop, and half as much again of that is a fifth more flow."""
+"""Standard deviation of the logarithm of flow that comes with orifices: a gain that was believed of a linear valve
+belongs to no pressure drop, and half as much again of that is a fifth more flow."""
 _WIDE = 1.0  # standard deviation of the logarithm of a figure that is free of its tolerance
 _AREA_RATIO_STD = 0.02  # of the asymmetry that bore and rod give
 _TANK_STD = 0.03  # of the supply: nothing is believed of the tank, and gauges are off by as much

@@ -17,9 +17,10 @@ NOTHING = {
     "breakaway_ratio": 1.0,
     "stribeck_m_per_s": 0.005,
 }
-"""Figures beside flow_gain (m3/s/V), piston_area (m2), supply_pressure and tank_pressure (Pa), with no cause at work."""
+"""Figures with no cause at work. Beside them stand flow_gain (m3/s/V), piston_area (m2), both pressures (Pa)."""
 
 _ROUNDS = 30
+_SETTLED = 1e-6  # relative: Newton's next step would be of its square
 
 
 @dataclass(frozen=True)
@@ -43,9 +44,12 @@ class Steady:
 
 def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force against the motion at a speed (both positive), and its slope; the constant load is against extension."""
-    excess = (figure["breakaway_ratio"] - 1) * np.exp(-((speed / figure["stribeck_m_per_s"]) ** 2))
-    force = figure["coulomb_N"] * (1 + excess) + figure["viscous"] * speed + sign * figure["constant_load_N"]
-    slope = figure["viscous"] - figure["coulomb_N"] * excess * 2 * speed / figure["stribeck_m_per_s"] ** 2
+    force = figure["coulomb_N"] + figure["viscous"] * speed + sign * figure["constant_load_N"]
+    slope = figure["viscous"] + np.zeros_like(speed)
+    if np.any(figure["breakaway_ratio"] != 1):
+        excess = (figure["breakaway_ratio"] - 1) * np.exp(-((speed / figure["stribeck_m_per_s"]) ** 2))
+        force = force + figure["coulomb_N"] * excess
+        slope = slope - figure["coulomb_N"] * excess * 2 * speed / figure["stribeck_m_per_s"] ** 2
     return force, slope
 
 
@@ -58,7 +62,8 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
     only the difference follows, and their sum is taken as supply plus tank, as leakage alike on all edges leaves it.
 
     Args:
-        figure: as in `NOTHING`, with the four figures named there; each a number, or (m, 1) for m sets at once.
+        figure: as in `NOTHING`, with flow_gain, piston_area, supply_pressure and tank_pressure; each a number, or
+            (m, 1) for m sets at once.
         volts: (N,) commands.
         orifices: whether flow goes with the root of the pressure drop.
     """
@@ -92,7 +97,7 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
             empty = supply + tank - full
             past = np.clip(leakage * (full - empty), -flow, flow)
             moved = np.maximum((flow - past) / fills, 1e-9)
-        settled = bool(np.all(np.abs(moved - speed) <= 1e-10 + 1e-9 * speed))
+        settled = bool(np.all(np.abs(moved - speed) <= _SETTLED * speed))
         speed = moved
         if settled:
             break

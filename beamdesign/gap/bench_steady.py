@@ -1,6 +1,7 @@
 """Steady motion in the runs of a bench: where it is, how fast, under which pressures."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
@@ -61,8 +62,8 @@ def steady_motions(data: BenchSet) -> tuple[SteadyMotion, ...]:
 def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     """Find the steady part of a run's stroke in one direction.
 
-    The stroke is what lies between the readings at both stops, less a margin. Parts of it count as steady which move and
-    press as its later half does; the median of that half is little disturbed by how long the start takes.
+    The stroke is what lies between the readings at both stops, less a margin. Parts of it count as steady which move
+    and press as its later half does; the median of that half is little disturbed by how long the start takes.
 
     Raises:
         InputError: where too little of the stroke is steady.
@@ -77,7 +78,7 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
     if not smooth[0] < 0.5 or ends - begins < 2 * _BINS:
         raise InputError(run.name, [("displacement_m", f"no whole stroke {_words(direction)} at {volts:g} V")])
     edges = np.linspace(begins + i, ends + i, _BINS + 1).astype(int)
-    parts = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [slice(a, b) for a, b in pairwise(edges)]
     speeds = np.array([_slope(run, part) for part in parts])
     pressures = np.array([float(np.median(run.pressure_Pa[part])) for part in parts])
     alike = _like_later_half(speeds) & _like_later_half(pressures)

@@ -1,23 +1,18 @@
 """What a diagnosis of a bench has to say beside its figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from beamdesign.gap.bench_diagnosis import Ranked
 from beamdesign.gap.bench_fit import SteadyFit
 from beamdesign.gap.bench_hypothesis import BenchHypothesis
-
-if TYPE_CHECKING:
-    from beamdesign.gap.bench import Ranked
 
 _CLOSE = 0.8  # correlation from which two figures are told as one
 _FEW = 5
 
 
-def notes_on(
-    ranked: Sequence["Ranked"], best: "Ranked", marginal: Mapping[str, float], conditions: int
-) -> Iterator[str]:
+def notes_on(ranked: Sequence[Ranked], best: Ranked, marginal: Mapping[str, float], conditions: int) -> Iterator[str]:
     """Notes on what is uncertain and why."""
     if conditions < _FEW:
         yield f"{conditions} conditions are few: probabilities follow from how each is predicted without the others"
@@ -46,7 +41,7 @@ def correlated(fit: SteadyFit) -> list[str]:
     ]
 
 
-def _greedy(ranked: Sequence["Ranked"], best: "Ranked") -> Iterator[str]:
+def _greedy(ranked: Sequence[Ranked], best: Ranked) -> Iterator[str]:
     """What adding one cause at a time would have found, against the chosen set."""
     error = {each.hypothesis: each.held_out.total for each in ranked}
     path = [BenchHypothesis()]
@@ -67,7 +62,7 @@ def _greedy(ranked: Sequence["Ranked"], best: "Ranked") -> Iterator[str]:
         )
 
 
-def _rest(best: "Ranked") -> Iterator[str]:
+def _rest(best: Ranked) -> Iterator[str]:
     """Which prediction is off most on conditions held out."""
     worst = max(
         (
@@ -83,7 +78,7 @@ def _parts(hypothesis: BenchHypothesis) -> set[str]:
     return set(hypothesis.names) | ({"stribeck"} if hypothesis.friction == "stribeck" else set())
 
 
-def _frictions(ranked: Sequence["Ranked"]) -> Iterator[str]:
+def _frictions(ranked: Sequence[Ranked]) -> Iterator[str]:
     kinds: dict[str, float] = {}
     for each in ranked:
         kinds[each.hypothesis.friction] = kinds.get(each.hypothesis.friction, 0.0) + each.probability

@@ -1,0 +1,245 @@
+"""Diagnosis of benches whose truth is known, from records made by closed forms."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, Truth, steady_motion, write_set
+
+from beamdesign.bench_prototype import read_bench_prototype
+from beamdesign.gap.bench import BenchDiagnosis, diagnose_bench, diagnose_bench_set, probabilities
+from beamdesign.gap.bench_amended import amended
+from beamdesign.gap.bench_data import read_bench_set
+from beamdesign.gap.bench_fit import held_out
+from beamdesign.gap.bench_hypothesis import BenchHypothesis, candidates
+from beamdesign.gap.bench_model import NOTHING, steady
+from beamdesign.gap.bench_observed import observations, scatter
+from beamdesign.gap.bench_steady import steady_motions
+from beamdesign.records import InputError
+
+COULOMB_N = 120.0
+JOINT = Truth(
+    flow_gain=9.3e-6, unequal=True, orifices=True, friction=lambda speed, direction: COULOMB_N - 8.0 * (direction < 0)
+)
+
+
+@pytest.fixture(scope="module")
+def joint_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_set(tmp_path_factory.mktemp("joint") / "set", JOINT)
+
+
+@pytest.fixture(scope="module")
+def joint(joint_set: Path) -> BenchDiagnosis:
+    return diagnose_bench(joint_set)
+
+
+def figures(**given: float) -> dict[str, float]:
+    base = {"flow_gain": 9e-6, "piston_area": MEAN, "supply_pressure": SUPPLY, "tank_pressure": TANK}
+    return NOTHING | base | given
+
+
+@pytest.mark.parametrize("volts", [-3.0, 3.0])
+@pytest.mark.parametrize(
+    "truth",
+    [
+        Truth(),
+        Truth(unequal=True),
+        Truth(orifices=True, friction=lambda speed, direction: 50.0),
+        Truth(unequal=True, orifices=True, deadband=0.4, friction=lambda speed, direction: 60.0 + 300.0 * speed),
+        Truth(unequal=True, orifices=True, friction=lambda s, direction: 80 * (1 + 0.5 * np.exp(-((s / 0.2) ** 2)))),
+    ],
+)
+def test_steady_model_is_the_root_of_the_balance(truth: Truth, volts: float):
+    viscous = truth.friction(1.0, 1) - truth.friction(0.0, 1)
+    stribeck = viscous < 0
+    given = figures(
+        asymmetry=(CAP - RING) / (CAP + RING) if truth.unequal else 0.0,
+        deadband_V=truth.deadband,
+        coulomb_N=80.0 if stribeck else truth.friction(0.0, 1),
+        viscous=0.0 if stribeck else viscous,
+        breakaway_ratio=1.5 if stribeck else 1.0,
+        stribeck_m_per_s=0.2,
+    )
+    found = steady(given, np.array([volts]), truth.orifices)
+    speed, full, empty = steady_motion(truth, volts)
+    assert abs(found.speed[0]) == pytest.approx(speed, rel=1e-6)
+    pressures = (found.pressure_a[0], found.pressure_b[0])
+    assert pressures == pytest.approx((full, empty) if volts > 0 else (empty, full), rel=1e-6)
+
+
+def test_leakage_and_sag_fulfil_their_own_equations():
+    """Put back: flow through each edge is the piston's and what passes it, the supply falls with the flow drawn."""
+    leakage, resistance, volts = 3e-12, 2e10, 4.0
+    given = figures(asymmetry=0.2, piston_leakage=leakage, supply_resistance=resistance, coulomb_N=40.0)
+    found = steady(given, np.array([volts]), True)
+    v, a, b = found.speed[0], found.pressure_a[0], found.pressure_b[0]
+    edge = 9e-6 * volts / np.sqrt(SUPPLY / 2)
+    past = leakage * (a - b)
+    into, out = MEAN * 1.2 * v + past, MEAN * 0.8 * v + past
+    assert edge * np.sqrt(SUPPLY - resistance * into - a) == pytest.approx(into, rel=1e-6)
+    assert edge * np.sqrt(b - TANK) == pytest.approx(out, rel=1e-6)
+    assert pytest.approx(40.0, rel=1e-6) == MEAN * (1.2 * a - 0.8 * b)
+
+
+def test_steady_motion_is_found_without_being_told_where(joint_set: Path):
+    for motion in steady_motions(read_bench_set(joint_set)):
+        speed, full, empty = steady_motion(JOINT, motion.command_V)
+        assert motion.direction * motion.speed == pytest.approx(speed, rel=0.03)  # runs drift by 0.5 %
+        fills = (motion.direction > 0) == (motion.side == "a")
+        assert motion.pressure == pytest.approx(full if fills else empty, abs=0.01 * SUPPLY)
+        assert motion.stall == pytest.approx(SUPPLY if fills else TANK, abs=0.002 * SUPPLY)
+        assert 0.3 * STROKE / speed < motion.ends_s - motion.begins_s < STROKE / speed
+
+
+def test_joint_causes_are_named_with_their_figures(joint: BenchDiagnosis):
+    assert set(joint.chosen) >= {"pressure_dependent_flow", "unequal_piston_areas", "seal_friction"}
+    assert set(joint.chosen) <= {
+        "pressure_dependent_flow", "unequal_piston_areas", "seal_friction", "parameter:constant_load"
+    }  # fmt: skip
+    assert joint.verdict in ("effect", "ambiguous")
+    named = {cause.name: cause for cause in joint.causes}
+    value, std = named["seal_friction"].parameters["coulomb_N"]
+    assert value == pytest.approx(COULOMB_N - 4.0, abs=max(3 * std, 5.0))
+    assert named["valve_deadband"].probability < 0.5
+    assert joint.gap.after < 0.25 * joint.gap.before
+    assert joint.gap.closed > 0.9
+    assert joint.confirmed
+    assert sum(each.probability for each in joint.ranked) == pytest.approx(1.0)
+
+
+def test_neither_of_two_causes_helps_alone(joint: BenchDiagnosis):
+    error = {each.hypothesis: each.held_out.total for each in joint.ranked}
+    none, areas = error[BenchHypothesis()], error[BenchHypothesis(unequal_areas=True)]
+    root, both = error[BenchHypothesis(orifices=True)], error[BenchHypothesis(orifices=True, unequal_areas=True)]
+    assert both < 0.5 * none < min(areas, root)
+    assert any("help only together" in note for note in joint.notes)
+
+
+def test_the_amended_prototype_moves_as_the_bench_does(joint: BenchDiagnosis, tmp_path: Path):
+    assert set(joint.prototype.effects) == {"pressure_dependent_flow", "unequal_piston_areas", "seal_friction"}
+    for row in joint.table:
+        assert row.predicted[0] == pytest.approx(row.speed, rel=0.03)
+        cap, ring = row.pressures
+        assert row.net_force_N == pytest.approx(CAP * cap - RING * ring, rel=1e-6)
+    for each in joint.replay:
+        assert each.after["displacement_m"] < 0.02
+
+
+def test_a_sound_bench_has_no_gap(tmp_path: Path):
+    data = read_bench_set(write_set(tmp_path / "sound", Truth(flow_gain=9.1e-6)))
+    found = diagnose_bench_set(data, [each for each in candidates() if each.causes < 3])
+    assert found.verdict == "no_gap"
+    assert found.chosen == ()
+    assert found.prototype == read_bench_prototype(tmp_path / "sound" / "prototype.toml")
+
+
+def judged(folder: Path, *hypotheses: BenchHypothesis) -> list[float]:
+    data = read_bench_set(folder)
+    seen = observations(steady_motions(data), data.prototype.actuator.asymmetry)
+    floor = scatter(seen, SUPPLY)
+    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in hypotheses]
+    return probabilities(tried, data.conditions).tolist()
+
+
+def test_friction_laws_and_deadband_are_told_apart(tmp_path: Path):
+    joint = BenchHypothesis(orifices=True, unequal_areas=True)
+    laws = [BenchHypothesis(True, True, friction=kind) for kind in ("none", "coulomb", "viscous")]
+    viscous = Truth(unequal=True, orifices=True, friction=lambda speed, direction: 600 * speed)
+    assert int(np.argmax(judged(write_set(tmp_path / "viscous", viscous), *laws))) == 2
+    coulomb = Truth(unequal=True, orifices=True, friction=lambda speed, direction: 90.0)
+    assert int(np.argmax(judged(write_set(tmp_path / "coulomb", coulomb), *laws))) == 1
+    lapped = Truth(unequal=True, orifices=True, deadband=0.5)
+    share = judged(write_set(tmp_path / "lapped", lapped), joint, BenchHypothesis(True, True, deadband=True))
+    assert share[1] > 0.9
+
+
+def test_candidates_are_all_combinations_once():
+    found = candidates()
+    assert len(set(found)) == len(found) == 2**3 * 5 + 2**4 * 5 + 1
+    assert BenchHypothesis(True, True, friction="coulomb with offset").names == (
+        "parameter:constant_load", "pressure_dependent_flow", "seal_friction", "unequal_piston_areas"
+    )  # fmt: skip
+
+
+def broken(folder: Path, change, name: str = "1V_a_1") -> None:
+    path = folder / "records" / f"{name}.csv"
+    header = path.read_text().split("\n", 1)[0]
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    header, table = change(header, table)
+    np.savetxt(path, table, "%.6g", ",", header=header, comments="")
+
+
+def column(k: int, factor: float):
+    def change(header: str, table: np.ndarray):
+        table[:, k] *= factor
+        return header, table
+
+    return change
+
+
+def holed(header: str, table: np.ndarray):
+    table[50, 3] = np.nan
+    return header, table
+
+
+def jumping(header: str, table: np.ndarray):
+    return header, np.delete(table, slice(100, 105), axis=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda header, table: (header.replace("command_V", "input"), table), "command_V: column missing"),
+        (lambda header, table: (header.replace("pressure_a_Pa", "pressure_b_Pa"), table), "that is chamber a"),
+        (lambda header, table: (header.replace("pressure_a_Pa", "p"), table), "neither of pressure_a_Pa"),
+        (holed, "not finite"),
+        (jumping, "not uniform"),
+        (column(2, 1000.0), "in mm, it seems"),
+        (column(2, -1.0), "turned round"),
+        (column(2, 0.3), "the stroke is"),
+        (column(3, 1e-6), "in MPa, it seems"),
+        (column(3, 1e-5), "in bar, it seems"),
+        (lambda header, table: (header, table[:150]), "too short"),
+    ],
+)
+def test_bad_records_are_refused_with_their_reason(tmp_path: Path, change, told: str):
+    folder = write_set(tmp_path / "set", Truth(), (4.0, 8.0))
+    broken(folder, change, "4V_a_1")
+    with pytest.raises(InputError, match=told):
+        read_bench_set(folder)
+
+
+def test_a_set_needs_conditions_and_both_chambers(tmp_path: Path):
+    with pytest.raises(InputError, match="one condition only"):
+        read_bench_set(write_set(tmp_path / "one", Truth(), (4.0,)))
+    folder = write_set(tmp_path / "two", Truth(), (4.0, 8.0))
+    text = (folder / "dataset.toml").read_text().replace("4V_b", "4V_a").replace("replicate = 2", "replicate = 3")
+    (folder / "dataset.toml").write_text(text)
+    with pytest.raises(InputError, match="stands twice"):
+        read_bench_set(folder)
+    (folder / "dataset.toml").write_text(text.replace('rig = "actuator_bench"', 'rig = "twin_beam"'))
+    with pytest.raises(InputError, match="is not a bench"):
+        read_bench_set(folder)
+
+
+def test_clipping_is_told(tmp_path: Path):
+    folder = write_set(tmp_path / "set", Truth(), (4.0, 8.0))
+
+    def clipped(header: str, table: np.ndarray):
+        table[:, 2] = np.minimum(table[:, 2], 0.25)
+        return header, table
+
+    broken(folder, clipped, "4V_a_1")
+    assert any("4V_a_1: displacement_m is clipped at 0.25" in words for words in read_bench_set(folder).warnings)
+
+
+def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):
+    data = read_bench_set(joint_set)
+    seen = observations(steady_motions(data), data.prototype.actuator.asymmetry)
+    hypothesis = BenchHypothesis(True, True, True, True, True, "stribeck")
+    fit = held_out(data.prototype, hypothesis, seen, scatter(seen, SUPPLY)).fit
+    rig = amended(data.prototype, fit)
+    assert rig.actuator.piston_leakage_m3_per_s_per_Pa == fit.values["piston_leakage"]
+    assert rig.actuator.supply_resistance_Pa_s_per_m3 == fit.values["supply_resistance"]
+    assert rig.effects["valve_deadband"]["half_width_A"] == pytest.approx(fit.values["deadband_V"] * 1e-3)
+    assert rig.effects["seal_friction"]["stribeck_m_per_s"] == fit.values["stribeck_m_per_s"]

@@ -1,0 +1,90 @@
+"""A measured servovalve and cylinder, replayed and diagnosed.
+
+The records lie outside the project, in ../shared or where BEAMDESIGN_SHARED says; without them this is skipped.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamdesign.gap.bench import BenchDiagnosis, diagnose_bench
+from beamdesign.gap.bench_data import read_bench_set
+from beamdesign.gap.bench_hypothesis import BenchHypothesis
+from beamdesign.gap.bench_replay import simulated
+
+SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
+FOLDER = SHARED / "real" / "servo-cylinder"
+pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the measured records are not here")
+
+
+@pytest.fixture(scope="module")
+def found() -> BenchDiagnosis:
+    return diagnose_bench(FOLDER)
+
+
+def test_areas_square_root_flow_and_friction_are_held_responsible_together(found: BenchDiagnosis):
+    assert set(found.chosen) >= {"unequal_piston_areas", "pressure_dependent_flow", "seal_friction"}
+    error = {each.hypothesis: each.held_out.total for each in found.ranked}
+    none = error[BenchHypothesis()]
+    assert error[BenchHypothesis(unequal_areas=True)] > none
+    assert error[BenchHypothesis(orifices=True)] > 0.99 * none
+    assert error[BenchHypothesis(orifices=True, unequal_areas=True)] < 0.5 * none
+
+
+def test_friction_is_coulombs_rather_than_viscous(found: BenchDiagnosis):
+    """Net force at steady speed, by bore and rod: 61 to 69 N extending and 72 to 80 N retracting at any speed."""
+    for row in found.table:
+        low, high = (61, 70) if row.direction > 0 else (72, 80)
+        assert low < row.direction * row.net_force_N < high
+    kinds: dict[str, float] = {}
+    for each in found.ranked:
+        kinds[each.hypothesis.friction] = kinds.get(each.hypothesis.friction, 0.0) + each.probability
+    assert kinds["viscous"] < 0.05 < 0.8 < kinds["coulomb"] + kinds["coulomb with offset"] + kinds["stribeck"]
+
+
+def test_emptying_edges_pass_alike_both_ways(found: BenchDiagnosis):
+    by_condition: dict[str, list[float]] = {}
+    for row in found.table:
+        by_condition.setdefault(row.condition, []).append(row.opening[1])
+    for out, back in by_condition.values():
+        assert out == pytest.approx(back, rel=0.015)
+
+
+def test_with_few_conditions_the_rest_is_left_undecided(found: BenchDiagnosis):
+    assert found.verdict == "ambiguous"
+    assert found.next_experiment is not None
+    assert any("conditions are few" in note for note in found.notes)
+    assert any("clipped" in words for words in found.warnings)
+
+
+def test_conditions_held_out_are_predicted_and_replayed_better(found: BenchDiagnosis):
+    gap = found.gap
+    assert gap.before > 0.2
+    assert gap.after < 0.07
+    assert gap.closed > 0.85
+    assert found.confirmed
+    for each in found.replay:
+        for channel, before in each.before.items():
+            assert each.after[channel] < 0.8 * before
+
+
+def test_all_runs_are_replayed(found: BenchDiagnosis):
+    """Displacement over the stroke, pressures over the supply: root mean square, believed figures and amended ones."""
+    data = read_bench_set(FOLDER)
+    squares: dict[tuple[bool, str], list[float]] = {}
+    for run in data.runs:
+        if run.replicate > 1:
+            continue
+        for better, rig in ((False, data.prototype), (True, found.prototype)):
+            y = simulated(rig, run)
+            assert np.isfinite(y).all()
+            column = 3 if run.side == "a" else 4
+            moved = (y[:, 2] - run.displacement_m) / data.prototype.actuator.stroke_m
+            pressed = (y[:, column] - run.pressure_Pa) / data.prototype.actuator.supply_pressure_Pa
+            squares.setdefault((better, "displacement"), []).append(float(np.mean(moved**2)))
+            squares.setdefault((better, "pressure"), []).append(float(np.mean(pressed**2)))
+    rms = {key: float(np.sqrt(np.mean(values))) for key, values in squares.items()}
+    assert rms[True, "displacement"] < 0.6 * rms[False, "displacement"]
+    assert rms[True, "pressure"] < 0.5 * rms[False, "pressure"]
