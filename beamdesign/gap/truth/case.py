@@ -102,7 +102,7 @@ class Case:
         duration_s: of each record.
         scales: magnitudes by which effects are sized.
         gaps: RMS over the records of what the effects change over the displacement itself: `all`, each alone by its
-            name, `background`, `tolerances`; and `floor`, the same of the noise.
+            name; `background` and `tolerances`, over the first part of the records; and `floor`, the same of the noise.
         extras: `frequency_response` and `critical_gain` where they are to be taken as well.
         notes: what had to be drawn again, in words.
     """
