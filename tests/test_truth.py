@@ -15,7 +15,8 @@ from beamdesign.gap.truth.believed import assembled, believed_figures, rig_figur
 from beamdesign.gap.truth.case import run_figures
 from beamdesign.gap.truth.effects import KINDS, Scales
 from beamdesign.gap.truth.figures import packed
-from beamdesign.gap.truth.rig import STATES, STEP_S, march
+from beamdesign.gap.truth.rates import STATES
+from beamdesign.gap.truth.rig import STEP_S, march
 from beamdesign.gap.truth.stability import linear_critical_gain
 
 PUBLISHED = {

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from beamdesign.gap.truth.rig import STATES, rates_at
+from beamdesign.gap.truth.rates import STATES, rates_at
 
 
 def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
