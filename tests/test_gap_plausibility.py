@@ -1,0 +1,357 @@
+"""Data sets spoiled one way at a time: each must be refused in words, or named, and never pass for sound evidence.
+
+What is right is known because the data come from a simulation and the test itself does the spoiling.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_rig import LAG, STRAIGHT, Recorded, recorded
+from scipy.signal import lfilter
+
+from beamdesign.gap.believed_loop import believed_loop
+from beamdesign.gap.controller_equation import controller_fit, demanded
+from beamdesign.gap.dataset import read_dataset
+from beamdesign.gap.plausibility import examine
+from beamdesign.prototype import Lag, Prototype
+from beamdesign.records import InputError
+
+SHARED = Path(__file__).parents[2] / "shared" / "rig"
+Spoil = Callable[[Recorded], object]
+
+
+@pytest.fixture
+def sound(paper: Prototype) -> Recorded:
+    return recorded(paper)
+
+
+def scale(column: str, factor: float, *names: str) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        for name in names or data.columns:
+            data.columns[name][column] = data.columns[name][column] * factor
+
+    return spoil
+
+
+def swap(a: str, b: str, *names: str) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        for name in names or data.columns:
+            columns = data.columns[name]
+            columns[a], columns[b] = columns[b], columns[a]
+
+    return spoil
+
+
+def every_gain(factor: float) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        for row in data.index["record"]:
+            row["controller"] = row["controller"] | {"gain_A_per_V": factor * row["controller"]["gain_A_per_V"]}
+
+    return spoil
+
+
+def believed_sensor(data: Recorded) -> None:
+    data.prototype = data.prototype.but(sensor=data.prototype.sensor.but(gain_V_per_m=1.18))
+
+
+def grams(data: Recorded) -> None:
+    data.entry("payload").update(outer_end_mass_kg=6800.0, inner_end_mass_kg=4400.0)
+
+
+REFUSED: dict[str, tuple[Spoil, str, str]] = {
+    "millimetres": (scale("displacement_m", 1e3), "displacement_m", "values are in mm, by their scale: divide by 1000"),
+    "millimetres in one record": (scale("displacement_m", 1e3, "steps"), "displacement_m", "in mm"),
+    "micrometres": (scale("displacement_m", 1e6), "displacement_m", "in um"),
+    "inches": (scale("displacement_m", 1 / 0.0254), "displacement_m", "in inches"),
+    "volts of the sensor": (scale("displacement_m", 1180.0), "displacement_m", "divide by sensor.gain_V_per_m"),
+    "milliamperes": (scale("current_A", 1e3), "current_A", "in mA, by their scale: divide by 1000"),
+    "millivolts": (scale("command_V", 1e3), "command_V", "in mV"),
+    "kilonewtons": (scale("disturbance_N", 1e-3), "disturbance_N", "in kN, by their scale: multiply by 1000"),
+    "pounds": (scale("disturbance_N", 1 / 4.4482216), "disturbance_N", "in lbf, by their scale: multiply by 4.44822"),
+    "milliseconds": (scale("t_s", 1e3), "t_s", "times are in ms"),
+    "sign of displacement": (scale("displacement_m", -1), "displacement_m", "its sign is the other way round"),
+    "sign of current": (scale("current_A", -1), "current_A", "its sign is the other way round"),
+    "sign of force": (scale("disturbance_N", -1), "disturbance_N", "its sign is the other way round"),
+    "sign of command": (scale("command_V", -1), "command_V", "its sign is the other way round"),
+    "swapped outputs": (swap("current_A", "displacement_m"), "current_A", "displacement_m stand in each other's place"),
+    "swapped inputs": (swap("disturbance_N", "command_V"), "disturbance_N", "command_V stand in each other's place"),
+    "gain in mA/V": (every_gain(1e3), "controller.gain_A_per_V", "the gain is in mA/V"),
+    "sensor in V/mm": (believed_sensor, "sensor.gain_V_per_m", "V/mm"),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_columns_read_wrongly_are_refused_with_what_they_are(kind: str, sound: Recorded, tmp_path: Path):
+    spoil, key, words = REFUSED[kind]
+    spoil(sound)
+    with pytest.raises(InputError) as caught:
+        examine(read_dataset(sound.write(tmp_path)))
+    error = caught.value
+    assert all(problem.key.endswith(key) for problem in error.problems)
+    assert all(words in problem.reason for problem in error.problems), str(error)
+    if kind.endswith("one record"):
+        assert error.source == str(tmp_path / "records" / "steps.csv")
+
+
+def clip(column: str, share: float, *names: str, side: str = "both") -> Spoil:
+    def spoil(data: Recorded) -> None:
+        for name in names or data.columns:
+            values = data.columns[name][column]
+            top = share * np.abs(values).max()
+            data.columns[name][column] = np.clip(values, -top if side == "both" else None, top)
+
+    return spoil
+
+
+def cut(name: str, first: int, last: int) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        data.columns[name] = {key: values[first:last] for key, values in data.columns[name].items()}
+        data.columns[name]["t_s"] = data.columns[name]["t_s"] - data.columns[name]["t_s"][0]
+
+    return spoil
+
+
+def lose(name: str, column: str) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        values = data.columns[name][column].copy()
+        for first in (400, 700):
+            values[first : first + 30] = values[first]
+        data.columns[name][column] = values
+
+    return spoil
+
+
+def blank(data: Recorded) -> None:
+    values = data.columns["force"]["displacement_m"].copy()
+    peaks = np.argsort(np.abs(values))[-5:]
+    values[peaks] = 0.0
+    data.columns["force"]["displacement_m"] = values
+
+
+def quiet(name: str) -> Spoil:
+    """Nothing but the noise of the sensors."""
+
+    def spoil(data: Recorded) -> None:
+        random = np.random.default_rng(0)
+        columns = data.columns[name]
+        count = len(columns["t_s"])
+        columns["command_V"] = np.zeros(count)
+        columns["disturbance_N"] = random.normal(0, 0.5, count)
+        columns["displacement_m"] = random.normal(0, 3e-7, count)
+        columns["current_A"] = random.normal(0, 5e-5, count)
+
+    return spoil
+
+
+def constant_inputs(data: Recorded) -> None:
+    data.columns["command"]["command_V"] = np.full(1201, 0.1)
+    data.columns["command"]["disturbance_N"] = np.zeros(1201)
+
+
+def high_only(data: Recorded) -> None:
+    """A force far above the band, and the motion it makes in a rig that is nothing but its mass."""
+    columns = data.columns["force"]
+    columns["disturbance_N"] = 600 * np.sin(2 * np.pi * 450 * columns["t_s"])
+    moved = -columns["disturbance_N"] / (3.9 * (2 * np.pi * 450) ** 2)
+    columns["displacement_m"] = moved
+    columns["current_A"] = -0.122 * 1180 * moved * 1.75 / 26
+
+
+def relabel(name: str, controller: dict[str, object]) -> Spoil:
+    return lambda data: data.entry(name).update(controller=dict(controller))
+
+
+def late(samples: int, *names: str) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        for name in names or data.columns:
+            values = data.columns[name]["current_A"]
+            rest = np.full(abs(samples), 0.0)
+            moved = [rest, values[:-samples]] if samples > 0 else [values[-samples:], rest]
+            data.columns[name]["current_A"] = np.concatenate(moved)
+
+    return spoil
+
+
+def copied(data: Recorded) -> None:
+    data.columns["payload"] = dict(data.columns["force"])
+
+
+def coarse(data: Recorded) -> None:
+    data.columns["force"] = {key: values[::12] for key, values in data.columns["force"].items()}
+
+
+def heavy(data: Recorded) -> None:
+    data.entry("force").update(outer_end_mass_kg=6.8, inner_end_mass_kg=4.4)
+
+
+def lagging(data: Recorded) -> None:
+    """A coil of 60 Hz, exact for a current that goes straight from sample to sample."""
+    reach = 2 * np.pi * 60 * 1e-3
+    kept = np.exp(-reach)
+    mean = (1 - kept) / reach
+    for columns in data.columns.values():
+        columns["current_A"] = lfilter([1 - mean, mean - kept], [1, -kept], columns["current_A"])
+
+
+def humming(data: Recorded) -> None:
+    for columns in data.columns.values():
+        hum = np.sin(2 * np.pi * 50 * columns["t_s"])
+        columns["current_A"] = columns["current_A"] + 0.3 * np.std(columns["current_A"]) * hum
+
+
+def offset(data: Recorded) -> None:
+    data.columns["force"]["current_A"] = data.columns["force"]["current_A"] + 0.01
+
+
+def dead(data: Recorded) -> None:
+    data.columns["force"]["displacement_m"] = np.full(1201, 1e-5)
+
+
+def other_run(data: Recorded) -> None:
+    data.columns["force"]["current_A"] = data.columns["force"]["current_A"][::-1].copy()
+
+
+NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
+    # how: caution, record, words, whether the record is left out, whether confidence is limited
+    "clipped displacement": (clip("displacement_m", 0.5, "force"), "clipped", "force", "cut off at", True, True),
+    "clipped above": (clip("displacement_m", 0.5, "force", side="top"), "clipped", "force", "cut off", True, True),
+    "clipped current, one side": (clip("current_A", 0.4, "force", side="top"), "clipped", "force", "range", True, True),
+    "saturated current": (clip("current_A", 0.6, "force"), "saturated_current", "force", "saturates at", False, False),
+    "lost samples": (lose("force", "displacement_m"), "stuck", "force", "lost by the recorder", True, True),
+    "zeros": (blank, "stuck", "force", "zero for single samples", True, True),
+    "dead sensor": (dead, "dead_channel", "force", "displacement_m never changes", True, True),
+    "short": (cut("force", 0, 200), "short", "force", "too short: 0.199 s", True, False),
+    "a handful": (cut("force", 0, 20), "short", "force", "only 20 samples", True, False),
+    "begun in motion": (cut("force", 203, 1201), "not_at_rest", "force", "does not start at rest", False, True),
+    "only noise": (quiet("command"), "no_content", "command", "with a noise of", True, False),
+    "constant inputs": (constant_inputs, "no_content", "command", "both inputs are constant", True, False),
+    "too high": (high_only, "no_content", "force", "inputs' power lies between 0.5 and 300 Hz", True, False),
+    "too coarse": (coarse, "coarse_sampling", "force", "sampled too coarsely: 83.33 Hz", True, True),
+    "another record's controller": (relabel("force", STRAIGHT), "controller", "force", "record command", True, True),
+    "another controller": (relabel("force", LAG | {"zero_Hz": 13.0}), "controller", "force", "1.75/26 Hz", True, True),
+    "a wrong gain": (relabel("steps", STRAIGHT | {"gain_A_per_V": 0.012}), "controller", "steps", "0.80", True, True),
+    "a gain wrong everywhere": (every_gain(0.7), "amplifier_gain", "force", "as in all records", False, True),
+    "a late current": (late(4, "force"), "amplifier_lag", "force", "late, by 4", False, True),
+    "an early current": (late(-4, "force"), "shifted_channels", "force", "ahead of displacement_m", True, True),
+    "a slow coil": (lagging, "amplifier_lag", "force", "with a time constant of 2.6", False, True),
+    "hum": (humming, "controller_mismatch", "force", "between sensor and valve", False, True),
+    "current of another run": (other_run, "controller", "force", "do the columns belong to one run", True, True),
+    "offset": (offset, "offset", "force", "constant 0.01 A", False, True),
+    "the same file twice": (copied, "duplicate", "payload", "the same measurement as force", True, True),
+    "masses of another record": (heavy, "masses", "force", "does not fit its end masses (6.8 and 4.4 kg)", True, True),
+    "grams": (grams, "units", "payload", "is it in grams?", True, True),
+}
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_what_is_wrong_with_a_record_is_named(kind: str, sound: Recorded, tmp_path: Path):
+    spoil, name, record, words, left_out, limits = NAMED[kind]
+    spoil(sound)
+    found = examine(read_dataset(sound.write(tmp_path)))
+    of_record = [caution for caution in found.warnings if caution.record == record]
+    assert [caution.name for caution in of_record] == [name], found.words
+    assert words in of_record[0].text
+    assert of_record[0].left_out is left_out
+    assert (record in [r.name for r in found.data.records]) is not left_out
+    assert found.limits_confidence is limits
+    assert any(line.startswith(f"{record}: ") for line in found.words)
+
+
+ALL_OUT: dict[str, tuple[Spoil, str]] = {
+    "clipped": (clip("displacement_m", 0.5), "cut off"),
+    "silent": (lambda data: [quiet(name)(data) for name in data.columns], "nothing is to be seen"),
+    "short": (lambda data: [cut(name, 0, 100)(data) for name in data.columns], "too short"),
+}
+
+
+@pytest.mark.parametrize("kind", ALL_OUT)
+def test_a_set_without_a_usable_record_is_refused_with_every_reason(kind: str, sound: Recorded, tmp_path: Path):
+    spoil, words = ALL_OUT[kind]
+    spoil(sound)
+    with pytest.raises(InputError) as caught:
+        examine(read_dataset(sound.write(tmp_path)))
+    assert [problem.key for problem in caught.value.problems] == list(sound.columns)
+    assert all(words in problem.reason for problem in caught.value.problems), str(caught.value)
+
+
+def test_half_the_records_gone_limits_confidence(sound: Recorded, tmp_path: Path):
+    for name in ("force", "command"):
+        cut(name, 0, 200)(sound)
+    found = examine(read_dataset(sound.write(tmp_path)))
+    assert [caution.name for caution in found.warnings] == ["short", "short", "few_records"]
+    assert found.limits_confidence
+
+
+REAL = {
+    "sound": {},
+    "late sensor": {"sensor_lag": {"break_Hz": 90.0}},
+    "delay": {"transport_delay": {"delay_s": 1.5e-3}},
+    "areas": {"unequal_piston_areas": {}},
+    "friction": {"seal_friction": {}},
+    "backlash": {"joint_backlash": {}},
+    "saturation": {"current_saturation": {"limit_A": 0.012}},
+}
+
+
+@pytest.mark.parametrize("kind", REAL)
+def test_what_a_rig_does_is_not_called_bad_data(kind: str, paper: Prototype, tmp_path: Path):
+    found = examine(read_dataset(recorded(paper, REAL[kind]).write(tmp_path)))
+    assert len(found.data.records) == 4
+    assert not found.limits_confidence
+    assert {caution.name for caution in found.warnings} <= {"saturated_current"}
+    assert set(found.controllers) == {record.name for record in found.data.records}
+    if kind == "saturation":
+        assert any(f.limit_A is not None and abs(f.limit_A - 0.012) < 2e-4 for f in found.controllers.values())
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recorded sets")
+def test_recorded_sets_pass_without_a_word():
+    folders = sorted(SHARED.glob("open-*"))
+    assert folders
+    for folder in folders:
+        found = examine(read_dataset(folder))
+        assert found.words == ()
+        assert len(found.data.records) == 8
+
+
+def test_the_controller_equation_agrees_with_an_independent_filter():
+    """A lag through scipy's bilinear transform at 10 times the sampling rate, on a signal known in closed form."""
+    from scipy.signal import bilinear
+
+    from beamdesign.gap.dataset import TimeRecord
+
+    fine = np.arange(0, 50_001) * 2e-5
+    volts = np.sin(2 * np.pi * 7 * fine) ** 3 * fine
+    law = Lag(gain_A_per_V=0.12, pole_Hz=1.75, zero_Hz=26.0)
+    b, a = bilinear([0.12 / (2 * np.pi * 26), 0.12], [1 / (2 * np.pi * 1.75), 1], 5e4)
+    reference = lfilter(b, a, volts)[::10]
+    times = fine[::10]
+    measured = {"displacement_m": 0 * times, "current_A": reference}
+    record = TimeRecord("x", times, np.column_stack([0 * times, volts[::10]]), measured, 0.0, 0.0, law)
+    assert demanded(record, law, 1180.0) == pytest.approx(reference, abs=2e-4 * np.abs(reference).max())
+
+
+def test_a_delayed_and_weakened_current_is_measured(sound: Recorded, tmp_path: Path):
+    late(3, "force")(sound)
+    scale("current_A", 0.9, "force")(sound)
+    record = read_dataset(sound.write(tmp_path)).records[0]
+    fit = controller_fit(record, 1180.0)
+    assert fit.delay_s == pytest.approx(3e-3, rel=0.02)
+    assert fit.with_delay < 0.02 < 0.3 < fit.residual
+
+
+def test_the_believed_loop_holds_a_static_load_as_statics_says(paper: Prototype):
+    """Beam and cylinder together carry the load: Zalucky and Hardt (1984), equations (7) to (14) without rates.
+
+    At rest Q = K_q i = K_pq F_c / A and i = -K F x, the inner beam carries the same force: K_m x = P + F_c.
+    """
+    loop = believed_loop(paper, Lag(gain_A_per_V=0.02, pole_Hz=1.75, zero_Hz=26.0), 0.0, 0.0)
+    assert loop.stable
+    current, moved, pressure, inner = loop.responses(np.array([1e-6]))[0, :, 0].real
+    stiff = 1.13e-2 * 0.02 * 1180 * 1.13e-4 / 3.8e-13
+    assert moved == pytest.approx(1 / (486_800 + stiff), rel=1e-6)
+    assert current == pytest.approx(-0.02 * 1180 * moved, rel=1e-6)
+    assert pressure == pytest.approx(-stiff * moved / 1.13e-4, rel=1e-6)
+    assert inner == pytest.approx(stiff * moved / 157_500, rel=1e-6)
