@@ -21,7 +21,8 @@ from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 from beamdesign.rig.linearised import LinearAssembly, linear_assembly
 
 STANDARD_GRAVITY = 9.80665
-"""m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass."""
+"""m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass and the payload's
+force."""
 
 _CHAMBERS = ("pressure_a_Pa", "pressure_b_Pa")
 
@@ -192,12 +193,14 @@ class Family:
         rest: the loop with everything at rest; its gain interval is a single factor.
         spans: of the frozen figures, by EFFECT.FIGURE.
         load_N: largest steady force for which the spans are.
+        depends_on_load: whether the spans would differ for another.
     """
 
     members: tuple[Member, ...]
     rest: Member
     spans: Mapping[str, Span]
     load_N: float
+    depends_on_load: bool = False
 
     @property
     def single(self) -> bool:
@@ -223,7 +226,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
         raise InputError(prototype.name, wrong)
     if largest_outer_end_mass is None:
         largest_outer_end_mass = (prototype.payload.outer_end_mass_kg or (0.0, 0.0))[1]
-    load = largest_outer_end_mass * STANDARD_GRAVITY
+    load = largest_outer_end_mass * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0)
     supply = prototype.effects.get("pressure_dependent_flow", {}).get("supply_pressure_Pa", SUPPLY_PRESSURE_PA)
     operation = Operation(lumped, load, supply)
     own = {
@@ -266,7 +269,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     factor = _times(span.rest for span in gains)
     rest = Member(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
     named = {f"{name}.{key}": span for name, key, span in places}
-    return Family(tuple(members), rest, named, load)
+    return Family(tuple(members), rest, named, load, any(library()[name].linear_with_load for name in own))
 
 
 def _times(values: Any) -> float:

@@ -126,6 +126,10 @@ class Payload(Record):
         tuple[NonNegative, NonNegative] | None, Field(description="range [least, most] of mass on the outer beam's tip")
     ] = None
     inner_end_mass_kg: Annotated[NonNegative, Field(description="mass added to the inner beam's tip")] = 0.0
+    largest_force_N: Annotated[
+        NonNegative | None,
+        Field(description="steady force on the tip beside the payload's weight, for effects of the load"),
+    ] = None
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -16,7 +16,7 @@ from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Prov
 from beamdesign.design.starts import best_starts
 from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import Member, family
-from beamdesign.prototype import Goal, Payload, Prototype
+from beamdesign.prototype import Goal, Prototype
 
 Progress = Callable[[float, str], None]
 
@@ -138,7 +138,7 @@ def tune(
     best = min(proved, key=program.cost)
     tuned = prototype.but(
         controller=best.controller,
-        payload=Payload(outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=best.inner_end_mass_kg),
+        payload=prototype.payload.but(outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=best.inner_end_mass_kg),
         guarantee=None,
     )
     return Tuning(tuned, outer_end_mass_kg, best, reached, failures, certificates)

@@ -175,7 +175,8 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
 def scope(prototype: Prototype, found: Family) -> str:
     """What the proof is about, in one sentence."""
     members = "one linear loop stands" if len(found.members) == 1 else f"{len(found.members)} linear loops stand"
-    return f"{members} for the effects {', '.join(sorted(prototype.effects))}, at frozen values"
+    effects = f"{members} for the effects {', '.join(sorted(prototype.effects))}"
+    return f"{effects}, at frozen values" if bracketing(prototype) else effects
 
 
 def covered(prototype: Prototype, found: Family) -> list[str]:
@@ -193,12 +194,27 @@ def covered(prototype: Prototype, found: Family) -> list[str]:
         if inside != gain:
             to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
             lines.append(f"Compliance and peak sensitivity hold at factors of {inside.low:.6g}{to}.")
-    lines += [f"{name}: {span.low:.6g} and {span.high:.6g}." for name, span in found.spans.items()]
-    lines.append(
-        "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and"
-        " what changes while it moves, are not covered."
-    )
+    lines += [
+        f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
+        for name, span in found.spans.items()
+    ]
+    if found.depends_on_load:
+        lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
+    lines.append(NOT_COVERED if bracketing(prototype) else ALL_LINEAR)
     return lines
+
+
+NOT_COVERED = (
+    "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and what"
+    " changes while it moves, are not covered."
+)
+ALL_LINEAR = "These effects are linear: what is proved is the loop that `beamdesign simulate` runs."
+
+
+def bracketing(prototype: Prototype) -> bool:
+    """Whether an effect is not linear itself, so that its linear loops only bracket it."""
+    members = [library()[name].linear for name in prototype.effects]
+    return any(member is None or member.laws is not None for member in members)
 
 
 def _summary(prototype: Prototype, found: Family, stability: StabilityMap, claims: Sequence[Claim]) -> str:

@@ -105,6 +105,7 @@ class Linear:
         states: names of the states that these laws add.
         figures: spans of figures that these laws see beside the effect's parameters.
         gain: span of a factor on the loop gain; proofs hold for every value between its ends.
+        with_load: whether spans depend on the load.
     """
 
     covers: str
@@ -113,6 +114,7 @@ class Linear:
     states: tuple[str, ...] = ()
     figures: Mapping[str, Spans] = field(default_factory=dict, hash=False)
     gain: Spans | None = None
+    with_load: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,11 @@ class Effect:
     source: str
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
+
+    @property
+    def linear_with_load(self) -> bool:
+        """Whether its linear members depend on the load."""
+        return self.linear is not None and self.linear.with_load
 
     def __post_init__(self) -> None:
         if self.subsystem not in SUBSYSTEMS:

@@ -53,5 +53,6 @@ EFFECT = Effect(
             "bulk_ratio_b": lambda signal, site: signal * site.parameter["stiffness_factor"],
         },
         figures={"stiffness_factor": _stiffness},
+        with_load=True,
     ),
 )

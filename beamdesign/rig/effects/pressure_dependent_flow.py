@@ -62,5 +62,6 @@ EFFECT = Effect(
         "flow that gives way to pressure while the valve is open",
         laws={},
         gain=_gain,
+        with_load=True,
     ),
 )
