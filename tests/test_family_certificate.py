@@ -14,10 +14,16 @@ from beamdesign.design.tuning import tune
 from beamdesign.loop import close_loop
 from beamdesign.members import family
 from beamdesign.polynomial import exact
+from beamdesign.proof import replay_box
+from beamdesign.proof.between import between, in_words
+from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked, certify
 from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity
 from beamdesign.proof.replay import Malformed
+from beamdesign.proof.replay_box import member_at
 from beamdesign.proof.replay_members import KNOWN, replay
+from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Lag, Payload, Prototype, write_prototype
 from beamdesign.rig.effects import library
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
@@ -224,3 +230,67 @@ def test_commands_take_prototypes_with_effects(tame: Prototype, tmp_path: Path):
     other = runner.invoke(app, ["certify", str(rig), "--replay", paths[1]])
     assert other.exit_code == 1
     assert "its figures are not those of" in other.output
+
+
+@pytest.mark.parametrize("name", ["entrained_air", "seal_friction", "valve_hysteresis", "valve_deadband", "sensor_lag"])
+def test_the_box_is_about_the_members_loops(tame: Prototype, name: str):
+    """The closed form over all parameters, at the ends of the spans, is the member derived from the assembly."""
+    rig = with_effects(tame, name)
+    statement = rig_family(rig).over({})
+    for member in family(rig).members:
+        frozen = {_BOXED[key]: exact(value) for table in member.frozen.values() for key, value in table.items()}
+        point = rig_family(rig).values | frozen | {"outer_end_mass": fmpq(3)}
+        ranges = statement.merged({key: (value, value) for key, value in point.items()})
+        box = member_at(statement, {key: low for key, (low, _) in ranges.items()})
+        loop = close_loop(member.rig.plant(2.0), rig.controller).at(3.0)
+        expected = loop.characteristic
+        found = box.plain + box.late
+        assert found * (expected[0] / found[0]) == expected
+
+
+_BOXED = {
+    "stiffness_factor": "oil_stiffness_factor",
+    "spring_N_per_m": "seal_spring",
+    "dashpot_N_s_per_m": "seal_dashpot",
+    "spring": "spool_spring",
+}
+
+
+def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
+    rig = with_effects(tame, "entrained_air", "seal_friction", "valve_hysteresis", "unequal_piston_areas")
+    verdict = between(rig, 0.0, 6.8)
+    assert verdict.stable
+    assert set(verdict.box.names) == {
+        "outer_end_mass", "effect_gain", "oil_stiffness_factor", "seal_spring", "spool_spring"
+    }  # fmt: skip
+    assert replay_box.replay(verdict.certificate).valid
+    assert "stable at every value between" in in_words(rig, verdict)
+    wild = rig.but(controller=rig.controller.but(gain_A_per_V=0.4))
+    refuted = between(wild, 0.0, 6.8)
+    assert refuted.stable is False
+    assert "not stable" in in_words(wild, refuted)
+    for names in (("sensor_lag",), ("joint_backlash",), ("mount_compliance", "seal_friction")):
+        assert between(with_effects(tame, *names), 0.0, 6.8) is None
+    assert in_words(with_effects(tame, "sensor_lag"), None) == ""
+    assert "nothing is proved" in in_words(with_effects(tame, "joint_backlash"), None)
+    falling = tame.but(effects={"seal_friction": {"breakaway_ratio": 1.2}})
+    assert between(falling, 0.0, 6.8) is None
+
+
+def test_a_delay_is_a_pure_one_in_the_box(tame: Prototype):
+    """The delay of the effect and the one that is asked for add up."""
+    late = tame.but(effects={"transport_delay": {"delay_s": 5e-4}})
+    box = tolerance_box(late, 0.0, None, (0.0, 6.8), delay_s=(0.0, 1e-4))
+    assert dict(box.ranges)["delay"] == (fmpq(5, 10000), fmpq(6, 10000))
+    assert certify_box(late, box).stable
+
+
+def test_certify_writes_what_holds_between_beside(tame: Prototype, tmp_path: Path):
+    write_prototype(with_effects(tame, "entrained_air"), tmp_path / "p.toml")
+    runner = CliRunner()
+    told = ["certify", str(tmp_path / "p.toml"), "--out", str(tmp_path / "c.toml"), "--json", str(tmp_path / "c.json")]
+    done = runner.invoke(app, told)
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "c.json").read_text())["stable_between"] is True
+    for name in ("c.toml", "c.between.toml"):
+        assert runner.invoke(app, ["certify", "--replay", str(tmp_path / name)]).exit_code == 0

@@ -82,9 +82,26 @@ def certify(
     write_whole(path, certificate.text)
     _say(record, certificate)
     say(f"certificate: {path}")
-    write_json(json, _fields(certificate) | {"certificate": path})
+    fields = _between(record, certificate, path) if record.effects else {}
+    write_json(json, _fields(certificate) | fields | {"certificate": path})
     if not certificate.holds:
         raise typer.Exit(1)
+
+
+def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dict[str, Any]:
+    """What is known between the members of a prototype with effects; its certificate goes beside the other."""
+    from beamdesign.proof.between import between, in_words
+
+    verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
+    if certificate.stable and (words := in_words(record, verdict)):
+        say(f"  {words}")
+    fields: dict[str, Any] = {"stable_between": None if verdict is None else verdict.stable}
+    if verdict is not None and verdict.certificate:
+        beside = path.with_suffix(".between.toml")
+        write_whole(beside, verdict.certificate)
+        say(f"certificate of that: {beside}")
+        fields["certificate_between"] = beside
+    return fields
 
 
 def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked"]:

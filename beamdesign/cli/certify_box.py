@@ -107,9 +107,19 @@ def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
         if verdict.volumes is not None:
             shares = [nearest(share) for share in verdict.volumes]
             say("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
+    if left_out := _left_out(record):
+        say(f"  not covered by any of this: {', '.join(left_out)}")
     if record.effects:
-        say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
+        say("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
     say(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+
+
+def _left_out(record: "Prototype") -> list[str]:
+    """Effects that are not in the polynomial, with what of them is not."""
+    from beamdesign.proof.effect_parameters import effect_parameters
+
+    left_out = effect_parameters(record).left_out
+    return [f"{name} ({words})" if words else name for name, words in left_out.items()]
 
 
 def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
@@ -143,5 +153,5 @@ def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Sc
             "unstable_point": point(scaling.unstable_point),
             "reason": scaling.reason,
         },
-        "not_covered": list(record.effects),
+        "not_covered": _left_out(record),
     }

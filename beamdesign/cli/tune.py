@@ -89,6 +89,15 @@ def tune(
     say(f"proved in exact arithmetic; {found.certificates} stability certificates on the way")
     for line in certificate.scope:
         say(f"  {line}")
+    if record.effects:
+        from beamdesign.proof.between import between, in_words
+
+        verdict = between(guaranteed, *masses)
+        if words := in_words(guaranteed, verdict):
+            say(f"  {words}")
+        if out is not None and verdict is not None and verdict.certificate:
+            paths["certificate_between"] = out / "certificate.between.toml"
+            write_whole(paths["certificate_between"], verdict.certificate)
     for kind, path in paths.items():
         say(f"{kind}: {path}")
     write_json(

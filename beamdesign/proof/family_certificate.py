@@ -198,6 +198,10 @@ def covered(prototype: Prototype, found: Family) -> list[str]:
         f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
         for name, span in found.spans.items()
     ]
+    if any(span.low < span.high for span in found.spans.values()):
+        lines.append(
+            "This proof is about the ends of these figures; `beamdesign certify-box` proves what lies between."
+        )
     if found.depends_on_load:
         lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
     lines.append(NOT_COVERED if bracketing(prototype) else ALL_LINEAR)

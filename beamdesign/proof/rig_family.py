@@ -9,6 +9,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.controller import transfer_function
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact
+from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rational import text
 from beamdesign.proof.replay_box import Interval, Statement
 from beamdesign.prototype import Lag, Prototype
@@ -63,17 +64,20 @@ def rig_family(prototype: Prototype) -> Family:
 
     which is the characteristic polynomial of equations (7) to (18) divided by K_c omega_n^2 (and the filter's break).
     Effective and end masses enter by their sums, the three gains by their product. D_f and 1 / A stand in several
-    places and are bound. The dashpots b are parameters of their own. Frequencies are in rad/s.
+    places and are bound. The dashpots b are parameters of their own. Frequencies are in rad/s. Effects add what
+    `effect_parameters` says; with a seal of impedance Z between piston and cylinder, s + h Z stands for s.
 
     Raises:
         ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
     """
     controller = prototype.controller
     if controller is None:
         raise ValueError("the prototype has no [controller]")
     values = {name: exact(value) for name, value in figures(prototype).items()}
     values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
-    values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}
+    added = effect_parameters(prototype)
+    values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": added.delay, **added.values}
     leaves = {
         "outer": "outer_stiffness + outer_damping*s + outer_total_mass*s**2",
         "inner": "inner_stiffness + inner_damping*s + inner_total_mass*s**2",
@@ -100,17 +104,22 @@ def rig_family(prototype: Prototype) -> Family:
     else:
         leaves["filter"] = "1 + s/filter_frequency"
         lags += "*filter"
+    lags = "*".join([lags, *added.lags])
+    yielding, stroke = "(oil + leak*per_square_area)", "s"
+    if added.seal:
+        stroke = f"(s + {yielding}*seal)"
     return Family(
         prototype.name,
-        f"(outer*((oil + leak*per_square_area)*inner + s) + s*inner)*{lags} + gain*per_area*inner*numerator*transport",
+        f"(outer*({yielding}*inner + {stroke}) + {stroke}*inner)*{lags} + gain*per_area*inner*numerator*transport",
         values,
-        leaves,
+        leaves | added.leaves,
         (("inner",), ("per_area", "per_square_area")),
         {"transport": "delay"},
         (
             ("outer_total_mass", "sum", ("outer_mass", "outer_end_mass")),
             ("inner_total_mass", "sum", ("inner_mass", "inner_end_mass")),
-            ("loop_gain", "product", ("sensor_gain", "flow_gain", "controller_gain")),
+            ("loop_gain", "product", ("sensor_gain", "flow_gain", "controller_gain", *added.factors)),
+            *added.groups,
         ),
         positive=True,
     )

@@ -7,6 +7,7 @@ from flint import arb, fmpq
 
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import Box
+from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rational import bounds, nearest, shortened
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
@@ -41,6 +42,8 @@ _UNITS = {
     "sensor_gain": "V_per_m",
     "controller_gain": "A_per_V",
     "delay": "s",
+    "seal_spring": "N_per_m",
+    "seal_dashpot": "N_s_per_m",
 }
 
 
@@ -67,7 +70,8 @@ def tolerance_box(
 
     A dashpot b = 2 zeta sqrt(K M) is a parameter of its own and spans all that its beam's damping ratio, stiffness and
     mass give within their tolerances. End masses and delay are ranges that are asked for: they do not scale with the
-    tolerances, but a tolerance of an end mass widens its range.
+    tolerances, but a tolerance of an end mass widens its range. So are the spans of frozen figures of effects, and the
+    delay is that which an effect has and what is asked for beside.
 
     Args:
         prototype: with a controller; its `tolerance` holds relative standard deviations.
@@ -106,8 +110,14 @@ def tolerance_box(
     for name, pair in asked.items():
         if pair is not None:
             share = part.get(name, fmpq(0))
-            ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
+            less, more = exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share)
+            present = values["delay"] if name == "delay" else fmpq(0)
+            ranges[name] = (present + less, present + more)
             rigid.add(name)
+    largest = asked["outer_end_mass"]
+    spans = effect_parameters(prototype, None if largest is None else largest[1]).spans
+    ranges |= spans
+    rigid |= set(spans)
     chosen = [name for name in values if name in ranges and ranges[name][0] < ranges[name][1]]
     if names is not None:
         if fixed := sorted(set(names) - set(chosen)):

@@ -47,7 +47,7 @@ EFFECT = Effect(
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 2: oil and air (n = 1.4) at one pressure",
     linear=Linear(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air, alike in both chambers",
-        "values of the oil spring between these two, and chambers of different stiffness",
+        "chambers of different stiffness",
         laws={
             "bulk_ratio_a": lambda signal, site: signal * site.parameter["stiffness_factor"],
             "bulk_ratio_b": lambda signal, site: signal * site.parameter["stiffness_factor"],

@@ -57,7 +57,7 @@ EFFECT = Effect(
     source="K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440, contact whose damping needs indentation",
     linear=Linear(
         "a joint that bears, with its whole stiffness and damping down to a tenth of them",
-        "the joint within its play, values of the stiffness between these two, and limit cycles",
+        "the joint within its play, and limit cycles",
         laws={
             "rod_m": lambda signal, site: site.state["rod_m"],
             "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],

@@ -56,7 +56,7 @@ EFFECT = Effect(
         "the seal as a spring between piston and cylinder, from none while it slides to its stiffest just after a"
         " reversal, and a dashpot from the falling to the level part of the Stribeck curve; performance while it"
         " slides",
-        "values of spring and dashpot between these, and stick-slip",
+        "stick-slip",
         laws={
             "friction_N": lambda signal, site: (
                 signal

@@ -31,7 +31,7 @@ EFFECT = Effect(
     linear=Linear(
         "the friction as a spring on the spool, from none while it slides to its stiffest just after a reversal;"
         " performance while it slides",
-        "values of that spring between these two, and limit cycles",
+        "limit cycles",
         laws={
             "spool_A": lambda signal, site: (
                 signal - site.parameter["spring"] * site.port["flow_m3_per_s"] / site.figure["flow_gain"]
