@@ -9,6 +9,7 @@ import pytest
 from flint import fmpq
 from scipy.optimize import brentq
 
+from beamdesign.control_models import state_space
 from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
 from beamdesign.members import MemberRig, family
@@ -206,3 +207,18 @@ def test_a_filter_and_a_lag_are_two_poles(lag: Prototype):
     both = with_effects(lag, "sensor_lag").but(sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=400.0))
     assert loop(both).opened.constant.degree() == loop(lag).opened.constant.degree() + 2
     assert mA(both) < mA(with_effects(lag, "sensor_lag"))
+
+
+def test_the_state_space_is_that_of_the_member_at_rest(lag: Prototype):
+    """Responses of the named system against the exact polynomials, with a factor on the gain among the effects."""
+    names = ("second_beam_mode", "sensor_lag", "transport_delay", "unequal_piston_areas")
+    rig = with_effects(lag, *names)
+    frequencies = np.array([0.3, 1.75, 10.0, 54.5, 131.8, 545.0])
+    closed, opened = state_space(rig, 3.0), state_space(rig, 3.0, "open")
+    expected = loop(rig).at(3.0)
+    s = 2j * pi * frequencies
+    np.testing.assert_allclose(
+        closed["displacement_m", "disturbance_N"](s), expected.compliance_response(frequencies), rtol=1e-9
+    )
+    np.testing.assert_allclose(opened["sensor_V", "command_V"](s), expected.loop_response(frequencies), rtol=1e-9)
+    assert "second_beam_mode_mode_m" in closed.state_labels
