@@ -25,11 +25,13 @@ class GainEvidence:
         measured: the gain.
         prototype: that was believed.
         load: constant force on the outer tip under which it was measured, N.
+        offset: added to the logarithm of the model's gain, where it is to be judged from another starting point.
     """
 
     measured: MeasuredGain
     prototype: Prototype
     load: float = 0.0
+    offset: float = 0.0
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -51,6 +53,12 @@ class GainEvidence:
     def expected(self) -> float:
         """Misfit that noise alone leaves: one per figure."""
         return 1.0 if self.measured.frequency_Hz is None else 2.0
+
+    @property
+    def units(self) -> np.ndarray:
+        """(M,) relative error that is one unit, of every row of the residual."""
+        stds = [self.measured.relative_std, FREQUENCY_STD]
+        return np.array(stds[: int(self.expected)])
 
     def model(self, placement: Placement) -> LinearModel:
         """The linear loop of this setting."""
@@ -84,7 +92,7 @@ class GainEvidence:
 
     def _misfit(self, at: Onset) -> np.ndarray:
         taken = self.measured
-        figures = [log(taken.gain / at.gain) / taken.relative_std]
+        figures = [(log(taken.gain / at.gain) - self.offset) / taken.relative_std]
         if taken.frequency_Hz is not None:
             figures.append(log(tau * taken.frequency_Hz / at.frequency) / FREQUENCY_STD)
         return np.array(figures)

@@ -4,23 +4,38 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from beamdesign.gap.fit import Evidence, Fit, fit
+from beamdesign.gap import judgement
+from beamdesign.gap.dataset import Dataset
+from beamdesign.gap.fit import ITERATIONS, Fit, fit
+from beamdesign.gap.gain_evidence import GainEvidence
 from beamdesign.gap.hypothesis import NOTHING, Hypothesis, singles
+from beamdesign.gap.response_evidence import ResponseEvidence, response_evidence
 from beamdesign.gap.search import Search
 from beamdesign.gap.starts import starts
 from beamdesign.prototype import Prototype
 
+Figure = GainEvidence | ResponseEvidence
+"""What is not a time record."""
 Progress = Callable[[float, str], None]
 _SINGLES = 0.3  # of the work
+_QUICK = 3  # iterations, which show whether a pair is worth settling
+_HOPEFUL = 4.0  # in the logarithm of the probability
+
+
+def figures_of(data: Dataset) -> tuple[Figure, ...]:
+    """Critical gains and frequency responses of a data set."""
+    responses = tuple(response_evidence(taken, data.prototype) for taken in data.responses)
+    return (*(GainEvidence(taken, data.prototype) for taken in data.gains), *responses)
 
 
 def search_few(
-    evidence: Sequence[Evidence], prototype: Prototype, progress: Progress = lambda share, words: None
+    evidence: Sequence[Figure], prototype: Prototype, progress: Progress = lambda share, words: None
 ) -> tuple[Search, tuple[str, ...]]:
     """Fit tolerances alone, every cause, and every pair of which one is an effect.
 
-    Unlike for time records nothing is skipped for having no need of a second cause: with few figures the pairs decide
-    how sure a single cause can be. Two plainly wrong figures at once are not tried.
+    Unlike for time records no pair is skipped for want of a need: with few figures the pairs decide how sure a single
+    cause can be. Those far from the most probable are left where a few iterations have brought them. Two plainly wrong
+    figures at once are not tried.
 
     Returns:
         the fits, and the effects that do not show in such data at all; these are in no pair.
@@ -35,29 +50,47 @@ def search_few(
     silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
     heard = [h for h in listed if h.names[0] not in silent]
     pairs = [a | b for k, a in enumerate(heard) for b in heard[k + 1 :] if a.effects or b.effects]
-    found = list(alone.values())
+    quick = []
     for k, hypothesis in enumerate(pairs):
         known: dict[str, float] = dict(null.values)
         for name in hypothesis.names:
             known |= alone[Hypothesis((name,))].values
-        found.append(_fitted(hypothesis, known, evidence, prototype, 1))
+        quick.append(_fitted(hypothesis, known, evidence, prototype, 1, _QUICK))
         progress(_SINGLES + (1 - _SINGLES) * (k + 1) / len(pairs), "pairs")
+    found = [*alone.values(), *quick]
+    leading = max(log_posterior(f) for f in (null, *found))
+    for k, hopeful in enumerate(found):
+        if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > leading - _HOPEFUL:
+            found[k] = _fitted(hopeful.hypothesis, hopeful.values, evidence, prototype, 1)
     expected = sum(piece.expected for piece in evidence)
     names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
     return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names, conditions), silent
 
 
+def log_posterior(found: Fit) -> float:
+    """Logarithm of a fit's probability, up to a constant: Laplace's marginal likelihood and the odds of its causes.
+
+    The measurements' errors are taken as they are stated.
+    """
+    return judgement.evidence(found, 1.0) + judgement.odds(found.hypothesis)
+
+
 def _fitted(
-    hypothesis: Hypothesis, known: Mapping[str, float], evidence: Sequence[Evidence], prototype: Prototype, most: int
+    hypothesis: Hypothesis,
+    known: Mapping[str, float],
+    evidence: Sequence[Figure],
+    prototype: Prototype,
+    most: int,
+    iterations: int = ITERATIONS,
 ) -> Fit:
     placement = hypothesis.placement(prototype)
     begun = starts(placement, known, evidence, most)
     if not begun:
         return Fit(hypothesis, placement.unknowns, reason="the model oscillates at no gain, or at any")
-    return min((fit(hypothesis, placement, evidence, z) for z in begun), key=lambda f: f.cost)
+    return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
 
 
 def _shows(found: Fit) -> bool:
     """Whether some parameter of the effect has a part in what was measured."""
     own = [k for k, u in enumerate(found.unknowns) if u.kind == "effect"]
-    return bool(np.any(np.abs(sum(share.a for share in found.shares)[own]) > 0))
+    return bool(np.any(np.abs(np.array([share.a for share in found.shares])[:, own]) > 0))

@@ -23,8 +23,8 @@ class GainShare:
         name: of the effect, or `common_factor` for what is left to one factor on all gains.
         parameters: the size it is taken at.
         alone: mean change of ln(gain) by it alone.
-        share: mean over all orders in which the causes may be added of what it adds (L. S. Shapley, Contributions to the
-            Theory of Games II (1953) 307); for the factor, what the others leave.
+        share: mean, over all orders in which the causes may be added, of what it adds (L. S. Shapley, Contributions to
+            the Theory of Games II (1953) 307); for the factor, what the others leave.
     """
 
     name: str
@@ -81,7 +81,7 @@ def gain_shares(
                     return None
                 logs[chosen] = found
     base, everything = logs[frozenset()], logs[frozenset(suspects)]
-    measured = np.array([log(piece.measured.gain) for piece in gains])
+    measured = np.array([log(piece.measured.gain) - piece.offset for piece in gains])
     total, carried = float(np.mean(measured - base)), float(np.mean(everything - base))
     shares = []
     for name in suspects:

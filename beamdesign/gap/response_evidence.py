@@ -56,6 +56,11 @@ class ResponseEvidence:
         taken = self.measured
         return ("response", taken.outer_end_mass, taken.inner_end_mass, taken.controller, taken.amplitude_N)
 
+    @property
+    def units(self) -> np.ndarray:
+        """(M,) relative error that is one unit, of every row of the residual."""
+        return np.tile(self.unit / self.scale, 2 if self.measured.has_phase else 1)
+
     def model(self, placement: Placement) -> LinearModel:
         """The linear loop of this setting."""
         key = (placement.assembly.kinds, placement.unknowns)
