@@ -49,7 +49,9 @@ class GainDiagnosis(Diagnosis):
     notes: tuple[str, ...] = field(default=())
 
 
-def explain_gains(data: Dataset, progress: Progress = lambda share, words: None) -> GainDiagnosis:
+def explain_gains(
+    data: Dataset, progress: Progress = lambda share, words: None, among: Sequence[str] = ()
+) -> GainDiagnosis:
     """Diagnose from critical gains and frequency responses.
 
     Nulls first (tolerances alone, one common factor), then every cause, then pairs, weighed by Laplace's marginal
@@ -59,6 +61,7 @@ def explain_gains(data: Dataset, progress: Progress = lambda share, words: None)
     Args:
         data: with critical gains or frequency responses; its time records are left aside.
         progress: told the share done and what is being done.
+        among: names of the causes that come into question; all where empty.
 
     Raises:
         ValueError: where it has neither, or where the believed model oscillates at no gain.
@@ -67,7 +70,7 @@ def explain_gains(data: Dataset, progress: Progress = lambda share, words: None)
     if not evidence:
         raise ValueError("the set holds neither critical gains nor frequency responses")
     if not any(taken.predicted_gain for taken in data.gains):
-        return _explained(data, evidence, progress)
+        return _explained(data, evidence, progress, among)
     placement = NOTHING.placement(data.prototype)
     nominal = np.zeros(len(placement.unknowns))
     moved = tuple(
@@ -78,14 +81,14 @@ def explain_gains(data: Dataset, progress: Progress = lambda share, words: None)
         else piece
         for piece in evidence
     )
-    own = _explained(data, evidence, lambda share, words: progress(share / 2, words))
-    other = _explained(data, moved, lambda share, words: progress(0.5 + share / 2, words))
+    own = _explained(data, evidence, lambda share, words: progress(share / 2, words), among)
+    other = _explained(data, moved, lambda share, words: progress(0.5 + share / 2, words), among)
     more = notes_on_predictions(evidence, other.factor, other.sentences)
     return replace(own, on_predictions=other, notes=(*own.notes, *more))
 
 
-def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress) -> GainDiagnosis:
-    found, silent = search_few(evidence, data.prototype, progress)
+def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, among: Sequence[str]) -> GainDiagnosis:
+    found, silent = search_few(evidence, data.prototype, progress, among)
     if found.null.reason:
         raise ValueError(found.null.reason)
     fits = [f for f in (found.null, *found.fits) if not f.reason]

@@ -65,4 +65,4 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
 
 def _closed(squares: np.ndarray) -> float:
     before, _, after, floor = squares
-    return float((before - after) / (before - floor)) if before > floor else 0.0
+    return min(1.0, float((before - after) / (before - floor))) if before > floor else 0.0

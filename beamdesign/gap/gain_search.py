@@ -19,6 +19,8 @@ Figure = GainEvidence | ResponseEvidence
 Progress = Callable[[float, str], None]
 _SINGLES = 0.3  # of the work
 _QUICK = 3  # iterations, which show whether a pair is worth settling
+_BEST = 5  # single causes that pairs are made with
+_EXPLAINED = 1.5  # times the misfit of noise: what a single cause leaves at most where it explains the figures
 _HOPEFUL = 4.0  # in the logarithm of the probability
 
 
@@ -29,13 +31,22 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
 
 
 def search_few(
-    evidence: Sequence[Figure], prototype: Prototype, progress: Progress = lambda share, words: None
+    evidence: Sequence[Figure],
+    prototype: Prototype,
+    progress: Progress = lambda share, words: None,
+    among: Sequence[str] = (),
 ) -> tuple[Search, tuple[str, ...]]:
-    """Fit tolerances alone, every cause, and every pair of which one is an effect.
+    """Fit tolerances alone, every cause, and pairs of which one is an effect.
 
-    Unlike for time records no pair is skipped for want of a need: with few figures the pairs decide how sure a single
-    cause can be. Those far from the most probable are left where a few iterations have brought them. Two plainly wrong
-    figures at once are not tried.
+    Pairs are tried though a single cause may suffice: with few figures they decide how sure it can be. They are those
+    with one of the most probable single causes, or all where none of these explains the figures. Pairs far from the
+    most probable are left where a few iterations have brought them. Two plainly wrong figures at once are not tried.
+
+    Args:
+        evidence: what is to be explained.
+        prototype: that was believed.
+        progress: told the share done and what is being done.
+        among: names of the causes that come into question; all where empty.
 
     Returns:
         the fits, and the effects that do not show in such data at all; these are in no pair.
@@ -43,18 +54,28 @@ def search_few(
     progress(0.0, "tolerances")
     null = _fitted(NOTHING, {}, evidence, prototype, 1)
     alone = {}
-    listed = singles(prototype)
+    listed = [h for h in singles(prototype) if not among or h.names[0] in among]
     for k, hypothesis in enumerate(listed):
         alone[hypothesis] = _fitted(hypothesis, null.values, evidence, prototype, 2)
         progress(_SINGLES * (k + 1) / len(listed), "single causes")
     silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
     heard = [h for h in listed if h.names[0] not in silent]
-    pairs = [a | b for k, a in enumerate(heard) for b in heard[k + 1 :] if a.effects or b.effects]
+    expected = sum(piece.expected for piece in evidence)
+    best = sorted((h for h in heard if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
+    if best and alone[best[0]].misfit > _EXPLAINED * expected:
+        best = heard
+    pairs = [
+        a | b
+        for k, a in enumerate(heard)
+        for b in heard[k + 1 :]
+        if (a.effects or b.effects) and (a in best or b in best)
+    ]
     quick = []
     for k, hypothesis in enumerate(pairs):
         known: dict[str, float] = dict(null.values)
         for name in hypothesis.names:
-            known |= alone[Hypothesis((name,))].values
+            if not (single := alone[Hypothesis((name,))]).reason:
+                known |= single.values
         quick.append(_fitted(hypothesis, known, evidence, prototype, 1, _QUICK))
         progress(_SINGLES + (1 - _SINGLES) * (k + 1) / len(pairs), "pairs")
     found = [*alone.values(), *quick]
@@ -62,7 +83,6 @@ def search_few(
     for k, hopeful in enumerate(found):
         if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > leading - _HOPEFUL:
             found[k] = _fitted(hopeful.hypothesis, hopeful.values, evidence, prototype, 1)
-    expected = sum(piece.expected for piece in evidence)
     names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
     return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names, conditions), silent
 

@@ -16,6 +16,7 @@ _FORCE, _SEEN = INPUTS.index("disturbance_N"), OUTPUTS.index("displacement_m")
 _STABLE = 1e-6  # rad/s
 _NEIGHBOURS = 4
 _LARGEST_NOISE = 0.5
+_QUARTER, _MEDIAN = 0.3186, 0.6745  # quantiles of the size of a standard normal deviate
 
 
 @dataclass(frozen=True)
@@ -139,18 +140,23 @@ def response_evidence(measured: FrequencyResponse, prototype: Prototype) -> Resp
 def scatter(measured: FrequencyResponse) -> np.ndarray:
     """(N,) relative noise of each line: how far magnitudes stand off the straight line between their neighbours'.
 
-    The median over the lines around, so that a resonance, which bends over few lines, does not count as noise. Zero for
-    fewer than five lines.
+    The median over the lines around, so that a single odd line does not count. A resonance bends over more lines than
+    these, so it is no more than either a noise that is everywhere the same share, read off the quarter of the lines that
+    stand off least, or one that is everywhere the same displacement, read off the highest fifth. Zero for fewer than
+    five lines.
     """
-    magnitude, place = np.log(np.abs(measured.response)), np.log(measured.frequencies_Hz)
-    count = len(place)
+    size, place = np.abs(measured.response), np.log(measured.frequencies_Hz)
+    magnitude, count = np.log(size), len(place)
     if count < 5:
         return np.zeros(count)
     share = (place[1:-1] - place[:-2]) / (place[2:] - place[:-2])
     off = magnitude[1:-1] - (1 - share) * magnitude[:-2] - share * magnitude[2:]
-    single = np.abs(off) / np.sqrt(1 + share**2 + (1 - share) ** 2) / 0.6745  # median of a normal deviate's size
-    around = [single[max(0, k - 1 - _NEIGHBOURS) : k + _NEIGHBOURS] for k in range(count)]
-    return np.minimum([float(np.median(part)) for part in around], _LARGEST_NOISE)
+    single = np.abs(off) / np.sqrt(1 + share**2 + (1 - share) ** 2)
+    around = [float(np.median(single[max(0, k - 1 - _NEIGHBOURS) : k + _NEIGHBOURS])) for k in range(count)]
+    relative = float(np.quantile(single, 0.25)) / _QUARTER
+    last = max(1, count // 5)
+    absolute = float(np.median((single * size[1:-1])[-last:])) / _MEDIAN / size
+    return np.minimum(np.minimum(np.array(around) / _MEDIAN, np.maximum(relative, absolute)), _LARGEST_NOISE)
 
 
 def _mean(loops: list[Linearisation]) -> Linearisation:
