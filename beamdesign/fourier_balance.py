@@ -85,6 +85,13 @@ def basis(harmonics: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return forward, weight[:, None] * forward.T, rotate
 
 
+@cache
+def _pairs(harmonics: int) -> np.ndarray:
+    """From the derivatives of a law along the period (N) to those of its coefficients by coefficients (K * K, N)."""
+    forward, back, _ = basis(harmonics)
+    return np.asarray((back[:, None, :] * forward.T[None, :, :]).reshape(-1, len(forward)))
+
+
 Unknown = tuple[np.ndarray, float, float]
 """Fourier coefficients (n, 2 H + 1), frequency in rad/s, gain in A/V."""
 
@@ -126,14 +133,15 @@ def balance(rig: FreeRig, guess: Unknown, amplitude: float | None, preload: floa
             break
         _, _, by_x, y_by_x, by_gain = parts
         # Unknowns and rows run state by state, series coefficients within.
-        jacobian = np.einsum("kj,jim,jl->ikml", back, by_x, forward, optimize=True)
+        jacobian = (_pairs(size // 2) @ by_x.reshape(len(by_x), n * n)).reshape(size, size, n, n).transpose(2, 0, 3, 1)
+        jacobian = np.ascontiguousarray(jacobian)
         jacobian[np.arange(n), :, np.arange(n), :] -= omega * rotate
         jacobian *= weight[None, None, :, None] / (weight[:, None, None, None] * omega)
         matrix = jacobian.reshape(n * size, n * size)
         if free:
             turned = (-(c @ rotate.T) / weight[:, None]).ravel()
             raised = ((back @ by_gain).T * gain / (weight[:, None] * omega)).ravel()
-            bottom = np.einsum("kj,jm,jl->kml", back[1:3], y_by_x, forward, optimize=True)
+            bottom = np.stack([(row[:, None] * y_by_x).T @ forward for row in back[1:3]])
             bottom = (bottom * weight[None, :, None] / scale_y).reshape(2, n * size)
             matrix = np.block([[matrix, turned[:, None], raised[:, None]], [bottom, np.zeros((2, 2))]])
         try:

@@ -46,7 +46,12 @@ class Reach:
 
 
 def departure(
-    prototype: Prototype, force: float, frequency: float, outer_end_mass: float = 0.0, preload: float = 0.0
+    prototype: Prototype,
+    force: float,
+    frequency: float,
+    outer_end_mass: float = 0.0,
+    preload: float = 0.0,
+    linear: float | None = None,
 ) -> float:
     """Relative error of the linear model: amplitude with all effects over that with the linear ones, less one.
 
@@ -56,15 +61,24 @@ def departure(
         frequency: Hz.
         outer_end_mass: payload, kg.
         preload: constant force, N.
+        linear: amplitude of the linear model per newton, where that is known already.
 
     Returns:
         Infinite where the rig has no periodic response, as beyond what its actuator can hold.
     """
-    linear = forced_motion(linear_part(prototype), force, frequency, outer_end_mass, harmonics=1).amplitude_m
+    linear = _linear(prototype, frequency, outer_end_mass) if linear is None else linear
     try:
-        return forced_motion(prototype, force, frequency, outer_end_mass, preload, _HARMONICS).amplitude_m / linear - 1
+        return (
+            forced_motion(prototype, force, frequency, outer_end_mass, preload, _HARMONICS).amplitude_m
+            / (linear * force)
+            - 1
+        )
     except (NoBalance, ValueError):
         return inf
+
+
+def _linear(prototype: Prototype, frequency: float, outer_end_mass: float) -> float:
+    return forced_motion(linear_part(prototype), 1.0, frequency, outer_end_mass, harmonics=1).amplitude_m
 
 
 def linear_part(prototype: Prototype) -> Prototype:
@@ -106,12 +120,17 @@ def reach(
         preload: constant load while the force or the air is raised, N.
     """
     stall = prototype.supply.pressure_Pa * prototype.actuator.piston_area_m2
-    off: dict[Varied, tuple[float, float, Callable[[float], float]]] = {
-        "load": (1e-2, 1.0, lambda at: _worse_way(prototype, frequency, outer_end_mass, at * stall)),
-        "force": (1e-3, 1.0, lambda at: departure(prototype, at * stall, frequency, outer_end_mass, preload)),
-        "air": (1e-4, 0.3, lambda at: departure(_airy(prototype, at), _SMALL_N, frequency, outer_end_mass, preload)),
+    linear = _linear(prototype, frequency, outer_end_mass)
+
+    def off(there: Prototype, force: float, load: float) -> float:
+        return departure(there, force, frequency, outer_end_mass, load, linear)
+
+    ways: dict[Varied, tuple[float, float, Callable[[float], float]]] = {
+        "load": (1e-2, 1.0, lambda at: max((off(prototype, _SMALL_N, way * at * stall) for way in (1, -1)), key=abs)),
+        "force": (1e-3, 1.0, lambda at: off(prototype, at * stall, preload)),
+        "air": (1e-4, 0.3, lambda at: off(_airy(prototype, at), _SMALL_N, preload)),
     }
-    low, high, at = off[varied]
+    low, high, at = ways[varied]
     scale = 1.0 if varied == "air" else stall
     grid = np.linspace(low, high, _GRID) if varied == "load" else np.geomspace(low, high, _GRID)
     before = None
@@ -126,17 +145,12 @@ def reach(
     return Reach(varied, frequency, high * scale, found)
 
 
-def _worse_way(prototype: Prototype, frequency: float, outer_end_mass: float, load: float) -> float:
-    both = (departure(prototype, _SMALL_N, frequency, outer_end_mass, way * load) for way in (1, -1))
-    return max(both, key=abs)
-
-
 def _airy(prototype: Prototype, fraction: float) -> Prototype:
     return prototype.but(effects=prototype.effects | {"entrained_air": {"air_fraction": fraction}})
 
 
 def _narrowed(at: Callable[[float], float], low: float, high: float, share: float) -> float:
-    while high - low > 1e-4 * high:
+    while high - low > 5e-4 * high:
         middle = (low + high) / 2
         found = at(middle)
         low, high = (low, middle) if not isfinite(found) or abs(found) > share else (middle, high)

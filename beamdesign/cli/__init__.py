@@ -11,6 +11,7 @@ from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.codesign import codesign
 from beamdesign.cli.front import front
 from beamdesign.cli.gap import gap
+from beamdesign.cli.limits import limits
 from beamdesign.cli.paper import paper
 from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
@@ -25,7 +26,20 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (run, size, tune, certify, certify_box, certify_switching, codesign, front, remedies, simulate, paper):
+for command in (
+    run,
+    size,
+    tune,
+    certify,
+    certify_box,
+    certify_switching,
+    codesign,
+    front,
+    remedies,
+    simulate,
+    limits,
+    paper,
+):
     app.command(command.__name__.replace("_", "-"))(command)
 app.add_typer(gap, name="gap")
 
