@@ -49,7 +49,8 @@ class BelievedLoop:
         values, vectors = np.linalg.eig(self.a)
         left, right = self.c @ vectors, np.linalg.solve(vectors, self.b.astype(complex))
         s = 2j * pi * np.asarray(frequencies_Hz)[:, None]
-        return np.einsum("om,nm,mi->noi", left, 1 / (s - values), right, optimize=True) + self.d
+        residues = (left[:, None, :] * right.T[None, :, :]).reshape(8, -1)
+        return ((1 / (s - values)) @ residues.T).reshape(-1, 4, 2) + self.d
 
     def driven(self, inputs: np.ndarray, step_s: float) -> np.ndarray:
         """(N, 4, 2) shares of force and of command in each of `CHANNELS`, from rest.

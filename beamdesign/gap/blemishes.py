@@ -7,7 +7,10 @@ import numpy as np
 _PLATEAU = 4  # samples at the very same value
 _STUCK = 6
 _TOP = 0.8  # of the Nyquist frequency: above it there is only noise
-_KINK = 3.0  # by how many of its finest steps a signal runs into a plateau
+_MANY = 12
+_KINK = 3.0  # by how many of its finest steps, or of its noise, a signal runs into a plateau
+_JUMP = 8.0  # in the noise of the signal
+_SPIKE = 15.0  # in typical second differences
 
 
 @dataclass(frozen=True)
@@ -68,12 +71,16 @@ def clipped(signal: np.ndarray) -> Plateau | None:
     """Find flat tops or bottoms that a signal runs into at speed.
 
     A signal that comes to rest at its extreme, or whose recorder rounds, does so slowly; one that is cut off has a
-    kink.
+    kink. Where there is noise enough to carry every sample to another step, many equal ones at an extreme say the same.
     """
     step, low, high = finest_step(signal), float(signal.min()), float(signal.max())
     if step == 0:
         return None
-    found: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
+    noise = noise_std(signal)
+    least = max(_KINK * step, _KINK * noise)
+    noisy = noise > 0.5 * step
+    kinked: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
+    all_runs: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
     for first, length in _runs(signal, _PLATEAU):
         level = signal[first]
         if level not in (low, high):
@@ -84,8 +91,13 @@ def clipped(signal: np.ndarray) -> Plateau | None:
             jumps.append(min(abs(signal[first - 1] - level), 2 * abs(signal[first - 2] - level)))
         if after + 1 < len(signal):
             jumps.append(min(abs(signal[after] - level), 2 * abs(signal[after + 1] - level)))
-        if len(jumps) == 2 and min(jumps) > _KINK * step:
-            found["top" if level == high else "bottom"].append((first, length))
+        side = "top" if level == high else "bottom"
+        all_runs[side].append((first, length))
+        if len(jumps) == 2 and min(jumps) > least:
+            kinked[side].append((first, length))
+    found = {
+        side: runs if noisy and sum(n for _, n in runs) >= _MANY else kinked[side] for side, runs in all_runs.items()
+    }
     sides = [side for side, runs in found.items() if runs]
     if not sides:
         return None
@@ -101,14 +113,13 @@ def stuck(signal: np.ndarray) -> Plateau | None:
     moving = moves[moves > 0]
     if step == 0 or not len(moving):
         return None
-    usual = max(_KINK * step, 4 * float(np.median(moving)))
+    usual = max(_KINK * step, 4 * float(np.median(moving)), _JUMP * noise_std(signal))
     low, high = float(signal.min()), float(signal.max())
     runs = []
     for first, length in _runs(signal, _STUCK):
         after = first + length
         if after >= len(signal) or first == 0 or signal[first] in (low, high):
             continue
-        # What comes after the jump goes on smoothly: it is no spike.
         if abs(signal[after] - signal[first]) > usual:
             runs.append((first, length))
     if not runs:
@@ -118,7 +129,7 @@ def stuck(signal: np.ndarray) -> Plateau | None:
 
 def holes(signal: np.ndarray) -> int:
     """Samples that are exactly zero though both neighbours are far from it: a recorder's missing values."""
-    size = float(np.std(signal))
-    inner = signal[1:-1]
-    far = np.minimum(signal[:-2] * np.sign(signal[2:]), np.abs(signal[2:])) > 0.5 * size
-    return int(np.sum((inner == 0) & far & (size > 0)))
+    bend = np.abs(np.diff(signal, 2))
+    usual = float(np.median(bend))
+    far = np.minimum(signal[:-2] * np.sign(signal[2:]), np.abs(signal[2:])) > 0.5 * float(np.std(signal))
+    return int(np.sum((signal[1:-1] == 0) & far & (bend > _SPIKE * usual) & (usual > 0)))

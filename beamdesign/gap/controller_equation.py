@@ -21,6 +21,7 @@ _LONGEST_LAG_S = 0.02
 _KNEES = (3.0, 6.0, 12.0, 40.0)
 _SATURATION_LEVELS = 24
 _TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
+_UNSEEN = 1e-6  # of the largest power of a line
 _BREAKS_HZ = (0.05, 2000.0)
 _SEEN = 0.01  # residual from which it is worth explaining
 
@@ -148,18 +149,16 @@ def _shifted(
 ) -> tuple[float, float]:
     """Best time of a law of delay, and the residual with it and a gain."""
     count = len(asked)
-    spectrum = np.fft.rfft(asked, 2 * count)
+    spectrum, given = np.fft.rfft(asked, 2 * count), np.fft.rfft(current, 2 * count)
     rates = 2 * pi * np.fft.rfftfreq(2 * count, step)
-    # What passes the end of the record has nowhere to go.
-    inside = slice(0, count - max(2, round(0.02 * count)))
-
-    def shifted(time: float) -> np.ndarray:
-        return np.asarray(np.fft.irfft(spectrum * law(rates, time), 2 * count)[:count])
+    power = np.abs(spectrum) ** 2
+    kept = power > _UNSEEN * power.max()  # what is nothing but noise says nothing of times
+    rate, source, target = rates[kept], spectrum[kept], given[kept]
 
     def left(time: float) -> float:
-        found = shifted(time)[inside]
-        off = current[inside] - _gain(current[inside], found) * found
-        return float(off @ off)
+        found = source * law(rate, time)
+        size = float(np.vdot(found, found).real)
+        return -(float(np.vdot(found, target).real) ** 2) / size if size > 0 else 0.0
 
     longest = min(_LONGEST_LAG_S, 0.1 * count * step)
     grid = np.concatenate([[0.0], np.geomspace(0.05 * step, longest, 14)])
@@ -171,7 +170,9 @@ def _shifted(
     best = float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step}).x)
     if left(best) > values[k]:
         best = float(grid[k])
-    found = shifted(best)[inside]
+    # What passes the end of the record has nowhere to go.
+    inside = slice(0, count - max(2, round(0.02 * count)))
+    found = np.fft.irfft(spectrum * law(rates, best), 2 * count)[inside]
     return best, mismatch(current[inside], _gain(current[inside], found) * found)[0]
 
 
