@@ -25,8 +25,8 @@ class BenchActuator(Record):
     stroke_m: Annotated[Positive, Field(lt=10, description="from one end stop to the other")]
     supply_pressure_Pa: Annotated[Positive, Field(lt=1e9, description="of the supply that draws no flow")]
     tank_pressure_Pa: Annotated[NonNegative, Field(lt=1e8, description="of the return")] = 0.0
-    supply_resistance_Pa_s_per_m3: Annotated[
-        NonNegative, Field(description="pressure the supply loses per flow drawn from it")
+    line_loss_Pa_s2_per_m6: Annotated[
+        NonNegative, Field(description="pressure lost over flow squared in each of the lines to and from the valve")
     ] = 0.0
     piston_leakage_m3_per_s_per_Pa: Annotated[
         NonNegative, Field(lt=1e-8, description="from chamber to chamber past the piston")
@@ -70,6 +70,9 @@ class BenchServovalve(Record):
         Positive, Field(description="current per command; sets the scale of effects that are stated in amperes")
     ] = 1e-3
     null_V: Annotated[FiniteFloat, Field(description="command at which the valve is shut")] = 0.0
+    edge_b_ratio: Annotated[
+        Positive, Field(le=2, description="flow of the edge from the supply to chamber b over that of the other edges")
+    ] = 1.0
     leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-8, description="K_pq, of the closed valve")] = 0.0
     natural_frequency_Hz: Annotated[Positive, Field(description="f_n of the spool")] = 100.0
     damping_ratio: Annotated[Positive, Field(lt=10, description="xi of the spool")] = 0.7

@@ -61,24 +61,22 @@ def run(rig: BenchPrototype, volts: float, seconds: float, **given: float) -> np
 
 def steady(rig: BenchPrototype, volts: float) -> tuple[float, float, float]:
     """Speed and both pressures from a third to two thirds of the stroke."""
-    y = run(rig, volts, 1.6 / abs(volts), start_m=0.02 if volts > 0 else STROKE - 0.02)
+    y = run(rig, volts, 2.4 / abs(volts), start_m=0.02 if volts > 0 else STROKE - 0.02)
     middle = (y[:, 2] > STROKE / 3) & (y[:, 2] < 2 * STROKE / 3)
     assert middle.sum() > 50
     return float(np.polyfit(y[middle, 0], y[middle, 2], 1)[0]), *y[middle, 3:].mean(axis=0)
 
 
-def orifice_balance(volts: float, friction: float, resistance: float = 0.0) -> tuple[float, float, float]:
+def orifice_balance(volts: float, friction: float, line: float, edge_b: float) -> tuple[float, float, float]:
     """Two orifices in series with a piston; Merritt (1967), chapters 3 and 6, Jelali and Kroll (2003), chapter 4."""
     sign = np.sign(volts)
     fills, empties = (CAP, RING) if sign > 0 else (RING, CAP)
     k = FLOW_GAIN * abs(volts) / sqrt(SUPPLY / 2)
-    pushed = fills * SUPPLY - empties * TANK - friction
-    speed = sqrt(pushed / ((fills**3 + empties**3) / k**2)) if resistance == 0 else None
-    if speed is None:  # fills (P - R fills v - (fills v / k)^2) - empties (T + (empties v / k)^2) = friction
-        square, linear = (fills**3 + empties**3) / k**2, fills**2 * resistance
-        speed = (-linear + sqrt(linear**2 + 4 * square * pushed)) / (2 * square)
-    full = SUPPLY - resistance * fills * speed - (fills * speed / k) ** 2
-    empty = TANK + (empties * speed / k) ** 2
+    filling = 1 / (k * (1.0 if sign > 0 else edge_b)) ** 2 + line  # pressure per flow squared
+    emptying = 1 / k**2 + line
+    speed = sqrt((fills * SUPPLY - empties * TANK - friction) / (fills**3 * filling + empties**3 * emptying))
+    full = SUPPLY - filling * (fills * speed) ** 2
+    empty = TANK + emptying * (empties * speed) ** 2
     return (speed, full, empty) if sign > 0 else (-speed, empty, full)
 
 
@@ -96,17 +94,20 @@ def test_a_linear_valve_drives_unequal_sides_by_the_one_that_fills(bench: BenchP
     assert CAP * pressure_a == pytest.approx(RING * pressure_b, rel=1e-3)
 
 
-@pytest.mark.parametrize("resistance", [0.0, 2e10])
+@pytest.mark.parametrize(("line", "edge_b"), [(0.0, 1.0), (5e14, 0.85)])
 @pytest.mark.parametrize("volts", [-4.0, 4.0])
 @pytest.mark.parametrize("coulomb", [0.0, 60.0])
 def test_orifices_and_sides_give_speed_and_pressures(
-    bench: BenchPrototype, volts: float, coulomb: float, resistance: float
+    bench: BenchPrototype, volts: float, coulomb: float, line: float, edge_b: float
 ):
-    actuator = bench.actuator.but(supply_resistance_Pa_s_per_m3=resistance)
-    rig = bench.but(actuator=actuator, effects=JOINT | {"seal_friction": {"coulomb_N": coulomb}})
-    expected = orifice_balance(volts, coulomb, resistance)
+    rig = bench.but(
+        actuator=bench.actuator.but(line_loss_Pa_s2_per_m6=line),
+        servovalve=bench.servovalve.but(edge_b_ratio=edge_b),
+        effects=JOINT | {"seal_friction": {"coulomb_N": coulomb}},
+    )
+    found = steady(rig, volts)
     # Friction settles at a bounded rate, and the root goes over to a line near no pressure drop.
-    assert steady(rig, volts) == pytest.approx(expected, rel=1e-3)
+    assert found == pytest.approx(orifice_balance(volts, coulomb, line, edge_b), rel=1e-3)
 
 
 def test_speeds_of_the_two_directions_go_with_the_root_of_the_areas(bench: BenchPrototype):

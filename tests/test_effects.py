@@ -46,7 +46,8 @@ def test_saturation_clips_and_deadband_takes_off_its_width():
 @pytest.mark.parametrize("flow", [-1e-4, 1e-4])
 def test_orifices_give_the_root_law_of_the_load_pressure(flow: float, load_share: float):
     """Merritt's critical-centre valve: Q = K i sqrt(1 - sign(i) p_L / p_S), alike in both ports."""
-    port = {"supply_pressure_Pa": SUPPLY, "tank_pressure_Pa": 0.0, "metered_m3_per_s": flow}
+    port = {"supply_pressure_Pa": SUPPLY, "tank_pressure_Pa": 0.0}
+    port |= {f"opening_{side}_m3_per_s": flow for side in "ab"}
     port |= {"pressure_a_Pa": SUPPLY / 2 * (1 + load_share), "pressure_b_Pa": SUPPLY / 2 * (1 - load_share)}
     expected = flow * sqrt(1 - np.sign(flow) * load_share)
     for side in "ab":
@@ -63,7 +64,8 @@ def test_unloaded_speeds_of_a_cylinder_with_rod_go_with_the_root_of_its_areas():
             port = {
                 "supply_pressure_Pa": SUPPLY,
                 "tank_pressure_Pa": 0.0,
-                "metered_m3_per_s": flow,
+                "opening_a_m3_per_s": flow,
+                "opening_b_m3_per_s": flow,
                 "pressure_a_Pa": unknown[0] * SUPPLY,
                 "pressure_b_Pa": unknown[1] * SUPPLY,
             }

@@ -28,10 +28,16 @@ _DRAWS = 4000
 _SOUND = 3.0  # times the floor: a gap smaller than this is not worth a cause
 _SUBSYSTEMS = {
     "parameter:piston_leakage": "actuator",
-    "parameter:supply_resistance": "oil",
+    "parameter:line_loss": "oil",
+    "parameter:edge_b": "servovalve",
     "parameter:constant_load": "actuator",
     "parameter:flow_gain": "servovalve",
 }
+_GO_WITH = {
+    "seal_friction": ("parameter:constant_load",),
+    "pressure_dependent_flow": ("parameter:edge_b", "parameter:line_loss"),
+}
+"""Causes that mean nothing without another."""
 
 
 def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
@@ -70,7 +76,8 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
     chosen = () if verdict == "no_gap" else best.hypothesis.names
     causes = _causes(data.prototype, ranked, best, gap, marginal, chosen)
     replayed = replay_errors(data, best.held_out)
-    found = amended(data.prototype, best.held_out.fit) if chosen else data.prototype
+    zero = float(np.median([m.rest_m for m in motions if m.direction < 0]))
+    found = amended(data.prototype, best.held_out.fit, zero) if chosen else data.prototype
     return BenchDiagnosis(
         verdict,
         reason,
@@ -104,12 +111,11 @@ def _marginals(ranked: Sequence[Ranked]) -> dict[str, float]:
 
 
 def _responsible(ranked: Sequence[Ranked], marginal: Mapping[str, float]) -> Ranked:
-    """The candidate with the causes that are all but certain; the most probable set of names where none is."""
-    sure = tuple(sorted(name for name, probability in marginal.items() if probability >= _SURE))
-    by_names: dict[tuple[str, ...], float] = {}
-    for each in ranked:
-        by_names[each.hypothesis.names] = by_names.get(each.hypothesis.names, 0.0) + each.probability
-    names = sure if sure in by_names and sure else max(by_names, key=lambda key: by_names[key])
+    """The median probability model: all causes that are more likely at work than not.
+
+    It predicts best where candidates are all combinations (Barbieri and Berger, Annals of Statistics 32 (2004) 870).
+    """
+    names = tuple(sorted(name for name, probability in marginal.items() if probability > _LIKELY))
     return next(each for each in ranked if each.hypothesis.names == names)
 
 
@@ -122,7 +128,8 @@ def believed_figures(prototype: BenchPrototype) -> dict[str, float]:
         "supply_pressure": actuator.supply_pressure_Pa,
         "tank_pressure": actuator.tank_pressure_Pa,
         "piston_leakage": actuator.piston_leakage_m3_per_s_per_Pa,
-        "supply_resistance": actuator.supply_resistance_Pa_s_per_m3,
+        "line_loss": actuator.line_loss_Pa_s2_per_m6,
+        "edge_b": prototype.servovalve.edge_b_ratio,
         "constant_load_N": actuator.constant_load_N,
     }
 
@@ -163,13 +170,15 @@ def _verdict(best: Ranked, gap: Gap, marginal: Mapping[str, float]) -> tuple[str
     names = best.hypothesis.names
     told = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
     open_ = [name for name, p in marginal.items() if 1 - _SURE < p < _SURE]
-    if gap.before < _SOUND * gap.noise_floor or (not names and gap.retuned < _SOUND * gap.noise_floor):
+    sure = [name for name in names if name not in open_]
+    if min(gap.before, gap.retuned) < _SOUND * gap.noise_floor:
         return "no_gap", f"The prototype predicts the bench within its tolerances. {told}"
     if not names or gap.closed < _LIKELY:
         return "unknown", f"No set of causes known here explains the better part of the gap. {told}"
     if open_:
         listed = ", ".join(f"{name} ({marginal[name]:.2f})" for name in open_)
-        return "ambiguous", f"Responsible: {' + '.join(names)}; not decided: {listed}. {told}"
+        certain = " + ".join(sure) or "no single cause"
+        return "ambiguous", f"Responsible beyond doubt: {certain}; not decided: {listed}. {told}"
     return "effect", f"Responsible: {' + '.join(names)}. {told}"
 
 
@@ -186,8 +195,7 @@ def _causes(
     for name, probability in marginal.items():
         share = 0.0
         if name in chosen:
-            gone = {name, "parameter:constant_load"} if name == "seal_friction" else {name}  # its offset goes with it
-            rest = set(best.hypothesis.names) - gone
+            rest = set(best.hypothesis.names) - {name, *_GO_WITH.get(name, ())}
             without = min(r.held_out.total for r in ranked if set(r.hypothesis.names) == rest)
             share = (without**2 - gap.after**2) / max(gap.before**2 - gap.noise_floor**2, 1e-12)
             share = min(max(share, 0.0), 1.0)

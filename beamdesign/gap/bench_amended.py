@@ -20,7 +20,8 @@ def parameters(prototype: BenchPrototype, fit: SteadyFit) -> dict[str, dict[str,
             "stribeck_m_per_s": ("stribeck_m_per_s", 1.0),
         },
         "parameter:piston_leakage": {"piston_leakage_m3_per_s_per_Pa": ("piston_leakage", 1.0)},
-        "parameter:supply_resistance": {"supply_resistance_Pa_s_per_m3": ("supply_resistance", 1.0)},
+        "parameter:line_loss": {"line_loss_Pa_s2_per_m6": ("line_loss", 1.0)},
+        "parameter:edge_b": {"edge_b_ratio": ("edge_b", 1.0)},
         "parameter:constant_load": {"constant_load_N": ("constant_load_N", 1.0)},
         "parameter:flow_gain": {"flow_gain_m3_per_s_per_V": ("flow_gain", 1.0)},
     }
@@ -35,8 +36,14 @@ def parameters(prototype: BenchPrototype, fit: SteadyFit) -> dict[str, dict[str,
     }
 
 
-def amended(prototype: BenchPrototype, fit: SteadyFit) -> BenchPrototype:
-    """The prototype with a fit's causes as effects and its figures in place of the believed ones."""
+def amended(prototype: BenchPrototype, fit: SteadyFit, zero_m: float | None = None) -> BenchPrototype:
+    """The prototype with a fit's causes as effects and its figures in place of the believed ones.
+
+    Args:
+        prototype: what was believed.
+        fit: of what is held responsible.
+        zero_m: reading of the displacement at the retracted stop; None: as believed.
+    """
     found = {
         name: {key: value for key, (value, _) in table.items()} for name, table in parameters(prototype, fit).items()
     }
@@ -49,8 +56,14 @@ def amended(prototype: BenchPrototype, fit: SteadyFit) -> BenchPrototype:
         supply_pressure_Pa=value["supply_pressure"],
         tank_pressure_Pa=value["tank_pressure"],
         piston_leakage_m3_per_s_per_Pa=value.get("piston_leakage", prototype.actuator.piston_leakage_m3_per_s_per_Pa),
-        supply_resistance_Pa_s_per_m3=value.get("supply_resistance", prototype.actuator.supply_resistance_Pa_s_per_m3),
+        line_loss_Pa_s2_per_m6=value.get("line_loss", prototype.actuator.line_loss_Pa_s2_per_m6),
         constant_load_N=value.get("constant_load_N", prototype.actuator.constant_load_N),
     )
-    valve = prototype.servovalve.but(flow_gain_m3_per_s_per_V=value["flow_gain"])
-    return prototype.but(actuator=actuator, servovalve=valve, effects=dict(prototype.effects) | effects)
+    valve = prototype.servovalve.but(
+        flow_gain_m3_per_s_per_V=value["flow_gain"],
+        edge_b_ratio=value.get("edge_b", prototype.servovalve.edge_b_ratio),
+    )
+    sensors = prototype.sensors if zero_m is None else prototype.sensors.but(displacement_zero_m=zero_m)
+    return prototype.but(
+        actuator=actuator, servovalve=valve, sensors=sensors, effects=dict(prototype.effects) | effects
+    )

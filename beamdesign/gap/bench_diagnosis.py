@@ -114,8 +114,7 @@ class BenchDiagnosis:
     Attributes:
         verdict: `no_gap`, `effect`, `ambiguous` or `unknown`.
         reason: in two sentences.
-        chosen: contract names of the causes held responsible: those with a probability of at least 0.9, whatever else
-            may be at work beside them; the most probable set where none is that sure.
+        chosen: contract names of the causes held responsible: those more likely at work than not.
         causes: all of them, most probable first.
         ranked: sets of causes, most probable first.
         gap: on steady motions.
@@ -123,7 +122,7 @@ class BenchDiagnosis:
         replay: errors of the simulated records, before and after, on conditions held out.
         confirmed: whether the replay is better with the chosen causes on every condition and in every channel.
         next_experiment: where the verdict is not certain.
-        prototype: with the chosen causes.
+        prototype: with the chosen causes, and the displacement's reading at the retracted stop.
         notes: what cannot be told apart, what greedy selection would have done, flagged figures.
         warnings: oddities of the data.
     """

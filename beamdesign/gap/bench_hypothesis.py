@@ -26,7 +26,8 @@ class BenchHypothesis:
         unequal_areas: the sides differ as bore and rod say.
         deadband: the valve opens only beyond a command.
         leakage: oil passes the piston.
-        sag: the supply loses pressure as flow is drawn.
+        lines: lines to and from the valve lose pressure as oil flows.
+        edge: the valve's edge from the supply to chamber b passes more or less than the others.
         friction: one of `FRICTIONS`.
         wrong_flow_gain: the flow gain is free of its tolerance.
     """
@@ -35,7 +36,8 @@ class BenchHypothesis:
     unequal_areas: bool = False
     deadband: bool = False
     leakage: bool = False
-    sag: bool = False
+    lines: bool = False
+    edge: bool = False
     friction: str = "none"
     wrong_flow_gain: bool = False
 
@@ -47,7 +49,8 @@ class BenchHypothesis:
             "unequal_piston_areas": self.unequal_areas,
             "valve_deadband": self.deadband,
             "parameter:piston_leakage": self.leakage,
-            "parameter:supply_resistance": self.sag,
+            "parameter:line_loss": self.lines,
+            "parameter:edge_b": self.edge,
             "seal_friction": self.friction != "none",
             "parameter:constant_load": self.friction == "coulomb with offset",
             "parameter:flow_gain": self.wrong_flow_gain,
@@ -66,7 +69,8 @@ class BenchHypothesis:
             "asymmetry": self.unequal_areas,
             "deadband_V": self.deadband,
             "piston_leakage": self.leakage,
-            "supply_resistance": self.sag,
+            "line_loss": self.lines,
+            "edge_b": self.edge,
         }
         return (*(name for name, there in own.items() if there), *_FRICTION_FIGURES[self.friction])
 
@@ -78,14 +82,14 @@ class BenchHypothesis:
 
 
 def candidates() -> tuple[BenchHypothesis, ...]:
-    """Every combination of causes; a supply that sags shows only where flow heeds pressure."""
+    """Every combination of causes; lines and edges show only where flow heeds pressure."""
     yes = (False, True)
     found = [
-        BenchHypothesis(orifices, areas, deadband, leakage, sag, friction)
+        BenchHypothesis(orifices, areas, deadband, leakage, lines, edge, friction)
         for orifices, areas, deadband, leakage in product(yes, yes, yes, yes)
-        for sag in yes
+        for lines, edge in product(yes, yes)
         for friction in FRICTIONS
-        if orifices or not sag
+        if orifices or not (lines or edge)
     ]
     return (*found, BenchHypothesis(wrong_flow_gain=True))
 
@@ -109,7 +113,8 @@ _AREA_RATIO_STD = 0.02  # of the asymmetry that bore and rod give
 _TANK_STD = 0.03  # of the supply: nothing is believed of the tank, and gauges are off by as much
 _LEAST_TOLERANCE = 1e-4
 _LOAD_STD_N = 20.0
-_LOST = 0.1  # share of pressure lost in the supply, or of flow past the piston, at the largest flow: one deviation
+_EDGE_STD = 0.1
+_LOST = 0.1  # share of pressure lost in a line, or of flow past the piston, at the largest flow: one deviation
 
 
 def priors(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: float) -> dict[str, Prior]:
@@ -142,7 +147,8 @@ def priors(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: fl
         "asymmetry": Prior(actuator.asymmetry, _AREA_RATIO_STD, -0.5, 0.5),
         "deadband_V": Prior(0.0, width.spread / volts, 0.0, min(width.high / volts, 0.9 * largest_V)),
         "piston_leakage": Prior(0.0, _LOST * flow / supply, 0.0, 5 * _LOST * flow / supply),
-        "supply_resistance": Prior(0.0, _LOST * supply / flow, 0.0, 5 * _LOST * supply / flow),
+        "line_loss": Prior(0.0, _LOST * supply / flow**2, 0.0, 5 * _LOST * supply / flow**2),
+        "edge_b": Prior(1.0, _EDGE_STD, 0.5, 1.5),
         "coulomb_N": Prior(coulomb.default, coulomb.spread, coulomb.low, coulomb.high),
         "viscous": Prior(viscous.default, viscous.spread, viscous.low, viscous.high),
         "constant_load_N": Prior(actuator.constant_load_N, _LOAD_STD_N, -10 * _LOAD_STD_N, 10 * _LOAD_STD_N),

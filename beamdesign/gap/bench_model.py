@@ -10,7 +10,8 @@ NOTHING = {
     "asymmetry": 0.0,
     "deadband_V": 0.0,
     "piston_leakage": 0.0,
-    "supply_resistance": 0.0,
+    "line_loss": 0.0,
+    "edge_b": 1.0,
     "coulomb_N": 0.0,
     "viscous": 0.0,
     "constant_load_N": 0.0,
@@ -56,10 +57,11 @@ def friction(figure: Mapping[str, Any], speed: np.ndarray, sign: np.ndarray) -> 
 def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Steady:
     """Steady motion at constant commands.
 
-    With orifices, each edge passes q sqrt(2 dp / P_S), q being the flow of the opening at half the supply pressure, and
-    both flows carry the piston: A_f p_f - A_e p_e = friction, f the side that fills and e the one that empties (Merritt
-    1967, chapters 5 and 6). A linear valve fills one side, the other empties as the piston drives it; of its pressures
-    only the difference follows, and their sum is taken as supply plus tank, as leakage alike on all edges leaves it.
+    With orifices, each edge passes q sqrt(2 dp / P_S), q being the flow of the opening at half the supply pressure, the
+    lines lose pressure with the square of the flow, and both flows carry the piston: A_f p_f - A_e p_e = friction, f
+    the side that fills and e the one that empties (Merritt 1967, chapters 5 and 6). A linear valve fills one side, the
+    other empties as the piston drives it; of its pressures only the difference follows, and their sum is taken as
+    supply plus tank, as leakage alike on all edges leaves it.
 
     Args:
         figure: as in `NOTHING`, with flow_gain, piston_area, supply_pressure and tank_pressure; each a number, or
@@ -72,17 +74,18 @@ def steady(figure: Mapping[str, Any], volts: np.ndarray, orifices: bool) -> Stea
     fills, empties = area * (1 + sign * asymmetry), area * (1 - sign * asymmetry)
     supply, tank = figure["supply_pressure"], figure["tank_pressure"]
     flow = figure["flow_gain"] * np.maximum(np.abs(volts) - figure["deadband_V"], 1e-6)
-    resistance, leakage = figure["supply_resistance"], figure["piston_leakage"]
+    leakage, line = figure["piston_leakage"], figure["line_loss"]
     speed = 0.5 * flow / area
     past = np.zeros_like(speed)  # the piston, from the side that fills
     full = empty = np.full_like(speed, supply / 2)
     for _ in range(_ROUNDS):
         force, slope = friction(figure, speed, sign)
         if orifices:
-            drop = supply / 2 / flow**2  # pressure per flow squared
+            drop = supply / 2 / flow**2 + line  # pressure per flow squared
+            filling = supply / 2 / (flow * np.where(sign < 0, figure["edge_b"], 1.0)) ** 2 + line
             into, out = fills * speed + past, empties * speed + past
-            full, empty = supply - resistance * into - drop * into * np.abs(into), tank + drop * out * np.abs(out)
-            falls, rises = -resistance - 2 * drop * np.abs(into), 2 * drop * np.abs(out)
+            full, empty = supply - filling * into * np.abs(into), tank + drop * out * np.abs(out)
+            falls, rises = -2 * filling * np.abs(into), 2 * drop * np.abs(out)
             # Newton's step in the speed and in the flow past the piston
             unbalanced, unmet = fills * full - empties * empty - force, leakage * (full - empty) - past
             by_speed = fills**2 * falls - empties**2 * rises - slope

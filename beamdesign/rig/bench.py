@@ -20,6 +20,7 @@ STATES = (
     "flow_m3_per_s",
     "flow_m3_per_s2",
     "sag_Pa",
+    "back_Pa",
     "seen_a_Pa",
     "seen_b_Pa",
 )
@@ -34,7 +35,8 @@ FIGURES = (
     "constant_load",  # N, against extension
     "supply_pressure",  # Pa, with no flow
     "tank_pressure",  # Pa
-    "supply_resistance",  # Pa s/m3, of what feeds the valve
+    "line_loss",  # Pa s2/m6, of the lines to and from the valve each
+    "edge_b",  # flow of the edge from the supply to chamber b over that of the others
     "flow_gain",  # m3/s/A
     "leakage",  # m3/s/Pa, of the closed valve
     "piston_leakage",  # m3/s/Pa, from chamber to chamber
@@ -50,7 +52,7 @@ FIGURES = (
 )
 OUTPUTS = ("current_A", "displacement_m", "pressure_a_Pa", "pressure_b_Pa", "piston_m", "measured_V")
 
-SUPPLY_LINE_S = 5e-3  # how soon the supply sags and recovers
+LINE_S = 5e-3  # how soon the pressure lost in a line comes and goes
 _INDENTATION_M = 1e-5  # over which the damping of a stop comes on
 _STALL = 0.02  # of the supply: a linear valve gives way to a chamber that comes this near to supply or tank
 
@@ -96,12 +98,14 @@ def _chamber(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
 
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     force = port["cylinder_force_N"] + port["stop_N"] + port["disturbance_N"] - figure["constant_load"]
-    drawn = ca.fmax(port["orifice_a_m3_per_s"], 0.0) + ca.fmax(-port["orifice_b_m3_per_s"], 0.0)
+    a, b = port["orifice_a_m3_per_s"], port["orifice_b_m3_per_s"]
+    drawn, given = ca.fmax(a, 0.0) + ca.fmax(-b, 0.0), ca.fmax(-a, 0.0) + ca.fmax(b, 0.0)
     seen = figure["pressure_filter_frequency"]
     return {
         "piston_m": state["piston_m_per_s"],
         "piston_m_per_s": force / figure["moving_mass"],
-        "sag_Pa": (figure["supply_resistance"] * drawn - state["sag_Pa"]) / SUPPLY_LINE_S,
+        "sag_Pa": (figure["line_loss"] * drawn**2 - state["sag_Pa"]) / LINE_S,
+        "back_Pa": (figure["line_loss"] * given**2 - state["back_Pa"]) / LINE_S,
         "seen_a_Pa": low_pass_rate(seen, state["pressure_a_Pa"], state["seen_a_Pa"]),
         "seen_b_Pa": low_pass_rate(seen, state["pressure_b_Pa"], state["seen_b_Pa"]),
     }
@@ -132,7 +136,10 @@ BENCH = Rig(
         AREAS,
         VALVE.but(
             supply_pressure_Pa=lambda port, figure, state: figure["supply_pressure"] - state["sag_Pa"],
-            tank_pressure_Pa=lambda port, figure, state: figure["tank_pressure"],
+            tank_pressure_Pa=lambda port, figure, state: figure["tank_pressure"] + state["back_Pa"],
+            opening_b_m3_per_s=lambda port, figure, state: (
+                port["metered_m3_per_s"] * ca.if_else(port["metered_m3_per_s"] < 0, figure["edge_b"], 1.0)
+            ),
             null_adjusted=lambda port, figure, state: 0.0,
             orifice_a_m3_per_s=lambda port, figure, state: _linear_port("a", 1.0, port, state),
             orifice_b_m3_per_s=lambda port, figure, state: _linear_port("b", -1.0, port, state),

@@ -89,6 +89,9 @@ VALVE = Component(
         "tank_pressure_Pa": lambda port, figure, state: 0.0,
         # 1 where somebody has adjusted the null so that the rig rests without load
         "null_adjusted": lambda port, figure, state: 1.0,
+        # the same for the edges that are then open at either port
+        "opening_a_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
+        "opening_b_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
         # what a valve lets through either port that heeds no pressure
         "linear_a_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
         "linear_b_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],

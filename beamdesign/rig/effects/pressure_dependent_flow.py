@@ -33,11 +33,11 @@ def _into(flow: Any, pressure: Any, site: Site) -> Any:
 
 
 def _orifice_a(signal: Any, site: Site) -> Any:
-    return _into(site.port["metered_m3_per_s"], site.port["pressure_a_Pa"], site)
+    return _into(site.port["opening_a_m3_per_s"], site.port["pressure_a_Pa"], site)
 
 
 def _orifice_b(signal: Any, site: Site) -> Any:
-    return -_into(-site.port["metered_m3_per_s"], site.port["pressure_b_Pa"], site)
+    return -_into(-site.port["opening_b_m3_per_s"], site.port["pressure_b_Pa"], site)
 
 
 def _gain(own: Mapping[str, float], at: Operation) -> Span:
