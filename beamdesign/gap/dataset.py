@@ -1,7 +1,7 @@
 """A data set: what came back from a rig, with the prototype that was believed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from beamdesign import records
 from beamdesign.gap.columns import read_columns, uniform_times
 from beamdesign.gap.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
+from beamdesign.gap.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
@@ -50,14 +51,17 @@ class TimeRecord:
 
     @cached_property
     def excitation(self) -> str:
-        """Which input drives it: `command`, `disturbance`, `both` or `none`.
+        """Which input drives it: `command`, `disturbance`, `both` or `none`; a force sensor's noise drives nothing."""
+        forced = bool(np.any(without_noise(self.inputs[:, 0])))
+        return {(1, 1): "both", (1, 0): "disturbance", (0, 1): "command", (0, 0): "none"}[
+            forced, bool(np.std(self.inputs[:, 1]) > 0)
+        ]
 
-        A force that is only the noise of its sensor drives nothing: it counts from a tenth of what would hold the
-        beam where the command asks it to be.
-        """
-        disturbance, command = (float(np.std(self.inputs[:, k])) for k in (0, 1))
-        forced, commanded = disturbance > _FORCE_NOISE_N, command > 0
-        return {(1, 1): "both", (1, 0): "disturbance", (0, 1): "command", (0, 0): "none"}[forced, commanded]
+    @property
+    def cleaned(self) -> "TimeRecord":
+        """The record with its force as it acted, without the noise of the sensor that recorded it."""
+        force = without_noise(self.inputs[:, 0])
+        return replace(self, inputs=np.column_stack([force, self.inputs[:, 1]]))
 
     @cached_property
     def condition(self) -> tuple[Any, ...]:
@@ -69,9 +73,6 @@ class TimeRecord:
         rms = float(np.sqrt(np.mean(self.inputs[:, column] ** 2)))
         size = round(float(np.log2(rms))) if rms > 0 else None
         return (self.outer_end_mass, self.inner_end_mass, self.controller, self.excitation, size)
-
-
-_FORCE_NOISE_N = 3.0
 
 
 @dataclass(frozen=True)

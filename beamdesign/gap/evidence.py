@@ -83,7 +83,7 @@ def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
 def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     """All time records of a data set."""
     found = []
-    for record in data.records:
+    for record in (taken.cleaned for taken in data.records):
         channels = tuple(record.measured)
         weight = weighting(record, channels)
         measured = np.column_stack([record.measured[name] for name in channels])
