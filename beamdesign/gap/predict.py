@@ -9,6 +9,7 @@ import numpy as np
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.gap.columns import read_columns, uniform_times
 from beamdesign.gap.dataset_index import index_of, kind_of, read_index
+from beamdesign.gap.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.rig.assembly import OUTPUTS, assemble
@@ -110,7 +111,7 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
         raise InputError(prototype.name, [("(figures)", str(error))]) from error
     step = float(given.times[-1] - given.times[0]) / (len(given.times) - 1)
     substeps = substeps_for(assembly, parameters, step)
-    inputs = half_steps(np.column_stack([given.disturbance_N, given.command_V]), substeps)
+    inputs = half_steps(np.column_stack([without_noise(given.disturbance_N), given.command_V]), substeps)
     y = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
     samples = np.column_stack([given.times[: len(y)], y[:, columns]])
