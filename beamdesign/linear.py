@@ -142,6 +142,12 @@ def linear_rig(prototype: Prototype) -> LinearRig:
     if prototype.effects:
         raise InputError(
             prototype.name,
-            [(f"effects.{name}", "is not in equations (7) to (18); remove it") for name in prototype.effects],
+            [
+                (
+                    f"effects.{name}",
+                    "equations (7) to (18) have no such effect, and this works with them alone; remove it",
+                )
+                for name in prototype.effects
+            ],
         )
     return LinearRig(figures(prototype), prototype.sensor.filter_Hz is not None)

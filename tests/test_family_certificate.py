@@ -118,6 +118,10 @@ def test_a_gain_between_stable_ends_is_looked_at(paper: Prototype):
     found = certify(with_effects(low_inner, "valve_deadband"), 0.0, 20.0)
     member = family(with_effects(low_inner, "valve_deadband"), 20.0).members[0]
     loop = close_loop(member.rig.plant(4.5), low_inner.controller)
+    ends = certify(low_inner, 0.0, 20.0).stable_ranges_kg
+    assert [low for low, _ in found.stable_ranges_kg] == [low for low, _ in ends]
+    assert found.stable_ranges_kg[0][1] < ends[0][1] - 1.0
+    assert "not every loop is stable from 0 to 6.88869 kg" in found.stability.reason
     for low, high in found.stable_ranges_kg:
         for mass in np.linspace(low, high, 9)[1:-1]:
             for factor in np.linspace(0.0, 1.0, 21):

@@ -19,8 +19,9 @@ from beamdesign.proof.stability import Range, StabilityMap, in_words, stable_ran
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
 
-_STEPS = 64
-"""Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time."""
+_STEPS, _HALVINGS = 64, 24
+"""Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time; how often
+the last of these steps is halved."""
 
 
 def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> list[Proved]:
@@ -105,7 +106,7 @@ def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> Stabilit
     """The masses at which all rectangles are stable for all of their gains.
 
     Ends are crossings of some member at one end of its gains. Where a gain between the ends is not stable at a mass at
-    which both ends are, the range gives way in steps: it is proved, but need not be the largest.
+    which both ends are, the range gives way: what is left is proved, but need not be all.
     """
     maps = [
         stable_ranges(scaled(part.loop, factor).characteristic, low, high)
@@ -130,7 +131,9 @@ def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> Stabilit
     crossings = _listed(crossing for found in maps for crossing in found.crossings)
     below = _listed(found.below for found in maps if found.below is not None)
     above = _listed(found.above for found in maps if found.above is not None)
-    reason = in_words(filled, crossings)
+    reason = in_words(filled, crossings).replace("unstable from", "not every loop is stable from")
+    if not common:
+        reason = "no range of masses was found over which every loop is stable"
     return StabilityMap(
         low, high, crossings, tuple(filled), below[-1] if below else None, above[0] if above else None, reason
     )
@@ -160,12 +163,20 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
     def stands(mass: fmpq) -> bool:
         return all(side.stable for part in parts for side in replace(part, low=mass, high=mass).sides())
 
-    low, high = piece.low, piece.high
-    while low < high and not stands(low):
-        low += step
-    while low < high and not stands(high):
-        high -= step
-    if low > high or not stands(low):
+    def first(start: fmpq, step: fmpq) -> fmpq:
+        """The mass nearest to the start that was found to stand, in steps and then by halving the last."""
+        if stands(start):
+            return start
+        failed, found = start, start + step
+        while piece.low <= found <= piece.high and not stands(found):
+            failed, found = found, found + step
+        for _ in range(_HALVINGS):
+            middle = (found + failed) / 2
+            failed, found = (failed, middle) if stands(middle) else (middle, found)
+        return found
+
+    low, high = first(piece.low, step), first(piece.high, -step)
+    if low > high:
         return None
     opens, closes = (piece.opens_at if low == piece.low else None), (piece.closes_at if high == piece.high else None)
     sample = low if low == high else simple_between(low, high)
@@ -190,10 +201,10 @@ def covered(prototype: Prototype, found: Family) -> list[str]:
     gain = found.members[0].gain
     inside = next(member.performance for member in found.members if member.performance is not None)
     if gain.low != gain.high:
-        lines.append(f"Stability holds at every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
+        lines.append(f"Stability is about every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
         if inside != gain:
             to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
-            lines.append(f"Compliance and peak sensitivity hold at factors of {inside.low:.6g}{to}.")
+            lines.append(f"Compliance and peak sensitivity are about factors of {inside.low:.6g}{to}.")
     lines += [
         f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
         for name, span in found.spans.items()
