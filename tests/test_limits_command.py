@@ -8,13 +8,17 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.higher_modes import single_mode_reach
+from beamdesign.linear_reach import reach, with_published_effects
 from beamdesign.loop import critical_gain
 from beamdesign.operating_limits import envelope
 from beamdesign.paper.rig import INNER_END_MASS_KG, lag
-from beamdesign.prototype import Prototype, Supply, write_prototype
+from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.limits_plot import plot_envelope
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +90,19 @@ def test_the_figure_shows_every_limit_and_what_governs(rig: Prototype):
     named = {text.get_text().replace("\n", " ") for text in axes.texts}
     assert named <= set(found.governing)
     assert "supply flow" in named
+
+
+def test_readme_tells_how_far_the_linear_model_holds():
+    """Figures of the table in the README, from the prototype it names."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rig = read_prototype(ROOT / "studies" / "prototypes" / "published_lag.toml")
+    real = with_published_effects(rig)
+    equal = rig.but(effects={"pressure_dependent_flow": {}})
+    assert (
+        f"| {10 * round(reach(equal, 'load', 10.0).limit / 10)} N; {reach(real, 'load', 10.0).limit:.0f} N with" in text
+    )
+    assert f"force about no load | {reach(real, 'force', 10.0).limit / 1e3:.1f} kN |" in text
+    modes = single_mode_reach(rig)
+    assert f"compliance within 10 % | {modes.closed_loop_Hz:.0f} Hz | second mode of the inner beam, " in text
+    assert f"{modes.inner_modes_Hz[1]:.0f} Hz |" in text
+    assert f"critical gain | {100 * modes.gain_margin_eaten:.0f} % of it is lost" in text

@@ -56,7 +56,7 @@ def limits(
     fields["modes"] = _modes(rig, mass)
     fields["linear_amplitude"] = _linear(rig, mass)
     fields["limit_cycles"] = _cycles(rig, mass)
-    fields["figures"] = [] if out is None else _draw(found, preload, out)
+    fields["figures"] = [] if out is None else _draw(found, rig.payload.largest_force_N, preload, out)
     write_json(json, fields)
 
 
@@ -199,13 +199,13 @@ def _cycles(rig: Any, mass: float) -> list[dict[str, Any]]:
     return results
 
 
-def _draw(found: Any, preload: float, out: Path) -> list[Path]:
+def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Path]:
     from beamdesign.report.canvas import new_figure, save
     from beamdesign.report.limits_plot import plot_envelope
 
     out.mkdir(parents=True, exist_ok=True)
     figure = new_figure(170.0, 105.0)
-    axes = plot_envelope(figure.add_subplot(), found)
+    axes = plot_envelope(figure.add_subplot(), found, asked)
     if preload:
         axes.set_title(f"on top of {preload:g} N", fontsize=9)
     files = save(figure, out / "envelope")
