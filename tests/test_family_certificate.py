@@ -121,6 +121,10 @@ def test_a_gain_between_stable_ends_is_looked_at(paper: Prototype):
     ends = certify(low_inner, 0.0, 20.0).stable_ranges_kg
     assert [low for low, _ in found.stable_ranges_kg] == [low for low, _ in ends]
     assert found.stable_ranges_kg[0][1] < ends[0][1] - 1.0
+    at_one_mass = certify(with_effects(low_inner, "valve_deadband"), 18.0, 18.0)
+    assert certify(low_inner, 18.0, 18.0).stable
+    assert not at_one_mass.stable
+    assert replay(at_one_mass.text).valid
     assert "not every loop is stable from 0 to 6.88869 kg" in found.stability.reason
     for low, high in found.stable_ranges_kg:
         for mass in np.linspace(low, high, 9)[1:-1]:

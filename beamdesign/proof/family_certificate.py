@@ -163,6 +163,9 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
     def stands(mass: fmpq) -> bool:
         return all(side.stable for part in parts for side in replace(part, low=mass, high=mass).sides())
 
+    if step == 0:
+        return piece if stands(piece.low) else None
+
     def first(start: fmpq, step: fmpq) -> fmpq:
         """The mass nearest to the start that was found to stand, in steps and then by halving the last."""
         if stands(start):
