@@ -1,0 +1,211 @@
+"""Unknowns, weighting, replay and fits, against closed forms and differences."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from gap_sets import believed, measured, only, scenario
+
+from beamdesign.gap.amended import amended
+from beamdesign.gap.evidence import evidence_of
+from beamdesign.gap.fit import Fit, Share, fit
+from beamdesign.gap.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
+from beamdesign.gap.inputs import without_noise
+from beamdesign.gap.unknowns import Placement, tolerated
+from beamdesign.gap.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.lumped import figures
+
+
+@pytest.fixture(scope="module")
+def lagged():
+    """A rig with a sensor lag of 250 Hz, a flow gain 4 % up and oil 8 % softer."""
+    rig = believed()
+    valve = rig.servovalve.but(flow_gain_m3_per_s_per_A=rig.servovalve.flow_gain_m3_per_s_per_A * 1.04)
+    actuator = rig.actuator.but(oil_stiffness_N_per_m=rig.actuator.oil_stiffness_N_per_m * 0.92)
+    return measured(rig.but(servovalve=valve, actuator=actuator, effects={"sensor_lag": {"break_Hz": 250.0}}))
+
+
+def test_nothing_moves_the_figures_at_zero():
+    rig = believed()
+    placement = NOTHING.placement(rig)
+    assert len(placement.unknowns) == 13  # ten keys of [tolerance], three of them for both beams
+    base = np.linspace(1.0, 2.0, len(placement.assembly.parameters))
+    np.testing.assert_array_equal(placement.parameters(base, np.zeros(13)), base)
+
+
+def test_a_stiffer_beam_keeps_its_damping_ratio():
+    """b = 2 zeta sqrt(K M): one tolerance of stiffness (3 %) moves the dashpot by half as much in the logarithm."""
+    rig = believed()
+    placement = NOTHING.placement(rig)
+    z = np.array([1.0 if u.name == "outer_stiffness" else 0.0 for u in placement.unknowns])
+    moved = placement.parameters(np.ones(len(placement.assembly.parameters)), z)
+    by_name = dict(zip(placement.assembly.parameters, moved, strict=True))
+    assert by_name["outer_stiffness"] == pytest.approx(np.exp(0.03), rel=1e-12)
+    assert by_name["outer_damping"] == pytest.approx(np.exp(0.015), rel=1e-12)
+    assert by_name["inner_damping"] == 1.0
+
+
+@pytest.mark.parametrize("names", [(), ("sensor_lag",), ("parameter:flow_gain", "unequal_piston_areas")])
+def test_slopes_of_parameters_agree_with_differences(names):
+    placement = Hypothesis(names).placement(believed())
+    base = np.linspace(1.0, 2.0, len(placement.assembly.parameters))
+    z = np.linspace(-0.5, 0.5, len(placement.unknowns))
+    slopes = placement.slopes(placement.parameters(base, z), z)
+    for k in range(len(z)):
+        step = np.eye(len(z))[k] * 1e-6
+        found = (placement.parameters(base, z + step) - placement.parameters(base, z - step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, k], found, rtol=1e-7, atol=1e-7 * np.abs(found).max())
+
+
+def test_figures_without_a_tolerance_stay():
+    rig = believed()
+    loose = rig.but(tolerance=rig.tolerance.but(flow_gain=0.0))
+    assert "flow_gain" not in {u.name for u in tolerated(loose)}
+    assert {u.name: u.kind for u in tolerated(loose, ("flow_gain",))}["flow_gain"] == "free"
+
+
+def test_white_noise_counts_as_what_noise_alone_leaves(lagged):
+    """A residual that is the channel's own white noise has the misfit that the weighting expects of it."""
+    record = only(lagged, ("command_large",)).records[0]
+    quiet = replace(record, measured={"displacement_m": record.measured["displacement_m"]})
+    weight = weighting(quiet, ("displacement_m",))
+    random = np.random.default_rng(0)
+    noise = weight.noise_std[0] * random.standard_normal((200, len(record.times)))
+    found = [float(weight(row[:, None]) @ weight(row[:, None])) for row in noise]
+    assert np.mean(found) == pytest.approx(weight.expected, rel=0.05)
+    assert weight.noise_std[0] == pytest.approx(5e-7, rel=0.1)  # what `gap_sets` has put in
+
+
+def test_a_relative_error_counts_line_by_line(lagged):
+    """An error of one unit's share at every line is worth INDEPENDENT units, whatever the spectrum of the signal."""
+    record = only(lagged, ("disturbance_large",)).records[0]
+    frequency = np.fft.rfftfreq(len(record.times), record.step)
+    lines = np.fft.rfft(np.random.default_rng(4).standard_normal(len(record.times)))
+    coloured = np.fft.irfft(lines * np.where(frequency < 420.0, 1 / (1 + frequency), 0.0), len(record.times))
+    coloured *= np.minimum(record.times / 0.1, 1.0) ** 3  # a record starts at rest
+    weight = weighting(replace(record, measured={"displacement_m": coloured}), ("displacement_m",))
+    wrong = SHARE * coloured[:, None]
+    # the taper at the record's end takes its mean square, 3/8 over a twentieth, off
+    assert float(weight(wrong) @ weight(wrong)) == pytest.approx(INDEPENDENT * (1 - 0.05 * 5 / 8), rel=0.15)
+
+
+def test_residual_slopes_agree_with_differences(lagged):
+    data = only(lagged, ("disturbance_small",))
+    piece = evidence_of(data)[0]
+    placement = Hypothesis(("sensor_lag",)).placement(data.prototype)
+    z = np.full(len(placement.unknowns), 0.2)
+    _, slopes = piece.linearised(placement, z)
+    for k in (0, 8, len(z) - 1):
+        step = np.eye(len(z))[k] * 1e-4
+        found = (piece.residual(placement, z + step) - piece.residual(placement, z - step)) / 2e-4
+        np.testing.assert_allclose(slopes[:, k], found, atol=2e-5 * np.abs(found).max())
+
+
+@dataclass(frozen=True)
+class Straight:
+    """Evidence that is linear in z: y = H z with unit noise."""
+
+    h: np.ndarray
+    y: np.ndarray
+    name: str = "straight"
+    condition: object = None
+    expected: float = 1.0
+
+    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray:
+        return self.y - self.h @ z
+
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.residual(placement, z), -self.h
+
+
+def test_linear_evidence_gives_the_posterior_mean():
+    """Ridge regression, C. M. Bishop, Pattern Recognition and Machine Learning (2006), equations (3.53) and (3.54)."""
+    random = np.random.default_rng(1)
+    placement = NOTHING.placement(believed())
+    count = len(placement.unknowns)
+    pieces = [Straight(random.standard_normal((9, count)), random.standard_normal(9)) for _ in range(3)]
+    found = fit(NOTHING, placement, pieces, np.zeros(count), 60)
+    h, y = np.vstack([p.h for p in pieces]), np.concatenate([p.y for p in pieces])
+    covariance = np.linalg.inv(np.eye(count) + h.T @ h)
+    np.testing.assert_allclose(found.z, covariance @ h.T @ y, atol=1e-3)
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9)
+
+
+def test_left_out_evidence_is_predicted_as_if_it_had_never_been_fitted():
+    random = np.random.default_rng(2)
+    placement = NOTHING.placement(believed())
+    count = len(placement.unknowns)
+    pieces = [Straight(random.standard_normal((30, count)), 0.3 * random.standard_normal(30)) for _ in range(3)]
+    whole = fit(NOTHING, placement, pieces, np.zeros(count), 60)
+    rest = fit(NOTHING, placement, pieces[1:], np.zeros(count), 60)
+    missed = pieces[0].residual(placement, rest.z)
+    assert whole.left_out([0]) == pytest.approx(float(missed @ missed), rel=1e-2)
+
+
+def test_bounds_hold():
+    """An effect that the evidence would like negative stays at zero, and the other unknowns are solved for that."""
+    placement = Hypothesis(("valve_deadband",)).placement(believed())
+    at = [u.name for u in placement.unknowns].index("valve_deadband.half_width_A")
+    low = placement.unknowns[at].bounds[0]
+    h = 10 * np.eye(len(placement.unknowns))
+    wanted = np.where(np.arange(len(h)) == at, low - 5.0, 0.5)
+    found = fit(Hypothesis(("valve_deadband",)), placement, [Straight(h, h @ wanted)], np.zeros(len(h)), 60)
+    assert found.z[at] == pytest.approx(low, abs=1e-9)
+    np.testing.assert_allclose(np.delete(found.z, at), 0.5 * 100 / 101, rtol=2e-3)
+
+
+def test_a_sensor_lag_is_found_with_the_figures_that_moved(lagged):
+    hypothesis = Hypothesis(("sensor_lag",))
+    placement = hypothesis.placement(lagged.prototype)
+    evidence = evidence_of(lagged)
+    found = fit(hypothesis, placement, evidence, np.zeros(len(placement.unknowns)))
+    values, errors = found.values, found.standard_errors
+    assert values["sensor_lag.break_Hz"] == pytest.approx(250.0, rel=0.03)
+    believed_oil = lagged.prototype.actuator.oil_stiffness_N_per_m
+    assert values["oil_stiffness"] == pytest.approx(0.92 * believed_oil, abs=3 * errors["oil_stiffness"])
+    assert found.misfit < 1.3 * sum(e.expected for e in evidence)
+
+
+def test_an_unstable_start_is_said(lagged):
+    placement = NOTHING.placement(lagged.prototype)
+    z = np.array([60.0 if u.name == "flow_gain" else 0.0 for u in placement.unknowns])
+    found = fit(NOTHING, placement, evidence_of(lagged), z)
+    assert found.reason == "the model's loop is unstable where the fit begins"
+    assert found.misfit == np.inf
+
+
+def test_amended_prototype_simulates_as_the_fit_does(lagged):
+    hypothesis = Hypothesis(("sensor_lag",))
+    placement = hypothesis.placement(lagged.prototype)
+    z = np.linspace(-1.0, 1.0, len(placement.unknowns))
+    rig = amended(lagged.prototype, Fit(hypothesis, placement.unknowns, z, 0.0, (Share(0.0, z, np.eye(len(z))),)))
+    base = {name: value for name, value in figures(lagged.prototype).items()}
+    moved = figures(rig)
+    for k, unknown in enumerate(placement.unknowns):
+        if unknown.name in moved and not unknown.name.endswith("damping"):
+            assert moved[unknown.name] == pytest.approx(base[unknown.name] * np.exp(unknown.spread * z[k]), rel=1e-12)
+    p = placement.parameters(np.array([base.get(n, 1.0) for n in placement.assembly.parameters]), z)
+    at = placement.assembly.parameters.index("outer_damping")
+    assert moved["outer_damping"] == pytest.approx(p[at], rel=1e-12)
+    assert rig.effects["sensor_lag"]["break_Hz"] == pytest.approx(placement.unknowns[-1].value(z[-1]))
+
+
+def test_names_of_hypotheses():
+    rig = believed()
+    assert together("sensor_lag", "seal_friction") == together("seal_friction", "sensor_lag")
+    assert str(NOTHING) == "tolerances only"
+    assert subsystem("parameter:oil_stiffness") == "oil"
+    alone = singles(rig)
+    assert len(pairs(alone)) == len(alone) * (len(alone) - 1) // 2
+    assert Hypothesis(("parameter:stiffness",)).figures == ("outer_stiffness", "inner_stiffness")
+    assert scenario().record[0].name == "command_small"
+
+
+def test_noise_of_a_force_sensor_is_no_force():
+    random = np.random.default_rng(5)
+    assert not without_noise(random.standard_normal(8000)).any()
+    times = np.arange(8000) * 5e-4
+    force = 50 * np.sin(2 * np.pi * 20 * times) * np.sin(np.pi * times / times[-1]) ** 2
+    found = without_noise(force + 0.5 * random.standard_normal(8000))
+    assert np.std(found - force) < 0.25 * 0.5  # what is left of the noise is about the line
+    np.testing.assert_array_equal(without_noise(np.zeros(100)), 0.0)
