@@ -33,6 +33,7 @@ class GainEvidence:
     load: float = 0.0
     offset: float = 0.0
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False)
+    _last: dict[object, Onset | None] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -72,7 +73,12 @@ class GainEvidence:
 
     def predicted(self, placement: Placement, z: np.ndarray) -> Onset | None:
         """Gain and frequency of the model; None where it oscillates at no gain."""
-        return onset(self.model(placement), z)
+        # A fit asks for the derivatives where it has just asked for the figures.
+        key = (placement.assembly.kinds, placement.unknowns, z.tobytes())
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = onset(self.model(placement), z)
+        return self._last[key]
 
     def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(1,) or (2,) measured less predicted."""

@@ -10,7 +10,9 @@ nothing about motions so small that the loop sticks, nor about an oscillation th
 Where the two directions of the valve differ (unequal sides), there is one such loop per direction.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -45,7 +47,7 @@ class LinearModel:
     load: float = 0.0
     _rest: list[np.ndarray] = field(default_factory=list, repr=False, compare=False)
 
-    @property
+    @cached_property
     def weight(self) -> np.ndarray:
         """(n,) typical magnitude of each state."""
         return scales(self.assembly)
@@ -90,6 +92,15 @@ class LinearModel:
     def at(self, p: np.ndarray, x: np.ndarray) -> Linearisation:
         """The linear loop at a point."""
         return linearise(self.assembly, x, np.array([self.load, 0.0, 0.0]), p)
+
+    def rates_at_gains(self, p: np.ndarray, x: np.ndarray, gains: Sequence[float]) -> list[np.ndarray]:
+        """(n, n) matrices A of the linear loop at a point for several controller gains (A/V)."""
+        count = len(gains)
+        columns = np.repeat(p[:, None], count, axis=1)
+        columns[self.assembly.parameters.index("gain")] = gains
+        loads = np.zeros((3, count))
+        loads[0] = self.load
+        return np.split(linearise(self.assembly, np.repeat(x[:, None], count, axis=1), loads, columns).a, count, axis=1)
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""

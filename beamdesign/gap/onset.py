@@ -80,9 +80,8 @@ def onset_slopes(model: LinearModel, z: np.ndarray, at: Onset) -> tuple[np.ndarr
 
 def _onset_at(model: LinearModel, p: np.ndarray, x: np.ndarray) -> Onset | None:
     weight, at = model.weight, model.assembly.parameters.index("gain")
-    unit, doubled = p[at], p.copy()
-    doubled[at] = 2 * unit
-    once, twice = (_scaled(model.at(figures, x).a, weight) for figures in (p, doubled))
+    unit = float(p[at])
+    once, twice = (_scaled(a, weight) for a in model.rates_at_gains(p, x, (unit, 2 * unit)))
     returned = (twice - once) / unit
     opened = once - unit * returned
     if not np.any(returned):

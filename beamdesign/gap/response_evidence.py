@@ -141,9 +141,9 @@ def scatter(measured: FrequencyResponse) -> np.ndarray:
     """(N,) relative noise of each line: how far magnitudes stand off the straight line between their neighbours'.
 
     The median over the lines around, so that a single odd line does not count. A resonance bends over more lines than
-    these, so it is no more than either a noise that is everywhere the same share, read off the quarter of the lines that
-    stand off least, or one that is everywhere the same displacement, read off the highest fifth. Zero for fewer than
-    five lines.
+    these, so it is no more than either a noise that is everywhere the same share, read off the quarter of the lines
+    that stand off least, or one that is everywhere the same displacement, read off the highest fifth. Zero for fewer
+    than five lines.
     """
     size, place = np.abs(measured.response), np.log(measured.frequencies_Hz)
     magnitude, count = np.log(size), len(place)

@@ -1,0 +1,424 @@
+"""Critical gains and frequency responses as evidence: against exact loops, closed forms and made-up rigs."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import log, pi, tau
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamdesign.gap.common_factor import common_factor
+from beamdesign.gap.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
+from beamdesign.gap.evidence import evidence_of, record_evidence
+from beamdesign.gap.fit import fit
+from beamdesign.gap.gain_classes import GainDiagnosis, explain_gains
+from beamdesign.gap.gain_evidence import FREQUENCY_STD, GainEvidence
+from beamdesign.gap.gain_shares import gain_shares
+from beamdesign.gap.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.gap.judgement import evidence as marginal_likelihood
+from beamdesign.gap.next_gain import separations
+from beamdesign.gap.onset import phase_crossings
+from beamdesign.gap.response_evidence import response_evidence, scatter
+from beamdesign.gap.starts import starts
+from beamdesign.harmonic_balance import limit_cycles
+from beamdesign.loop import critical_gain, loop
+from beamdesign.prototype import (
+    Actuator,
+    Beam,
+    Controller,
+    Lag,
+    Payload,
+    Proportional,
+    Prototype,
+    Servovalve,
+    Tolerance,
+)
+
+PROPORTIONAL = Proportional(gain_A_per_V=0.01)
+LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0)
+SETTINGS: tuple[tuple[Controller, float, float], ...] = (
+    (PROPORTIONAL, 0.0, 0.0),
+    (LAG, 0.0, 0.0),
+    (LAG, 6.8, 0.0),
+    (LAG, 6.8, 4.4),
+)
+TOLERANCE = Tolerance(
+    stiffness=0.03,
+    effective_mass=0.02,
+    beam_damping_ratio=0.2,
+    oil_stiffness=0.1,
+    piston_area=0.005,
+    flow_gain=0.05,
+    leakage=0.2,
+    valve_natural_frequency=0.05,
+    valve_damping_ratio=0.1,
+    sensor_gain=0.005,
+)
+LINES = np.geomspace(1.0, 300.0, 40)
+SHARED = Path(__file__).parents[2] / "shared" / "rig" / "open-2-sensor-lag"
+
+
+@pytest.fixture
+def believed(paper: Prototype) -> Prototype:
+    return paper.but(tolerance=TOLERANCE)
+
+
+def exact(prototype: Prototype, setting: tuple[Controller, float, float]) -> tuple[float, float]:
+    """Critical gain (A/V) and frequency (Hz) by the exact polynomials of `beamdesign.loop`."""
+    law, outer, inner = setting
+    found = critical_gain(prototype.but(controller=law, payload=Payload(inner_end_mass_kg=inner)), outer)
+    return found.gain_A_per_V, found.frequency_Hz
+
+
+def taken(prototype: Prototype, setting: tuple[Controller, float, float], **more: float) -> GainEvidence:
+    law, outer, inner = setting
+    return GainEvidence(MeasuredGain(law, outer, inner, 0.02, **more), prototype)
+
+
+def filtered(prototype: Prototype, frequency_Hz: float) -> Prototype:
+    return prototype.but(sensor=prototype.sensor.but(filter_Hz=frequency_Hz))
+
+
+def test_crossings_of_a_third_order_lag_and_of_a_conditionally_stable_loop():
+    """s^3 + 2 xi s^2 + s + K by Routh: K = 2 xi at w = 1; s^3 + K (s + 1)^2: K = 1/2 at w = 1."""
+    xi = 0.3
+    valve = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, -2 * xi]])
+    unit = np.array([0.0, 0.0, 1.0])
+    (found,) = phase_crossings(valve, unit, np.array([-1.0, 0.0, 0.0]))
+    assert found == pytest.approx((2 * xi, 1.0), rel=1e-12)
+    triple = np.diag([1.0, 1.0], 1)
+    (found,) = phase_crossings(triple, unit, np.array([-1.0, -2.0, -1.0]))
+    assert found == pytest.approx((0.5, 1.0), rel=1e-12)
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("filter_Hz", [None, 400.0])
+def test_without_effects_the_gain_is_that_of_the_exact_loop(believed: Prototype, setting, filter_Hz: float | None):
+    rig = believed.but(sensor=believed.sensor.but(filter_Hz=filter_Hz))
+    placement = NOTHING.placement(rig)
+    found = taken(rig, setting).predicted(placement, np.zeros(len(placement.unknowns)))
+    assert (found.gain, found.frequency / tau) == pytest.approx(exact(rig, setting), rel=1e-9)
+
+
+def test_a_valve_that_drives_a_free_tip_has_the_closed_form(believed: Prototype):
+    """Stiff oil, a beam that holds the rod and one that holds nothing: K = 2 xi omega_n A / (K_q F) by Routh."""
+    rig = believed.but(
+        outer_beam=Beam(stiffness_N_per_m=1e-3, effective_mass_kg=1e-6, damping_ratio=0.05),
+        inner_beam=Beam(stiffness_N_per_m=1e15, effective_mass_kg=1.0, damping_ratio=0.05),
+        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1e12),
+        servovalve=Servovalve(
+            flow_gain_m3_per_s_per_A=1.13e-2, leakage_m3_per_s_per_Pa=0.0, natural_frequency_Hz=150.0, damping_ratio=0.4
+        ),
+    )
+    placement = NOTHING.placement(rig)
+    found = taken(rig, SETTINGS[0]).predicted(placement, np.zeros(len(placement.unknowns)))
+    assert found.gain == pytest.approx(2 * 0.4 * tau * 150 * 1.13e-4 / (1.13e-2 * 1180), rel=1e-6)
+    assert found.frequency == pytest.approx(tau * 150, rel=1e-6)
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_the_lag_of_the_sensor_is_the_filter_of_the_exact_loop(believed: Prototype, setting):
+    placement = together("sensor_lag").placement(believed)
+    found = taken(believed, setting).predicted(placement, np.zeros(len(placement.unknowns)))
+    assert (found.gain, found.frequency / tau) == pytest.approx(exact(filtered(believed, 400.0), setting), rel=1e-9)
+
+
+@pytest.mark.parametrize("asymmetry", [0.121, -0.121])
+def test_of_unequal_sides_the_smaller_one_governs(believed: Prototype, asymmetry: float):
+    """The speed per flow is that of the smaller side at worst, as if the flow gain were so much higher."""
+    placement = together("unequal_piston_areas").placement(believed)
+    z = np.array([u.z(asymmetry) if u.name.startswith("unequal") else 0.0 for u in placement.unknowns])
+    valve = believed.servovalve
+    faster = believed.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=valve.flow_gain_m3_per_s_per_A / 0.879))
+    for setting in SETTINGS:
+        found = taken(believed, setting).predicted(placement, z)
+        assert found.gain == pytest.approx(exact(faster, setting)[0], rel=2e-3)  # sides are unequal in the oil, too
+
+
+@pytest.mark.parametrize(
+    ("effect", "amplitude_m"), [("valve_deadband", 2e-3), ("seal_friction", 5e-3), ("joint_backlash", 5e-3)]
+)
+def test_large_oscillations_leave_deadband_friction_and_play_behind(
+    believed: Prototype, effect: str, amplitude_m: float
+):
+    """The gain at which the nonlinear loop oscillates that far, by harmonic balance, is the one taken for the onset."""
+    law = PROPORTIONAL
+    sizes = {"joint_backlash": {"play_m": 5e-6}, "seal_friction": {"coulomb_N": 20.0}}.get(effect, {})
+    placement = together(effect).placement(believed)
+    z = np.array([u.z(sizes[key]) if (key := u.name.split(".")[-1]) in sizes else 0.0 for u in placement.unknowns])
+    onset = taken(believed, (law, 0.0, 0.0)).predicted(placement, z)
+    rig = believed.but(controller=law, effects={effect: sizes})
+    (cycle,) = limit_cycles(rig, [amplitude_m], harmonics=3)
+    assert cycle.gain_A_per_V == pytest.approx(onset.gain, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        (),
+        ("sensor_lag", "unequal_piston_areas"),
+        ("second_beam_mode", "uneven_leakage"),
+        ("mount_compliance", "joint_backlash"),
+        ("entrained_air", "transport_delay"),
+        ("seal_friction", "parameter:flow_gain"),
+    ],
+)
+def test_derivatives_are_those_of_the_prediction(believed: Prototype, names: tuple[str, ...]):
+    placement = together(*names).placement(believed)
+    z = 0.1 * np.cos(np.arange(len(placement.unknowns)))
+    quiet = PROPORTIONAL.but(gain_A_per_V=0.005)
+    flat = FrequencyResponse("flat", LINES, np.full(40, 1e-6 + 0j), True, 1.0, 0.0, 0.0, quiet)
+    for piece in (taken(believed, SETTINGS[3], frequency_Hz=100.0), response_evidence(flat, believed)):
+        residual, slopes = piece.linearised(placement, z)
+        assert residual == pytest.approx(piece.residual(placement, z), abs=1e-12)
+        for k in range(len(z)):
+            step = 2e-4 * np.eye(len(z))[k]
+            ends = [piece.residual(placement, z + side * step) for side in (1, -1, 2, -2)]
+            slope = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * 2e-4)
+            assert slopes[:, k] == pytest.approx(slope, rel=1e-5, abs=1e-5 * np.abs(slopes).max())
+
+
+def test_a_factor_on_the_loop_gain_is_worth_its_own_size(believed: Prototype):
+    """K goes with 1/F: the residual, in units of 2 %, moves by the tolerance over 2 % per standard deviation."""
+    placement = NOTHING.placement(believed)
+    _, slopes = taken(believed, SETTINGS[1]).linearised(placement, np.zeros(len(placement.unknowns)))
+    names = [u.name for u in placement.unknowns]
+    assert slopes[0, names.index("sensor_gain")] == pytest.approx(0.005 / 0.02, rel=1e-6)
+    assert slopes[0, names.index("flow_gain")] == pytest.approx(0.05 / 0.02, rel=1e-6)
+
+
+def test_units_of_a_gain_and_of_its_frequency(believed: Prototype):
+    gain, frequency = exact(believed, SETTINGS[0])
+    placement = NOTHING.placement(believed)
+    nominal = np.zeros(len(placement.unknowns))
+    law = PROPORTIONAL.but(gain_A_per_V=1.04 * gain)
+    piece = taken(believed, (law, 0.0, 0.0), frequency_Hz=0.97 * frequency)
+    assert piece.residual(placement, nominal) == pytest.approx([log(1.04) / 0.02, log(0.97) / FREQUENCY_STD], rel=1e-6)
+    assert piece.expected == 2
+    assert taken(believed, (law, 0.0, 0.0)).residual(placement, nominal) == pytest.approx([log(1.04) / 0.02], rel=1e-6)
+
+
+def test_a_loop_without_gain_makes_no_prediction(believed: Prototype):
+    """A valve that passes nothing closes no loop."""
+    placement = NOTHING.placement(believed)
+    z = np.zeros(len(placement.unknowns))
+    z[[u.name for u in placement.unknowns].index("flow_gain")] = -1e5
+    piece = taken(believed, SETTINGS[0])
+    assert piece.predicted(placement, z) is None
+    assert piece.residual(placement, z) is None
+    assert piece.linearised(placement, z) is None
+
+
+def response(
+    prototype: Prototype, break_Hz: float, setting: tuple[Controller, float, float], noise: float = 0.0, seed: int = 0
+) -> FrequencyResponse:
+    """What a sensor with a filter shows of the exact loop's compliance."""
+    law, outer, inner = setting
+    rig = filtered(prototype, break_Hz).but(controller=law, payload=Payload(inner_end_mass_kg=inner))
+    seen = loop(rig).at(outer).compliance_response(LINES) / (1 + 1j * LINES / break_Hz)
+    rng = np.random.default_rng(seed)
+    spread = np.exp(noise * (rng.normal(size=len(LINES)) + 1j * rng.normal(size=len(LINES))))
+    return FrequencyResponse(f"response-{seed}", LINES, seen * spread, True, 20.0, outer, inner, law)
+
+
+@pytest.mark.parametrize("setting", [SETTINGS[0], (LAG, 6.8, 4.4)])
+def test_responses_are_those_of_the_exact_loop(believed: Prototype, setting):
+    exactly = response(believed, 400.0, setting)
+    piece = response_evidence(exactly, believed)
+    placement = together("sensor_lag").placement(believed)
+    nominal = np.zeros(len(placement.unknowns))
+    assert np.abs(piece.predicted(placement, nominal) / exactly.response - 1).max() < 1e-9
+    assert np.abs(piece.residual(placement, nominal)).max() < 1e-6
+    amount = response_evidence(replace(exactly, response=np.abs(exactly.response), has_phase=False), believed)
+    assert np.abs(amount.residual(placement, nominal)).max() < 1e-6
+    assert len(amount.residual(placement, nominal)) == len(LINES)
+
+
+def test_an_unstable_loop_has_no_response(believed: Prototype):
+    piece = response_evidence(response(believed, 400.0, SETTINGS[0]), believed)
+    placement = NOTHING.placement(believed)
+    loud = replace(piece, measured=replace(piece.measured, controller=PROPORTIONAL.but(gain_A_per_V=0.03)))
+    assert loud.residual(placement, np.zeros(len(placement.unknowns))) is None
+
+
+def test_noise_of_a_response_is_read_off_its_lines_and_leaves_the_misfit_that_is_expected(believed: Prototype):
+    placement = together("sensor_lag").placement(believed)
+    nominal = np.zeros(len(placement.unknowns))
+    found, misfits = [], []
+    for seed in range(12):
+        noisy = response(believed, 400.0, SETTINGS[1], 0.03, seed)
+        found.append(float(np.median(scatter(noisy))))
+        piece = response_evidence(noisy, believed)
+        misfits.append(float(np.sum(piece.residual(placement, nominal) ** 2)) / piece.expected)
+    assert np.mean(found) == pytest.approx(0.03, rel=0.3)
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.35)
+    assert not scatter(replace(noisy, frequencies_Hz=LINES[:4], response=noisy.response[:4])).any()
+
+
+def rig_with_lag(believed: Prototype, break_Hz: float, seed: int, responses: Sequence[float] = ()) -> Dataset:
+    """Four gains, 2 % noise, and responses with 1 % noise at shares of the critical gains, of a rig with a filter."""
+    rng, true = np.random.default_rng(seed), filtered(believed, break_Hz)
+    gains, curves = [], []
+    for law, outer, inner in SETTINGS:
+        gain = exact(true, (law, outer, inner))[0] * np.exp(0.02 * rng.normal())
+        gains.append(MeasuredGain(law.but(gain_A_per_V=gain), outer, inner, 0.02))
+    for k, share in enumerate(responses):
+        law, outer, inner = SETTINGS[(0, 1, 3)[k % 3]]
+        quiet = law.but(gain_A_per_V=share * gains[(0, 1, 3)[k % 3]].gain)
+        curves.append(response(believed, break_Hz, (quiet, outer, inner), 0.01, seed + k))
+    return Dataset("made up", Path(), believed, (), tuple(curves), tuple(gains))
+
+
+SUSPECTS = ("sensor_lag", "transport_delay", "unequal_piston_areas", "valve_deadband", "parameter:flow_gain")
+
+
+@pytest.fixture(scope="module")
+def found_lag() -> GainDiagnosis:
+    from beamdesign.paper.rig import paper_prototype
+
+    believed = paper_prototype().but(tolerance=TOLERANCE)
+    return explain_gains(rig_with_lag(believed, 400.0, 1, (0.4, 0.4, 0.4, 0.7, 0.2)), among=SUSPECTS)
+
+
+def test_a_lag_is_found_from_gains_and_responses(found_lag: GainDiagnosis):
+    assert found_lag.verdict == "effect"
+    assert found_lag.chosen == ("sensor_lag",)
+    assert found_lag.where.subsystem == "sensor"
+    assert found_lag.causes[0].name == "sensor_lag"
+    assert found_lag.causes[0].probability > 0.95
+    estimate = found_lag.causes[0].parameters["break_Hz"]
+    assert abs(estimate.value - 400.0) < 3 * estimate.std < 60.0
+    assert found_lag.gap.after < 0.04 < 0.1 < found_lag.gap.before
+    assert found_lag.gap.closed > 0.9
+    assert found_lag.prototype.effects["sensor_lag"]["break_Hz"] == pytest.approx(estimate.value)
+    assert "valve_deadband" in found_lag.silent
+    assert found_lag.next_experiment is None
+
+
+def test_gains_alone_leave_the_same_rig_open(paper: Prototype):
+    """What four gains say of a filter a delay says as well."""
+    found = explain_gains(rig_with_lag(paper.but(tolerance=TOLERANCE), 150.0, 2), among=SUSPECTS)
+    assert found.verdict == "ambiguous"
+    (rivals,) = found.classes
+    assert {"sensor_lag", "transport_delay"} <= set(rivals)
+    assert found.chosen == ()
+    assert found.next_experiment is not None
+    assert found.next_experiment.separation > 0
+    assert found.next_experiment.settings["kind"] in ("critical_gain", "frequency_response")
+    total = found.probability_unknown + sum(p for _, p in found.ranked)
+    assert 0.9 < total <= 1 + 1e-9
+
+
+def test_a_sound_rig_has_no_gap(believed: Prototype):
+    found = explain_gains(rig_with_lag(believed, 1e6, 3), among=SUSPECTS)
+    assert found.verdict == "no_gap"
+    assert found.chosen == ()
+    assert found.where.subsystem == ""
+
+
+def test_gains_that_nothing_explains_are_said_to_be_unknown(believed: Prototype):
+    sound = rig_with_lag(believed, 1e6, 3)
+    factors = (3.0, 0.25, 3.5, 0.3)
+    odd = tuple(
+        replace(g, controller=g.controller.but(gain_A_per_V=f * g.gain))
+        for g, f in zip(sound.gains, factors, strict=True)
+    )
+    found = explain_gains(replace(sound, gains=odd), among=SUSPECTS)
+    assert found.verdict == "unknown"
+    assert found.probability_unknown > 0.9
+    assert found.chosen == ()
+
+
+def test_nothing_to_explain_is_refused(believed: Prototype):
+    with pytest.raises(ValueError, match="neither critical gains nor frequency responses"):
+        explain_gains(Dataset("empty", Path(), believed))
+
+
+def test_laplace_agrees_with_quadrature(believed: Prototype):
+    """Marginal likelihood of a lag from four gains: over its break on a grid, over the tolerances in closed form.
+
+    For a break held fixed the logarithms of gains are near linear in the figures, so that they are Gaussian with
+    covariance J J' + 1 (C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning (2006), ch. 2).
+    """
+    pieces = [GainEvidence(g, believed) for g in rig_with_lag(believed, 250.0, 5).gains]
+    hypothesis = together("sensor_lag")
+    placement = hypothesis.placement(believed)
+    (begin,) = starts(placement, {}, pieces, 1)
+    best = fit(hypothesis, placement, pieces, begin)
+    break_at = [u.name for u in placement.unknowns].index("sensor_lag.break_Hz")
+    others = [k for k in range(len(placement.unknowns)) if k != break_at]
+    grid = np.linspace(-4, 4, 81)
+    logs = []
+    for value in grid:
+        z = best.z.copy()
+        z[break_at] = value
+        rows = [piece.linearised(placement, z) for piece in pieces]
+        r, j = np.concatenate([a for a, _ in rows]), np.vstack([b for _, b in rows])[:, others]
+        mean = r - j @ z[others]  # at the centre of the prior of the figures
+        covariance = np.eye(4) + j @ j.T
+        logs.append(-0.5 * (mean @ np.linalg.solve(covariance, mean) + np.linalg.slogdet(covariance)[1] + value**2))
+    whole = np.log(np.sum(np.exp(logs)) * (grid[1] - grid[0]) / np.sqrt(2 * pi))
+    assert marginal_likelihood(best, 1.0) == pytest.approx(whole, abs=0.3)
+
+
+def test_one_common_factor_by_hand():
+    found = common_factor([2.0, 8.0], [1.0, 2.0], [0.1, 0.1])
+    assert found.factor == pytest.approx(8**0.5)
+    assert found.std == pytest.approx(8**0.5 * 0.1 / 2**0.5)
+    assert found.left == pytest.approx(log(2) / 2)
+    assert found.explained == pytest.approx(1 - (log(2) / 2) ** 2 / ((log(2) ** 2 + log(4) ** 2) / 2))
+    # A gain measured ten times better counts a hundred times as much.
+    assert common_factor([2.0, 8.0], [1.0, 2.0], [0.01, 0.1]).factor == pytest.approx(2 ** (1 + 1 / 101))
+    with pytest.raises(ValueError, match="0 gains"):
+        common_factor([], [], [])
+
+
+def test_shares_are_the_means_over_both_orders_and_add_up(believed: Prototype):
+    data = rig_with_lag(believed, 250.0, 5)
+    found = gain_shares([GainEvidence(g, believed) for g in data.gains])
+    assert sum(s.share for s in found.shares) == pytest.approx(found.total, abs=1e-12)
+    model = np.array([exact(believed, s)[0] for s in SETTINGS])
+    lagged = np.array([exact(filtered(believed, 400.0), s)[0] for s in SETTINGS])
+    measured = np.array([g.gain for g in data.gains])
+    assert found.total == pytest.approx(np.mean(np.log(measured / model)), abs=1e-9)
+    assert found.shares[0].alone == pytest.approx(np.mean(np.log(lagged / model)), abs=1e-9)
+    (lag, sides, _) = found.shares
+    both_orders = [lag.alone, found.together - sides.alone]
+    assert lag.share == pytest.approx(np.mean(both_orders), abs=1e-12)
+
+
+def test_rivals_that_predict_the_same_are_not_separated(believed: Prototype):
+    data = rig_with_lag(believed, 150.0, 2)
+    pieces = [GainEvidence(g, believed) for g in data.gains]
+
+    def fitted(name: str) -> object:
+        hypothesis = Hypothesis((name,))
+        placement = hypothesis.placement(believed)
+        return fit(hypothesis, placement, pieces, starts(placement, {}, pieces, 1)[0])
+
+    flow, sensor, delay = (fitted(n) for n in ("parameter:flow_gain", "parameter:sensor_gain", "transport_delay"))
+    heard = [taken(believed, s, frequency_Hz=exact(believed, s)[1]) for s in SETTINGS]
+    found = separations(heard, [flow, sensor, delay])
+    assert found[0, 1] < 0.1
+    assert found[0, 2] > 10 * found[0, 1]
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the open data sets are not here")
+def test_with_gains_beside_a_record_the_lag_stays_first():
+    data = read_dataset(SHARED)
+    data = replace(data, records=data.records[:1])
+    pieces = evidence_of(data)
+    assert len(pieces) == 5
+
+    def likelihood(name: str, some: Sequence[object]) -> float:
+        hypothesis = Hypothesis((name,)) if name else NOTHING
+        placement = hypothesis.placement(data.prototype)
+        (begin,) = starts(placement, {}, some, 1)
+        return marginal_likelihood(fit(hypothesis, placement, some, begin), 1.0)
+
+    names = ("sensor_lag", "", "transport_delay")
+    alone = {name: likelihood(name, record_evidence(data)) for name in names}
+    with_gains = {name: likelihood(name, pieces) for name in names}
+    assert max(alone, key=alone.__getitem__) == "sensor_lag"
+    assert max(with_gains, key=with_gains.__getitem__) == "sensor_lag"
