@@ -179,7 +179,7 @@ def test_amended_prototype_simulates_as_the_fit_does(lagged):
     placement = hypothesis.placement(lagged.prototype)
     z = np.linspace(-1.0, 1.0, len(placement.unknowns))
     rig = amended(lagged.prototype, Fit(hypothesis, placement.unknowns, z, 0.0, (Share(0.0, z, np.eye(len(z))),)))
-    base = {name: value for name, value in figures(lagged.prototype).items()}
+    base = figures(lagged.prototype)
     moved = figures(rig)
     for k, unknown in enumerate(placement.unknowns):
         if unknown.name in moved and not unknown.name.endswith("damping"):
