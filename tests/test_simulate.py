@@ -252,7 +252,8 @@ def test_csv_inputs_are_checked_and_replayed(tmp_path: Path, lag: Prototype):
 
 def test_command_writes_records_and_answers_with_its_status(tmp_path: Path):
     arguments = ["simulate", str(ROOT / "studies/prototypes/paper_remedy.toml"), "--out", str(tmp_path / "out")]
-    arguments += ["--scenario", str(ROOT / "studies/scenarios/kick.toml"), "--no-plots", "--json", str(tmp_path / "a.json")]
+    arguments += ["--scenario", str(ROOT / "studies/scenarios/kick.toml"), "--json", str(tmp_path / "a.json")]
+    arguments += ["--no-plots"]
     ran = CliRunner().invoke(app, arguments)
     assert ran.exit_code == 1
     answer = json.loads((tmp_path / "a.json").read_text())
