@@ -23,6 +23,7 @@ _SATURATION_LEVELS = 24
 _TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
 _UNSEEN = 1e-6  # of the largest power of a line
 _BREAKS_HZ = (0.05, 2000.0)
+_LEFT = 0.05  # residual that saturation may leave and be believed
 _SEEN = 0.01  # residual from which it is worth explaining
 
 
@@ -121,7 +122,7 @@ def controller_fit(record: TimeRecord, sensor_gain: float, controller: Controlle
     delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
     lag, with_lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
     limit, with_limit = _saturated(current, asked)
-    if residual < max(_TRUSTED * with_limit, _SEEN):
+    if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, noise):
         limit, with_limit = None, residual
     return ControllerFit(
         record.name,

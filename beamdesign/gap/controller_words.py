@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from beamdesign.gap.caution import Caution
-from beamdesign.gap.controller_equation import ControllerFit, Rival, refitted, rivals
+from beamdesign.gap.controller_equation import ControllerFit, Rival, demanded, refitted, rivals
 from beamdesign.gap.dataset import TimeRecord
 from beamdesign.prototype import Controller, Lag, Prototype
 
@@ -17,6 +17,7 @@ _HOPELESS = 0.5
 _EXPLAINED = 0.25  # of the residual may remain
 _SAME_GAIN = 0.02
 _OFFSET = 0.2
+_MOST = 0.6
 
 
 def contradictions(
@@ -72,14 +73,14 @@ def _others(record: TimeRecord, records: Sequence[TimeRecord], prototype: Protot
 def _verdict(
     record: TimeRecord, fit: ControllerFit, others: Mapping[Controller, str], prototype: Prototype, common: bool
 ) -> Caution:
-    if fit.limit_A is not None:
-        text = f"the current saturates at {fit.limit_A:.3g} A"
-        return Caution("saturated_current", record.name, text)
     enough = _EXPLAINED * fit.residual
     gain = prototype.sensor.gain_V_per_m
     known = rivals(record, gain, ((words, controller) for controller, words in others.items()))
-    if known and known[0].residual < min(enough, DISOBEDIENT):
+    if known and known[0].residual < min(enough, DISOBEDIENT, fit.with_limit):
         return _contradicts(record, fit, known[0])
+    if fit.limit_A is not None:
+        text = f"the current saturates at {fit.limit_A:.3g} A"
+        return Caution("saturated_current", record.name, text)
     if fit.with_gain < enough:
         words = f"the current is {fit.gain:.3g} times what the stated controller gives"
         if common:
@@ -97,8 +98,21 @@ def _verdict(
     if fit.residual > _HOPELESS:
         text = f"contradicts its controller: {text}; do the columns belong to one run?"
         return Caution("controller", record.name, text, left_out=True, limits_confidence=True)
-    text += ": something between sensor and valve is not in the model"
+    line = _line(record, gain)
+    text += (
+        f", most of that at {line:.3g} Hz: hum" if line else ": something between sensor and valve is not in the model"
+    )
     return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
+
+
+def _line(record: TimeRecord, sensor_gain: float) -> float | None:
+    """Frequency (Hz) that carries most of what the equation leaves, if one does."""
+    left = record.measured["current_A"] - demanded(record, record.controller, sensor_gain)
+    power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
+    peak = int(np.argmax(power))
+    if power[max(peak - 2, 0) : peak + 3].sum() < _MOST * power.sum():
+        return None
+    return float(np.fft.rfftfreq(len(left), record.step)[peak])
 
 
 def _late(record: TimeRecord, fit: ControllerFit) -> Caution:

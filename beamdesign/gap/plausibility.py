@@ -51,7 +51,7 @@ def examine(data: Dataset) -> Examination:
     """
     warnings: list[Caution] = []
     records = _usable(data.records, sound_records.signals, warnings)
-    _refuse_misread(data, records)
+    warnings += _refuse_misread(data, records)
     records = _usable(records, lambda r: sound_records.suitability(r, data.prototype), warnings)
     found = sound_records.twins(records)
     warnings += found
@@ -103,8 +103,8 @@ def _half_gone(records: Sequence[TimeRecord], warnings: Sequence[Caution]) -> li
     return [*warnings, Caution("few_records", "", text, limits_confidence=True)]
 
 
-def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> None:
-    """Refuse a set of which a column, read otherwise, would make sense."""
+def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> list[Caution]:
+    """Refuse a set of which a column, read otherwise, would make sense; warn where a rig might do that too."""
     refused: dict[str, tuple[Reading, ...]] = {}
     doubtful: dict[str, tuple[Reading, ...]] = {}
     for record in records:
@@ -112,13 +112,16 @@ def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> None:
             continue
         found = other_readings(record, data.prototype)
         if found:
-            (refused if found[0].coarse else doubtful)[record.name] = found
+            (refused if found[0].sure else doubtful)[record.name] = found
     # A small factor (pounds for newtons) is believed where no record with that input speaks against it.
     alike = [r.name for r in records if r.excitation in ("disturbance", "both")]
     if doubtful and all(name in doubtful or name in refused for name in alike):
         refused |= doubtful
     if not refused:
-        return
+        return [
+            Caution("units", name, f"{found[0].key}: perhaps {found[0].words}", limits_confidence=True)
+            for name, found in doubtful.items()
+        ]
     sources = {record.name: record.source or record.name for record in records}
     problems = []
     for name, readings in refused.items():

@@ -31,6 +31,7 @@ _FAR, _UNLIKE = log(3.0), 0.3  # beyond which a record is not taken as it stands
 _NEAR, _ALIKE = log(2.0), 0.6  # within which another reading is believed
 _NEAR_EQUATION, _ALIKE_EQUATION = log(1.12), 0.9
 _COARSE = 12.0  # a factor that is believed though the current saturates
+_SURE = 0.2  # fault of a reading that leaves next to nothing to explain
 _FEWEST = 16
 
 
@@ -74,6 +75,11 @@ class Reading:
     words: str
     factor: float = 1.0
     fault: float = 0.0
+
+    @property
+    def sure(self) -> bool:
+        """Whether it may be believed of one record against all others."""
+        return self.coarse or self.fault < _SURE
 
     @property
     def coarse(self) -> bool:
@@ -133,12 +139,13 @@ def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, .
     if len(record.times) < _FEWEST:
         return ()
     view = View(record, prototype)
-    for candidates, saturated in ((_single, False), (_double, False), (_single, True)):
+    compared = _loop(view) is not None
+    for candidates, bent in ((_single, False), (_double, False), (_single, True)):
         found = []
         for reading, changed in candidates(view):
-            if saturated and not reading.coarse:
+            if bent and not reading.coarse:
                 continue
-            fault = _fault(changed(), saturated)
+            fault = _fault(changed(), bent, compared)
             if fault is not None:
                 found.append(replace(reading, fault=fault))
         if found:
@@ -147,15 +154,22 @@ def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, .
     return ()
 
 
-def _fault(view: View, saturated: bool) -> float | None:
-    """How far a view is from equation and loop; None where it is too far to be believed."""
+def _fault(view: View, bent: bool, compared: bool) -> float | None:
+    """How far a view is from equation and loop; None where it is too far to be believed.
+
+    Args:
+        view: read in one way.
+        bent: whether the current may saturate and the gap be a large one.
+        compared: whether the record as it stands has a believed loop to be compared with; then a reading under which
+            that loop is unstable explains nothing.
+    """
     equation = _equation(view)
-    if not equation.within(*((_NEAR, _ALIKE) if saturated else (_NEAR_EQUATION, _ALIKE_EQUATION))):
+    if not equation.within(*((_NEAR, _ALIKE) if bent else (_NEAR_EQUATION, _ALIKE_EQUATION))):
         return None
     loop = _loop(view)
     if loop is None:
-        return equation.fault + 1
-    if not all(part.within(_NEAR, _ALIKE) for part in loop):
+        return None if compared else equation.fault + 1
+    if not all(part.within(*((_FAR, _UNLIKE) if bent else (_NEAR, _ALIKE))) for part in loop):
         return None
     return equation.fault + 0.2 * sum(part.fault for part in loop)
 
