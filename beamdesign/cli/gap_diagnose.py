@@ -1,6 +1,7 @@
 """`beamdesign gap diagnose`: where a built rig differs from its prototype, why, and how far the gap closes."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,6 +10,7 @@ import typer
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
+    from beamdesign.gap.designer_terms import LoopTerms
     from beamdesign.gap.diagnosis import Diagnosis
 
 INTERRUPTED = 130
@@ -22,9 +24,12 @@ def diagnose(
         typer.Option(
             metavar="DIR",
             callback=folder_to_write,
-            help="Folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis in this folder.",
+            help="Folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here.",
         ),
     ] = None,
+    redesign: Annotated[
+        bool, typer.Option("--redesign", help="Tune and prove a controller for the diagnosed prototype as well.")
+    ] = False,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that fit at the same time.")] = 2,
     json: JsonOption = None,
 ) -> None:
@@ -37,35 +42,57 @@ def diagnose(
     from beamdesign.gap.dataset_index import index_of
 
     folder = out or Path(f"{index_of(dataset).resolve().parent.name}.diagnosis")
-    _diagnose(dataset, folder, workers, json)
+    _diagnose(dataset, folder, redesign, workers, json)
 
 
-def _diagnose(dataset: Path, folder: Path, workers: int, json: Path | None) -> None:
+def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path | None) -> None:
     from beamdesign.gap.dataset import read_dataset
+    from beamdesign.gap.designer_terms import designer_terms, loop_terms
     from beamdesign.gap.diagnose import diagnose as engine
-    from beamdesign.gap.diagnosis_fields import diagnosis_fields
     from beamdesign.gap.kept_fits import kept_fits
-    from beamdesign.prototype import write_prototype
+    from beamdesign.report.gap_folder import write_gap_folder
+    from beamdesign.study.redesign import redesign
 
     data = read_dataset(dataset)
     kept = kept_fits(folder / "fits", data)
+    renewed = None
     try:
         with progress("diagnosing") as update:
             found = engine(data, workers, update, kept)
+        say_diagnosis(found)
+        terms = designer_terms(data, found.prototype)
+        if renew:
+            with progress("redesigning") as update:
+                renewed = redesign(found.prototype, terms[0].outer_end_mass_kg, update)
+            new = renewed.prototype
+            if new is not None and new.controller is not None:
+                terms = (*terms, loop_terms(data, found.prototype, new.controller, new.payload.inner_end_mass_kg))
+        with progress("drawing"):
+            paths, fields = write_gap_folder(folder, found, data, terms, renewed)
     except KeyboardInterrupt:
         print(
             f"interrupted: {kept.count} fits are kept in {kept.folder}; the same command goes on from there",
             file=sys.stderr,
         )
         raise typer.Exit(INTERRUPTED) from None
-    paths = {name: folder / file for name, file in (("prototype", "prototype.toml"), ("json", "diagnosis.json"))}
-    write_prototype(found.prototype, paths["prototype"])
-    fields = diagnosis_fields(found) | {"prototype": paths["prototype"]}
-    say_diagnosis(found)
-    for target in (paths["json"], json):
-        write_json(target, fields)
+    _say_terms(terms, renewed is not None and renewed.prototype is not None)
+    if renewed is not None and renewed.reason:
+        say(f"no new controller: {renewed.reason}")
+    write_json(json, fields)
     for path in paths.values():
         say(str(path))
+    if renewed is None:
+        low, high = terms[0].outer_end_mass_kg
+        say(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+
+
+def _say_terms(terms: Sequence["LoopTerms"], renewed: bool) -> None:
+    from beamdesign.report.gap_tables import controller_text, terms_rows
+
+    for k, loop in enumerate(terms, start=1):
+        new = "new: " if renewed and k == len(terms) else ""
+        title = new + controller_text(loop.controller, loop.inner_end_mass_kg)
+        say_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
 
 
 def say_diagnosis(found: "Diagnosis") -> None:
@@ -87,7 +114,7 @@ def say_diagnosis(found: "Diagnosis") -> None:
             for cause in found.causes
         ]
         rows.append(("none that is known here", "", f"{found.probability_unknown:.1%}", "", ""))
-        say_table("causes", ("cause", "subsystem", "probability", "share of the gap", "figures"), rows)
+        say_table("causes", ("cause", "subsystem", "probability", "share", "figures"), rows)
         for cause in found.causes:
             if cause.name in found.chosen:
                 for flag in cause.flags:
@@ -108,6 +135,8 @@ def say_diagnosis(found: "Diagnosis") -> None:
 
 
 def _say_gap(found: "Diagnosis") -> None:
+    from beamdesign.report.gap_tables import closed_text
+
     gap = found.gap
     if not gap.records:
         return
@@ -117,10 +146,10 @@ def _say_gap(found: "Diagnosis") -> None:
     ]
     of_all = "held out" if any(record.held_out for record in gap.records) else "all"
     rows.append((f"{of_all} together", "", *map(_share, _errors(gap))))
-    columns = ("record", "", "as believed", "re-tuned", "with the cause", "noise alone")
-    say_table("prediction error over the signal's rms", columns, rows)
-    low, high = gap.closed_interval
-    say(f"closed: {gap.closed:.1%} of the explainable gap, 90 % interval {low:.1%} to {high:.1%}")
+    columns = ("record", "", "believed", "re-tuned", "with cause", "noise")
+    say_table("prediction error, per cent of the signal's rms", columns, rows)
+    low, high = (closed_text(value) for value in gap.closed_interval)
+    say(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
 
 
 def _errors(of: Any) -> tuple[float, float, float, float]:
@@ -128,4 +157,4 @@ def _errors(of: Any) -> tuple[float, float, float, float]:
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.3g} %"
+    return f"{100 * value:.3g}"

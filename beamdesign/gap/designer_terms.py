@@ -1,0 +1,141 @@
+"""A gap in the designer's terms: critical gain, bandwidth and proved payload range, as believed and as diagnosed."""
+
+from dataclasses import dataclass
+
+from beamdesign.gap.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.loop import critical_gain
+from beamdesign.proof.certificate import certify
+from beamdesign.prototype import Controller, Prototype
+from beamdesign.records import InputError
+
+MOST_LOOPS = 4
+
+
+@dataclass(frozen=True)
+class CriticalPoint:
+    """Where a loop oscillates at one outer end mass; exact for the linear model.
+
+    Attributes:
+        outer_end_mass_kg: at this mass.
+        gain_A_per_V: the least gain that makes it oscillate.
+        frequency_Hz: of the oscillation.
+    """
+
+    outer_end_mass_kg: float
+    gain_A_per_V: float
+    frequency_Hz: float
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What one prototype promises with one controller; proved in exact arithmetic, of its linear loops.
+
+    Attributes:
+        stable_ranges_kg: outer end masses, within the range asked for.
+        stable: whether that is the whole range.
+        bandwidth_Hz: guaranteed over the whole range; None where it is not stable.
+        peak_sensitivity: likewise.
+        critical: at both ends of the range; fewer where a loop oscillates at no gain.
+        scope: what of each effect is covered, in words.
+        reason: why there are no figures, in words; empty otherwise.
+    """
+
+    stable_ranges_kg: tuple[tuple[float, float], ...] = ()
+    stable: bool = False
+    bandwidth_Hz: float | None = None
+    peak_sensitivity: float | None = None
+    critical: tuple[CriticalPoint, ...] = ()
+    scope: tuple[str, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class LoopTerms:
+    """One controller and inner end mass, by the believed and by the diagnosed prototype.
+
+    Attributes:
+        controller: of the loop.
+        inner_end_mass_kg: kg.
+        outer_end_mass_kg: range over which everything is proved.
+        believed: before.
+        diagnosed: after.
+    """
+
+    controller: Controller
+    inner_end_mass_kg: float
+    outer_end_mass_kg: tuple[float, float]
+    believed: Terms
+    diagnosed: Terms
+
+
+def designer_terms(data: Dataset, diagnosed: Prototype) -> tuple[LoopTerms, ...]:
+    """Compare the loops of a data set, that of its prototype first.
+
+    Args:
+        data: with the prototype that was believed.
+        diagnosed: that prototype with the fitted figures and the causes found.
+    """
+    return tuple(loop_terms(data, diagnosed, *each) for each in loops_of(data)[:MOST_LOOPS])
+
+
+def loop_terms(data: Dataset, diagnosed: Prototype, controller: Controller, inner_end_mass_kg: float) -> LoopTerms:
+    """Compare one loop, by what was believed and by what was found."""
+    masses = payload_range(data)
+
+    def with_it(prototype: Prototype) -> Prototype:
+        # What else the payload says (such as a largest force) stays.
+        payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner_end_mass_kg)
+        return prototype.but(controller=controller, payload=payload, guarantee=None)
+
+    sides = (terms(with_it(prototype)) for prototype in (data.prototype, diagnosed))
+    return LoopTerms(controller, inner_end_mass_kg, masses, *sides)
+
+
+def payload_range(data: Dataset) -> tuple[float, float]:
+    """Of the prototype; else from none to the largest outer end mass of the data, or to the beam's own mass."""
+    if data.prototype.payload.outer_end_mass_kg is not None:
+        return data.prototype.payload.outer_end_mass_kg
+    taken: list[TimeRecord | FrequencyResponse | MeasuredGain] = [*data.records, *data.responses, *data.gains]
+    largest = max((each.outer_end_mass for each in taken), default=0.0)
+    return 0.0, largest or (data.prototype.outer_beam.effective_mass_kg or 1.0)
+
+
+def loops_of(data: Dataset) -> list[tuple[Controller, float]]:
+    """Controllers with their inner end masses: the prototype's own, then those of the records, the most used first."""
+    uses: dict[tuple[Controller, float], int] = {}
+    if data.prototype.controller is not None:
+        uses[data.prototype.controller, data.prototype.payload.inner_end_mass_kg] = 10**6
+    recorded: list[TimeRecord | FrequencyResponse] = [*data.records, *data.responses]
+    for taken in recorded:
+        key = (taken.controller, taken.inner_end_mass)
+        uses[key] = uses.get(key, 0) + 1
+    if not uses:
+        for gain in data.gains:
+            uses.setdefault((gain.controller, gain.inner_end_mass), 1)
+    return sorted(uses, key=lambda key: -uses[key])
+
+
+def terms(prototype: Prototype) -> Terms:
+    """Prove what a prototype with controller and payload range promises."""
+    assert prototype.payload.outer_end_mass_kg is not None
+    masses = prototype.payload.outer_end_mass_kg
+    try:
+        certificate = certify(prototype, *masses)
+    except (InputError, ValueError, ArithmeticError) as error:
+        return Terms(reason=str(error).replace("\n", "; "))
+    critical = []
+    for mass in dict.fromkeys(masses):
+        try:
+            at = critical_gain(prototype, mass)
+        except (InputError, ValueError):
+            continue
+        critical.append(CriticalPoint(mass, at.gain_A_per_V, at.frequency_Hz))
+    guaranteed = certificate.guaranteed
+    return Terms(
+        tuple(certificate.stable_ranges_kg),
+        certificate.stable,
+        guaranteed.bandwidth_Hz if guaranteed else None,
+        guaranteed.peak_sensitivity if guaranteed else None,
+        tuple(critical),
+        certificate.scope,
+    )

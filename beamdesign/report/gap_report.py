@@ -1,0 +1,189 @@
+"""A diagnosis as one self-contained HTML page: no requests, both themes, fit for print."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from beamdesign.gap.dataset import Dataset
+from beamdesign.gap.designer_terms import LoopTerms
+from beamdesign.gap.diagnosis import Diagnosis
+from beamdesign.gap.evidence import record_evidence
+from beamdesign.gap.hypothesis import Hypothesis
+from beamdesign.gap.judgement import judge
+from beamdesign.gap.shrink import Errors, errors
+from beamdesign.loop import loop
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.report.gap_pictures import band_picture, compliance_picture, diverged, record_picture
+from beamdesign.report.gap_tables import (
+    HeatMap,
+    chosen_fit,
+    closed_text,
+    condition_text,
+    controller_text,
+    error_maps,
+    fitted_figures,
+    share_text,
+    terms_rows,
+    witness_table,
+)
+from beamdesign.report.quantity import decimal, mass_range_text
+from beamdesign.report.svg import inline_svg
+from beamdesign.study.redesign import Redesign
+
+VERDICTS = {
+    "no_gap": "no gap",
+    "effect": "cause found",
+    "ambiguous": "several causes explain it alike",
+    "unknown": "cause unknown",
+}
+_MOST_PICTURES = 12
+_LISTED = 8
+_BANDS = "Errors on the records that count, rms per band over the rms of the signal."
+
+
+@dataclass(frozen=True)
+class ShownPicture:
+    """A picture with its heading."""
+
+    name: str
+    markup: Markup
+
+
+def gap_report_html(
+    found: Diagnosis,
+    files: dict[str, str],
+    data: Dataset | None = None,
+    terms: tuple[LoopTerms, ...] = (),
+    renewed: Redesign | None = None,
+) -> str:
+    """The report of a diagnosis.
+
+    Args:
+        found: the diagnosis.
+        files: names of the files beside the report, by kind.
+        data: the data set, for pictures of its time records.
+        terms: what the loops promise before and after.
+        renewed: a controller tuned on the diagnosed prototype, where that was asked for.
+    """
+    fit = chosen_fit(found)
+    seen = _errors(found, data)
+    conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
+    witnesses = [(w, witness_table(w.table)) for w in found.where.witnesses]
+    held_out = {record.record for record in found.gap.records if record.held_out}
+    return _environment().get_template("gap_report.html").render(
+        found=found,
+        verdict=VERDICTS[found.verdict],
+        files=files,
+        maps=error_maps(seen, conditions) if seen else (),
+        witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in witnesses],
+        hypotheses=_hypotheses(found),
+        bands=_inline(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
+        records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
+        left_out=max(0, len(seen) - _MOST_PICTURES),
+        fitted=fitted_figures(fit) if fit is not None else (),
+        loops=[(controller_text(t.controller, t.inner_end_mass_kg), terms_rows(t), t) for t in terms],
+        scope=next((t.diagnosed.scope for t in terms if t.diagnosed.scope), ()),
+        compliance=_compliance(found, data, terms, renewed),
+        renewed=renewed,
+        renewed_text=_renewed_text(renewed),
+    )  # fmt: skip
+
+
+def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
+    """Of all time records, those that no fit has seen first."""
+    fit = chosen_fit(found)
+    if data is None or found.search is None or fit is None or not data.records:
+        return []
+    of_all = [errors(piece, data.prototype, found.search.null, fit) for piece in record_evidence(data)]
+    held_out = {record.record for record in found.gap.records if record.held_out}
+    return sorted(of_all, key=lambda e: e.name not in held_out)
+
+
+def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
+    state = "held out of every fit" if held_out else "seen by the fits"
+    lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
+    note = f"; the {' and the '.join(lost)} model diverges" if lost else ""
+    caption = (
+        f"{of.name}, {state}{note}. Left: where the believed model is furthest off. Right: rms in bands of the signal"
+        " (thick) and of the errors, against the noise of the sensor."
+    )
+    return ShownPicture(of.name, _inline(record_picture(of), f"record{position}", caption))
+
+
+def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
+    """The most probable sets of causes: names, probability, and what each leaves of the gap."""
+    if found.search is None:
+        return []
+    judged = judge(found.search)
+    fits = {fit.hypothesis: fit for fit in (found.search.null, *found.search.fits)}
+    ranked: list[tuple[Hypothesis, float]] = sorted(judged.of.items(), key=lambda item: -item[1])
+    return [
+        (str(h), p, f"{100 * p:.1f} %", f"{100 * max(0.0, found.search.excess(fits[h])):.3g} %")
+        for h, p in ranked[:_LISTED]
+        if p > 1e-4
+    ]
+
+
+def _compliance(
+    found: Diagnosis, data: Dataset | None, terms: tuple[LoopTerms, ...], renewed: Redesign | None
+) -> Markup | None:
+    """At the least payload: the first loop as believed and as diagnosed, and the new one."""
+    if data is None or not terms:
+        return None
+    first = terms[0]
+    mass = first.outer_end_mass_kg[0]
+    prototypes: dict[str, Prototype] = {
+        name: prototype.but(
+            controller=first.controller,
+            payload=prototype.payload.but(inner_end_mass_kg=first.inner_end_mass_kg),
+            guarantee=None,
+        )
+        for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
+    }
+    if renewed is not None and renewed.prototype is not None:
+        prototypes["new controller, as diagnosed"] = renewed.prototype
+    try:
+        loops = {name: loop(prototype).at(mass) for name, prototype in prototypes.items()}
+    except (InputError, ValueError):
+        return None
+    words = (
+        f"Compliance with {mass:g} kg outside, of the linear loop:"
+        f" {controller_text(first.controller, first.inner_end_mass_kg)}."
+    )
+    if len(loops) > 2:
+        words += f" New: {_renewed_text(renewed)}."
+    return _inline(compliance_picture(loops, data.prototype.goal.compliance_m_per_N), "compliance", words)
+
+
+def _renewed_text(renewed: Redesign | None) -> str:
+    if renewed is None or renewed.prototype is None or renewed.prototype.controller is None:
+        return ""
+    return controller_text(renewed.prototype.controller, renewed.prototype.payload.inner_end_mass_kg)
+
+
+def _inline(figure: object, name: str, caption: str) -> Markup:
+    # The SVG writer escapes what it is given, so its output is markup.
+    svg = Markup(inline_svg(figure, name, caption))  # type: ignore[arg-type]
+    words = Markup("<figcaption>{}</figcaption>").format(caption)
+    return Markup('<figure id="{}">{}{}</figure>').format(f"figure-{name}", svg, words)
+
+
+def _figure(value: float, digits: int = 4) -> str:
+    """A figure of any size, large ones with an exponent."""
+    return decimal(value, digits) if abs(value) < 1e5 else f"{value:.{digits}g}"
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update({"share": share_text, "decimal": decimal, "figure": _figure, "closed": closed_text})
+    environment.filters["mass_range"] = mass_range_text
+    return environment

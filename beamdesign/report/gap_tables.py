@@ -1,0 +1,283 @@
+"""Tables and maps of a diagnosis, as rows of text and shares for a page to lay out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite, log10, tau
+
+import numpy as np
+
+from beamdesign.gap.dataset import TimeRecord
+from beamdesign.gap.designer_terms import LoopTerms, Terms
+from beamdesign.gap.diagnosis import Diagnosis
+from beamdesign.gap.fit import Fit
+from beamdesign.gap.shrink import BANDS_HZ, Errors
+from beamdesign.prototype import Controller, Lag
+from beamdesign.report.gap_pictures import in_bands
+from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, quantity
+
+_FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
+_WIDEST_Z = 5.0
+_TOLERATED_Z = 2.0
+_MOST_ROWS = 40
+_UNIT_OF = {
+    "outer_stiffness": "N/m",
+    "inner_stiffness": "N/m",
+    "outer_mass": "kg",
+    "inner_mass": "kg",
+    "outer_damping": "N s/m",
+    "inner_damping": "N s/m",
+    "oil_stiffness": "N/m",
+    "piston_area": "m2",
+    "flow_gain": "m3/s/A",
+    "leakage": "m3/s/Pa",
+    "valve_frequency": "Hz",
+    "valve_damping_ratio": "1",
+    "sensor_gain": "V/m",
+    "filter_frequency": "Hz",
+}
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """A table of shares whose cells are shaded.
+
+    Attributes:
+        title: above it.
+        columns: heads.
+        rows: label, more words about it, and cells of each: (text, shade from 0 to 1, words on hovering).
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, str, tuple[tuple[str, float, str], ...]], ...]
+
+
+@dataclass(frozen=True)
+class PlainTable:
+    """A table without shades."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def share_text(value: float) -> str:
+    """A share of the signal in per cent, to three digits."""
+    if not isfinite(value):
+        return "undefined"
+    return f"{decimal(100 * value, 3 if value >= 0.01 else 2)} %"
+
+
+def closed_text(value: float) -> str:
+    """The share of a gap that is gone, never rounded to the whole."""
+    if not isfinite(value):
+        return "undefined"
+    for digits in (1, 2, 3):
+        text = f"{100 * value:.{digits}f}"
+        if float(text) < 100:
+            break
+    return f"{text} %" if value < 1 and float(text) < 100 else ("nearly 100 %" if value < 1 else share_text(value))
+
+
+def condition_text(record: TimeRecord) -> str:
+    """What the rig was asked to do, in a few words."""
+    masses = f"{record.outer_end_mass:.3g} kg outside, {record.inner_end_mass:.3g} inside"
+    return f"{record.excitation}, {masses}, {quantity(record.controller.gain_A_per_V, 'A/V', 3)}"
+
+
+def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> tuple[HeatMap, ...]:
+    """Errors of each record in each band: as believed, and with the cause.
+
+    Args:
+        all_errors: of the records, in the order of the rows.
+        conditions: of each record by name, in words.
+    """
+    edges = np.array(BANDS_HZ)
+    names = tuple(f"{low:g} to {high:g}" for low, high in pairwise(edges))
+    found = []
+    for attribute, title in (("before", "as believed"), ("after", "with the cause")):
+        rows = []
+        for errors in all_errors:
+            values = in_bands(errors, getattr(errors, attribute), edges)
+            words = [f"{errors.name}, {name} Hz, {title}" for name in names]
+            rows.append(
+                (
+                    errors.name,
+                    conditions.get(errors.name, ""),
+                    tuple(_cell(float(v), w) for v, w in zip(values, words, strict=True)),
+                )
+            )
+        found.append(HeatMap(title, names, tuple(rows)))
+    return tuple(found)
+
+
+def _cell(value: float, words: str) -> tuple[str, float, str]:
+    text = decimal(100 * value, 2) if value >= 5e-5 else "0"
+    return text, shade(value), f"{words}: {share_text(value)}"
+
+
+def shade(value: float) -> float:
+    """From 0 to 1 in the logarithm, so that small errors show beside large ones."""
+    if value <= _FAINTEST:
+        return 0.0
+    return min(1.0, log10(value / _FAINTEST) / log10(_STRONGEST / _FAINTEST))
+
+
+def witness_table(table: Mapping[str, Sequence[object]]) -> HeatMap | PlainTable | None:
+    """What a witness has to show: a map where its rows are cells of a grid, else a table.
+
+    A grid has one column of figures, a pair of columns that end in `low_Hz` and `high_Hz` or a column `band`, and one
+    or two columns of words.
+    """
+    if not table or not next(iter(table.values())):
+        return None
+    low = next((name for name in table if name.endswith("low_Hz")), None)
+    high = next((name for name in table if name.endswith("high_Hz")), None)
+    columns = dict(table)
+    if low and high:
+        columns = {name: values for name, values in table.items() if name not in (low, high)}
+        columns["band"] = [f"{_text(a)} to {_text(b)}" for a, b in zip(table[low], table[high], strict=True)]
+    words = [name for name, values in columns.items() if name != "band" and all(isinstance(v, str) for v in values)]
+    figures = [name for name in columns if name not in words and name != "band"]
+    if "band" in columns and words and len(figures) == 1:
+        values = np.array([float(v) for v in columns[figures[0]]])  # type: ignore[arg-type]
+        heads = tuple(dict.fromkeys(str(v) for v in columns["band"]))
+        labels = [", ".join(str(columns[w][k]) for w in words) for k in range(len(values))]
+        largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+        cells: dict[str, dict[str, tuple[str, float, str]]] = {}
+        for k, label in enumerate(labels):
+            text = decimal(float(values[k]), 2) if isfinite(values[k]) else ""
+            strength = min(1.0, abs(float(values[k])) / largest) if isfinite(values[k]) else 0.0
+            hover = f"{label}, {columns['band'][k]} Hz: {figures[0]} {text}"
+            cells.setdefault(label, {})[str(columns["band"][k])] = (text, strength, hover)
+        rows = tuple((label, "", tuple(row.get(head, ("", 0.0, "")) for head in heads)) for label, row in cells.items())
+        return HeatMap(figures[0].replace("_", " "), heads, rows)
+    kept = tuple(name.replace("_", " ") for name in columns)
+    lines = zip(*columns.values(), strict=True)
+    return PlainTable(kept, tuple(tuple(_text(v) for v in line) for line in list(lines)[:_MOST_ROWS]))
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return decimal(float(value))
+    return str(value)
+
+
+@dataclass(frozen=True)
+class FittedFigure:
+    """A tolerated figure before and after, with its move in standard deviations of its tolerance.
+
+    Attributes:
+        name: in words.
+        believed: value.
+        fitted: value with its standard error.
+        z: move over the tolerance.
+        spread: standard error over the tolerance.
+        beyond: whether the move is more than two tolerances.
+        place: of z on a scale from 0 to 1, its middle 0.5 where nothing moved.
+        extent: of the standard error on that scale: from, to.
+    """
+
+    name: str
+    believed: str
+    fitted: str
+    z: float
+    spread: float
+    beyond: bool
+    place: float
+    extent: tuple[float, float]
+
+
+def chosen_fit(found: Diagnosis) -> Fit | None:
+    """The fit behind the written prototype."""
+    if found.search is None:
+        return None
+    names = tuple(sorted(found.chosen))
+    fits = [found.search.null, *found.search.fits]
+    return next((fit for fit in fits if fit.hypothesis.names == names and not fit.reason), found.search.null)
+
+
+def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
+    """Tolerated figures of a fit, those that moved most first."""
+    if fit.reason or not len(fit.z):
+        return ()
+    spreads = np.sqrt(np.diag(fit.covariance))
+    rows = []
+    for unknown, z, spread in zip(fit.unknowns, fit.z, spreads, strict=True):
+        if unknown.kind != "figure":
+            continue
+        value, error = unknown.value(z), abs(unknown.slope(z)) * float(spread)
+        rows.append(
+            FittedFigure(
+                unknown.name.replace("_", " "),
+                _shown(unknown.name, unknown.nominal),
+                _shown(unknown.name, value, error),
+                float(z),
+                float(spread),
+                abs(z) > _TOLERATED_Z,
+                _place(float(z)),
+                (_place(float(z - spread)), _place(float(z + spread))),
+            )
+        )
+    return tuple(sorted(rows, key=lambda row: -abs(row.z)))
+
+
+def _shown(name: str, value: float, error: float | None = None) -> str:
+    """A figure of the rig in the unit it is read in, with its error."""
+    unit = _UNIT_OF[name]
+    if name in ("valve_frequency", "filter_frequency"):
+        value, error = value / tau, None if error is None else error / tau
+    if error is None:
+        return quantity(value, unit)
+    text, words = quantity(value, unit), quantity(error, unit, 2)
+    number, _, shown = text.partition(" ")
+    return f"{number} ± {words.partition(' ')[0]} {shown}".rstrip()
+
+
+def _place(z: float) -> float:
+    return 0.5 + 0.5 * min(1.0, max(-1.0, z / _WIDEST_Z))
+
+
+def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
+    """A controller in one line."""
+    gain = quantity(controller.gain_A_per_V, "A/V")
+    law = f"lag {controller.pole_Hz:.4g}/{controller.zero_Hz:.4g} Hz" if isinstance(controller, Lag) else "proportional"
+    return f"{law} at {gain}, {inner_end_mass_kg:.3g} kg inside"
+
+
+def terms_rows(loop: LoopTerms) -> list[tuple[str, str, str]]:
+    """What is promised: figure, as believed, as diagnosed."""
+    masses = mass_range_text(loop.outer_end_mass_kg)
+    rows = [
+        ("proved stable outside", _ranges(loop.believed, masses), _ranges(loop.diagnosed, masses)),
+        (f"guaranteed bandwidth, {masses}", _bandwidth(loop.believed), _bandwidth(loop.diagnosed)),
+        (f"guaranteed peak sensitivity, {masses}", _peak(loop.believed), _peak(loop.diagnosed)),
+    ]
+    rows += [
+        (f"critical gain at {mass:g} kg", _critical(loop.believed, mass), _critical(loop.diagnosed, mass))
+        for mass in dict.fromkeys(loop.outer_end_mass_kg)
+    ]
+    return rows
+
+
+def _ranges(of: Terms, masses: str) -> str:
+    if of.reason:
+        return of.reason
+    if of.stable:
+        return f"all of {masses}"
+    return ", ".join(f"{low:.4g} to {high:.4g} kg" for low, high in of.stable_ranges_kg) or "nowhere"
+
+
+def _bandwidth(of: Terms) -> str:
+    return "none" if of.bandwidth_Hz is None else at_least(of.bandwidth_Hz, "Hz")
+
+
+def _peak(of: Terms) -> str:
+    return "none" if of.peak_sensitivity is None else at_most(of.peak_sensitivity, "1")
+
+
+def _critical(of: Terms, mass: float) -> str:
+    at = next((point for point in of.critical if point.outer_end_mass_kg == mass), None)
+    return "none" if at is None else f"{quantity(at.gain_A_per_V, 'A/V')} at {quantity(at.frequency_Hz, 'Hz')}"
