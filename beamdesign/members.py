@@ -19,6 +19,7 @@ from beamdesign.rig.effect import Operation, Span
 from beamdesign.rig.effects import library, problems
 from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 from beamdesign.rig.linearised import LinearAssembly, linear_assembly
+from beamdesign.rig.parameters import effect_parameters_of
 
 STANDARD_GRAVITY = 9.80665
 """m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass and the payload's
@@ -227,12 +228,9 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     if largest_outer_end_mass is None:
         largest_outer_end_mass = (prototype.payload.outer_end_mass_kg or (0.0, 0.0))[1]
     load = largest_outer_end_mass * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0)
-    supply = prototype.effects.get("pressure_dependent_flow", {}).get("supply_pressure_Pa", SUPPLY_PRESSURE_PA)
+    own = effect_parameters_of(prototype)
+    supply = own.get("pressure_dependent_flow", {}).get("supply_pressure_Pa", prototype.supply.pressure_Pa)
     operation = Operation(lumped, load, supply)
-    own = {
-        name: {q.name: float(prototype.effects[name].get(q.name, q.default)) for q in library()[name].parameters}
-        for name in sorted(prototype.effects)
-    }
     spans: dict[str, dict[str, Span]] = {}
     gains: list[Span] = []
     for name, parameters in own.items():

@@ -12,6 +12,7 @@ from beamdesign.proof.replay_box import Interval
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effect import Span
 from beamdesign.rig.effects import library
+from beamdesign.rig.parameters import effect_parameters_of
 
 Names = tuple[str, ...]
 
@@ -70,18 +71,15 @@ def effect_parameters(prototype: Prototype, largest_outer_end_mass: float | None
         rest, inside = whole.rest.gain.high, whole.members[0].gain
         found.freeze("effect_gain", Span(inside.low, inside.high, float(np.clip(rest, inside.low, inside.high))))
         found.factors = ("effect_gain",)
-    for name in sorted(prototype.effects):
+    own = effect_parameters_of(prototype)
+    for name in own:
         if name in _LAWS:
-            _LAWS[name](found, whole, _own(prototype, name))
+            _LAWS[name](found, whole, own[name])
         elif name not in gains and name != "uneven_leakage":
             found.left_out[name] = ""
     if "unequal_piston_areas" in prototype.effects:
         found.left_out["unequal_piston_areas"] = "its part in the leakage"
     return found
-
-
-def _own(prototype: Prototype, name: str) -> dict[str, float]:
-    return {q.name: float(prototype.effects[name].get(q.name, q.default)) for q in library()[name].parameters}
 
 
 def _lag(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:

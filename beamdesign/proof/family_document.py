@@ -14,7 +14,7 @@ from beamdesign.proof.rational import shortened, simple_between, text
 from beamdesign.proof.rectangle import Rectangle
 from beamdesign.proof.stability import Range, StabilityMap
 from beamdesign.prototype import Prototype
-from beamdesign.rig.effects import library
+from beamdesign.rig.parameters import effect_parameters_of
 
 KIND = "beamdesign.members"
 VERSION = 1
@@ -84,12 +84,11 @@ def effect_lines(prototype: Prototype) -> Iterator[str]:
     yield "# Parameters of the effects. Frequencies in Hz become rad/s by the factor two_pi."
     yield "[effects]"
     yield f'two_pi = "{text(exact(TWO_PI))}"'
-    for name in sorted(prototype.effects):
-        given = prototype.effects[name]
+    for name, table in effect_parameters_of(prototype).items():
         yield ""
         yield f"[effects.{name}]"
-        for parameter in library()[name].parameters:
-            yield f'{parameter.name} = "{text(exact(given.get(parameter.name, parameter.default)))}"'
+        for key, value in table.items():
+            yield f'{key} = "{text(exact(value))}"'
     yield ""
 
 

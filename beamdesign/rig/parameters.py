@@ -49,14 +49,22 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
         "pole": 2 * pi * controller.pole_Hz if isinstance(controller, Lag) else 1.0,
         "zero": 2 * pi * controller.zero_Hz if isinstance(controller, Lag) else 1.0,
     }
+    for name, table in effect_parameters_of(prototype).items():
+        values |= {f"{name}.{key}": value for key, value in table.items()}
+    return values
+
+
+def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:
+    """Parameters of a prototype's effects, sorted by name: as given, else the rig's own or the default."""
     # What an effect that is named alone takes from the rig itself.
     own = {"pressure_dependent_flow.supply_pressure_Pa": prototype.supply.pressure_Pa}
-    for name in sorted(prototype.effects):
-        given = prototype.effects[name]
-        for q in library()[name].parameters:
-            key = f"{name}.{q.name}"
-            values[key] = float(given.get(q.name, own.get(key, q.default)))
-    return values
+    return {
+        name: {
+            q.name: float(prototype.effects[name].get(q.name, own.get(f"{name}.{q.name}", q.default)))
+            for q in library()[name].parameters
+        }
+        for name in sorted(prototype.effects)
+    }
 
 
 def problem_without_controller() -> Problem:
