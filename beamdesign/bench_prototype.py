@@ -82,6 +82,7 @@ class BenchSensors(Record):
     """Filters of the recorded channels, first order; none: nothing between the quantity and its record."""
 
     displacement_zero_m: Annotated[FiniteFloat, Field(description="reading at the retracted stop")] = 0.0
+    displacement_most_m: Annotated[FiniteFloat | None, Field(description="reading beyond which it does not go")] = None
     displacement_filter_Hz: Annotated[Positive | None, Field(description="break frequency")] = None
     pressure_filter_Hz: Annotated[Positive, Field(description="break frequency, of the gauges at least")] = 1000.0
 

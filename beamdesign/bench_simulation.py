@@ -92,7 +92,9 @@ def replay(
     y = integrate(structure, times, inputs, start, parameters, substeps, bound)
     if len(y) < len(times):
         raise InputError(prototype.name, [("(figures)", "the simulation fails: its equations are too stiff")])
-    return np.column_stack([times, command_V, y[:, 1], y[:, 2], y[:, 3]])
+    most = prototype.sensors.displacement_most_m
+    displacement = y[:, 1] if most is None else np.minimum(y[:, 1], most)
+    return np.column_stack([times, command_V, displacement, y[:, 2], y[:, 3]])
 
 
 def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, np.ndarray]:

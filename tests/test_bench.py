@@ -309,3 +309,11 @@ def test_what_a_bench_cannot_do_is_told(tmp_path: Path, bench: BenchPrototype, a
     (tmp_path / "scenario.toml").write_text(SCENARIO.replace(asked, key).partition('[[record]]\nname = "table"')[0])
     with pytest.raises(InputError):
         simulate_bench(bench, read_scenario(tmp_path / "scenario.toml"))
+
+
+def test_shipped_bench_goes_out_and_back():
+    folder = Path(__file__).parent.parent / "studies" / "bench"
+    found = simulate_bench(read_bench_prototype(folder / "cylinder.toml"), read_scenario(folder / "out_and_back.toml"))
+    for table in found.values():
+        assert table[4000, 2] == pytest.approx(0.25, abs=1e-3)
+        assert abs(table[-1, 2]) < 1e-3

@@ -1,5 +1,6 @@
 """Diagnosis of benches whose truth is known, from records made by closed forms."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +8,15 @@ import pytest
 from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
 
 from beamdesign.bench_prototype import read_bench_prototype
+from beamdesign.bench_simulation import replay
 from beamdesign.gap.bench import BenchDiagnosis, diagnose_bench_set, probabilities
 from beamdesign.gap.bench_amended import amended
-from beamdesign.gap.bench_data import read_bench_set
+from beamdesign.gap.bench_data import read_bench_set, saturates_at
 from beamdesign.gap.bench_fit import held_out
 from beamdesign.gap.bench_hypothesis import BenchHypothesis, candidates
 from beamdesign.gap.bench_model import NOTHING, steady
 from beamdesign.gap.bench_observed import observations, scatter
+from beamdesign.gap.bench_priors import believed
 from beamdesign.gap.bench_steady import steady_motions
 from beamdesign.records import InputError
 
@@ -132,6 +135,17 @@ def test_the_amended_prototype_moves_as_the_bench_does(joint: BenchDiagnosis, tm
         assert each.after["displacement_m"] < 0.02
 
 
+def test_what_is_believed_already_is_no_news(joint: BenchDiagnosis, joint_set: Path):
+    data = replace(read_bench_set(joint_set), prototype=joint.prototype)
+    known, figure = believed(joint.prototype)
+    assert known.names == joint.chosen
+    assert figure["coulomb_N"] == joint.prototype.effects["seal_friction"]["coulomb_N"]
+    found = diagnose_bench_set(data, [each for each in candidates(known) if each.causes <= known.causes + 1])
+    assert found.verdict == "no_gap"
+    assert found.chosen == ()
+    assert found.gap.before < 1.1 * joint.gap.after
+
+
 def test_a_sound_bench_has_no_gap(tmp_path: Path):
     data = read_bench_set(write_set(tmp_path / "sound", Truth(flow_gain=9.1e-6)))
     found = diagnose_bench_set(data, [each for each in candidates() if each.causes < 3])
@@ -237,7 +251,12 @@ def test_clipping_is_told(tmp_path: Path):
         return header, table
 
     broken(folder, clipped, "4V_a_1")
-    assert any("4V_a_1: displacement_m is clipped at 0.25" in words for words in read_bench_set(folder).warnings)
+    data = read_bench_set(folder)
+    assert any("4V_a_1: displacement_m is clipped at 0.25" in words for words in data.warnings)
+    assert saturates_at(data) == 0.25
+    rig = data.prototype.but(sensors=data.prototype.sensors.but(displacement_most_m=0.1))
+    times = np.arange(2000) * 1e-3
+    assert replay(rig, times, np.full(2000, 8.0))[:, 2].max() == 0.1
 
 
 def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):

@@ -7,18 +7,19 @@ import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.gap.bench_amended import amended, parameters
-from beamdesign.gap.bench_data import BenchSet, read_bench_set
+from beamdesign.gap.bench_data import BenchSet, read_bench_set, saturates_at
 from beamdesign.gap.bench_diagnosis import BenchDiagnosis, Cause, ConditionRow, Gap, NextExperiment, Ranked
 from beamdesign.gap.bench_fit import HeldOut, held_out
 from beamdesign.gap.bench_hypothesis import BenchHypothesis, candidates
 from beamdesign.gap.bench_model import NOTHING, steady
 from beamdesign.gap.bench_observed import CHANNELS, Observations, averaged, errors, observations, scatter
+from beamdesign.gap.bench_priors import STEADY_EFFECTS, believed
 from beamdesign.gap.bench_replay import replay_errors
 from beamdesign.gap.bench_steady import SteadyMotion, steady_motions
 from beamdesign.gap.bench_words import notes_on
 from beamdesign.rig.effects import library
 
-__all__ = ["BenchDiagnosis", "believed_figures", "diagnose_bench", "diagnose_bench_set", "probabilities"]
+__all__ = ["BenchDiagnosis", "diagnose_bench", "diagnose_bench_set", "probabilities"]
 
 PRIOR_ODDS = 1 / 3
 """Of one more cause against none."""
@@ -63,21 +64,24 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
     """
     motions = steady_motions(data)
     actuator = data.prototype.actuator
-    seen = observations(motions, actuator.asymmetry)
+    seen = observations(motions, actuator.asymmetry, data.prototype.servovalve.null_V)
     floor = scatter(seen, actuator.supply_pressure_Pa)
-    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in among or candidates()]
+    known = believed(data.prototype)[0]
+    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in among or candidates(known)]
     weights = probabilities(tried, data.conditions)
     order = np.argsort(-weights, kind="stable")
     ranked = tuple(Ranked(tried[k].fit.hypothesis, float(weights[k]), tried[k]) for k in order)
     marginal = _marginals(ranked)
     best = _responsible(ranked, marginal)
     gap = _gap(data.prototype, ranked, best, seen, floor)
-    verdict, reason = _verdict(best, gap, marginal)
-    chosen = () if verdict == "no_gap" else best.hypothesis.names
+    marginal = {name: probability for name, probability in marginal.items() if name not in known.names}
+    verdict, reason = _verdict([name for name in best.hypothesis.names if name in marginal], gap, marginal)
+    chosen = () if verdict == "no_gap" else tuple(name for name in best.hypothesis.names if name in marginal)
     causes = _causes(data.prototype, ranked, best, gap, marginal, chosen)
     replayed = replay_errors(data, best.held_out)
     zero = float(np.median([m.rest_m for m in motions if m.direction < 0]))
-    found = amended(data.prototype, best.held_out.fit, zero) if chosen else data.prototype
+    readings = {"displacement_zero_m": zero, "displacement_most_m": saturates_at(data)}
+    found = amended(data.prototype, best.held_out.fit, **readings) if chosen else data.prototype
     return BenchDiagnosis(
         verdict,
         reason,
@@ -90,9 +94,14 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
         all(each.after[channel] < each.before[channel] for each in replayed for channel in each.before),
         _next_experiment(ranked, seen) if verdict in ("ambiguous", "unknown") else None,
         found,
-        tuple(notes_on(ranked, best, marginal, len(data.conditions))),
+        tuple(notes_on(ranked, best, marginal, len(data.conditions), known) if chosen else ()) + _still(data.prototype),
         data.warnings,
     )
+
+
+def _still(prototype: BenchPrototype) -> tuple[str, ...]:
+    left = [name for name in prototype.effects if name not in STEADY_EFFECTS]
+    return (f"not looked at, having no part in steady motion: {', '.join(left)}",) if left else ()
 
 
 def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.ndarray:
@@ -119,30 +128,16 @@ def _responsible(ranked: Sequence[Ranked], marginal: Mapping[str, float]) -> Ran
     return next(each for each in ranked if each.hypothesis.names == names)
 
 
-def believed_figures(prototype: BenchPrototype) -> dict[str, float]:
-    """Figures of the steady model as they were believed."""
-    actuator = prototype.actuator
-    return NOTHING | {
-        "flow_gain": prototype.servovalve.flow_gain_m3_per_s_per_V,
-        "piston_area": actuator.piston_area_m2,
-        "supply_pressure": actuator.supply_pressure_Pa,
-        "tank_pressure": actuator.tank_pressure_Pa,
-        "piston_leakage": actuator.piston_leakage_m3_per_s_per_Pa,
-        "line_loss": actuator.line_loss_Pa_s2_per_m6,
-        "edge_b": prototype.servovalve.edge_b_ratio,
-        "constant_load_N": actuator.constant_load_N,
-    }
-
-
 def _gap(
     prototype: BenchPrototype, ranked: Sequence[Ranked], best: Ranked, seen: Observations, floor: Mapping[str, float]
 ) -> Gap:
     supply = prototype.actuator.supply_pressure_Pa
     conditions = list(dict.fromkeys(seen.condition.tolist()))
+    known, figures = believed(prototype)
     before, after, noise = [], [], []
     for condition in conditions:
         left = seen.of([condition])
-        missed = averaged(left, errors(left, believed_figures(prototype), False, supply))
+        missed = averaged(left, errors(left, figures, known.orifices, supply))
         before.append(np.mean([np.mean(missed[channel] ** 2) for channel in CHANNELS]))
         after.append(np.mean([value**2 for value in best.held_out.error[condition].values()]))
         runs = {"speed": len(left.volts) / 2} | {f"pressure_{s}": np.sum(left.side == s) / 2 for s in "ab"}
@@ -151,7 +146,7 @@ def _gap(
     pick = np.random.default_rng(1).integers(len(conditions), size=(_DRAWS, len(conditions)))
     closed = _closed(b[pick].mean(axis=1), a[pick].mean(axis=1), f[pick].mean(axis=1))
     low, high = np.quantile(closed, [0.05, 0.95])
-    retuned = next(each for each in ranked if each.hypothesis == BenchHypothesis())
+    retuned = next(each for each in ranked if each.hypothesis == known)
     return Gap(
         float(np.sqrt(b.mean())),
         retuned.held_out.total,
@@ -166,8 +161,7 @@ def _closed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndar
     return np.asarray((before - after) / np.maximum(before - floor, 1e-12))
 
 
-def _verdict(best: Ranked, gap: Gap, marginal: Mapping[str, float]) -> tuple[str, str]:
-    names = best.hypothesis.names
+def _verdict(names: Sequence[str], gap: Gap, marginal: Mapping[str, float]) -> tuple[str, str]:
     told = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
     open_ = [name for name, p in marginal.items() if 1 - _SURE < p < _SURE]
     sure = [name for name in names if name not in open_]
@@ -222,7 +216,8 @@ def _table(prototype: BenchPrototype, motions: Sequence[SteadyMotion], chosen: H
         into, out = areas[direction] * abs(speed), areas[-direction] * abs(speed)
         opening = (into / max(supply - full, 1.0) ** 0.5, out / max(empty - tank, 1.0) ** 0.5)
         fitted = chosen.without[condition]
-        found = steady(NOTHING | fitted.values, np.array([volts]), fitted.hypothesis.orifices)
+        opened = volts - prototype.servovalve.null_V
+        found = steady(NOTHING | fitted.values, np.array([opened]), fitted.hypothesis.orifices)
         rows.append(
             ConditionRow(
                 condition,

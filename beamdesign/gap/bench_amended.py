@@ -36,13 +36,13 @@ def parameters(prototype: BenchPrototype, fit: SteadyFit) -> dict[str, dict[str,
     }
 
 
-def amended(prototype: BenchPrototype, fit: SteadyFit, zero_m: float | None = None) -> BenchPrototype:
+def amended(prototype: BenchPrototype, fit: SteadyFit, **readings: float | None) -> BenchPrototype:
     """The prototype with a fit's causes as effects and its figures in place of the believed ones.
 
     Args:
         prototype: what was believed.
         fit: of what is held responsible.
-        zero_m: reading of the displacement at the retracted stop; None: as believed.
+        readings: figures of its sensors that the data show; None: as believed.
     """
     found = {
         name: {key: value for key, (value, _) in table.items()} for name, table in parameters(prototype, fit).items()
@@ -63,7 +63,7 @@ def amended(prototype: BenchPrototype, fit: SteadyFit, zero_m: float | None = No
         flow_gain_m3_per_s_per_V=value["flow_gain"],
         edge_b_ratio=value.get("edge_b", prototype.servovalve.edge_b_ratio),
     )
-    sensors = prototype.sensors if zero_m is None else prototype.sensors.but(displacement_zero_m=zero_m)
+    sensors = prototype.sensors.but(**{key: value for key, value in readings.items() if value is not None})
     return prototype.but(
         actuator=actuator, servovalve=valve, sensors=sensors, effects=dict(prototype.effects) | effects
     )

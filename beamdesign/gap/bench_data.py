@@ -201,12 +201,24 @@ def _contradictions(run: BenchRun, prototype: BenchPrototype) -> list[Problem]:
     return found
 
 
+def saturates_at(data: BenchSet) -> float | None:
+    """Reading (m) at which the displacement of any run is clipped; None where it is of none."""
+    tops = [
+        float(run.displacement_m.max()) for run in data.runs if _clipped(run.displacement_m, run.displacement_m.max())
+    ]
+    return max(tops, default=None)
+
+
+def _clipped(values: np.ndarray, extreme: float) -> bool:
+    return bool(np.mean(values == extreme) > _CLIPPED)
+
+
 def _odd(run: BenchRun, prototype: BenchPrototype) -> list[str]:
     """What is odd about a run, in words."""
     found = []
     for name, values in (("displacement_m", run.displacement_m), (f"pressure_{run.side}_Pa", run.pressure_Pa)):
         for extreme in (float(values.max()), float(values.min())):
-            share = float(np.mean(values == extreme))
-            if share > _CLIPPED:
-                found.append(f"{run.name}: {name} is clipped at {extreme:g} ({100 * share:.0f} % of its samples)")
+            if _clipped(values, extreme):
+                share = 100 * float(np.mean(values == extreme))
+                found.append(f"{run.name}: {name} is clipped at {extreme:g} ({share:.0f} % of its samples)")
     return found

@@ -122,7 +122,7 @@ class BenchDiagnosis:
         replay: errors of the simulated records, before and after, on conditions held out.
         confirmed: whether the replay is better with the chosen causes on every condition and in every channel.
         next_experiment: where the verdict is not certain.
-        prototype: with the chosen causes, and the displacement's reading at the retracted stop.
+        prototype: with the chosen causes, and the displacement's reading at the retracted stop and where it is clipped.
         notes: what cannot be told apart, what greedy selection would have done, flagged figures.
         warnings: oddities of the data.
     """

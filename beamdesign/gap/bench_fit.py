@@ -7,9 +7,10 @@ from math import lgamma, log, pi
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.gap.bench_hypothesis import BenchHypothesis, Prior, priors
+from beamdesign.gap.bench_hypothesis import BenchHypothesis
 from beamdesign.gap.bench_model import NOTHING, steady
 from beamdesign.gap.bench_observed import CHANNELS, EDGES, Observations, averaged, errors
+from beamdesign.gap.bench_priors import Prior, priors
 
 _STALL_STD = 0.01  # of the supply: pressures against a stop are the supply's and the tank's, to the gauges' error
 _DEGREES = 4.0  # of freedom of Student's distribution: the deviation comes from few conditions

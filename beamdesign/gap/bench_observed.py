@@ -91,11 +91,11 @@ class Observations:
         )
 
 
-def observations(motions: Sequence[SteadyMotion], asymmetry: float) -> Observations:
-    """Rows of steady motions of a piston with the given asymmetry by bore and rod."""
+def observations(motions: Sequence[SteadyMotion], asymmetry: float, null_V: float = 0.0) -> Observations:
+    """Rows of steady motions of a piston with the given asymmetry by bore and rod; commands count from the null."""
     return Observations(
         np.array([m.condition for m in motions]),
-        np.array([m.command_V for m in motions]),
+        np.array([m.command_V - null_V for m in motions]),
         np.array([m.speed for m in motions]),
         np.array([m.side for m in motions]),
         np.array([m.pressure for m in motions]),

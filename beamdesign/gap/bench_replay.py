@@ -48,12 +48,9 @@ def replay_errors(data: BenchSet, chosen: HeldOut) -> tuple[ReplayError, ...]:
 
 def simulated(prototype: BenchPrototype, run: BenchRun) -> np.ndarray:
     """A run's record as `prototype` makes it, columns as in `BENCH_COLUMNS`, read by the run's own sensor."""
-    zero = float(np.median(run.displacement_m[held(run, -1)]))
-    top = float(np.max(run.displacement_m))
-    placed = prototype.but(sensors=prototype.sensors.but(displacement_zero_m=zero))
-    y = replay(placed, run.times, run.command_V)
-    y[:, 2] = np.minimum(y[:, 2], top)  # a sensor that clips at the far stop
-    return y
+    zero, top = float(np.median(run.displacement_m[held(run, -1)])), float(np.max(run.displacement_m))
+    sensors = prototype.sensors.but(displacement_zero_m=zero, displacement_most_m=top)
+    return replay(prototype.but(sensors=sensors), run.times, run.command_V)
 
 
 def _channels(prototype: BenchPrototype, run: BenchRun) -> dict[str, tuple[np.ndarray, float]]:

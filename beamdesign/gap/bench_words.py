@@ -12,11 +12,13 @@ _CLOSE = 0.8  # correlation from which two figures are told as one
 _FEW = 5
 
 
-def notes_on(ranked: Sequence[Ranked], best: Ranked, marginal: Mapping[str, float], conditions: int) -> Iterator[str]:
+def notes_on(
+    ranked: Sequence[Ranked], best: Ranked, marginal: Mapping[str, float], conditions: int, known: BenchHypothesis
+) -> Iterator[str]:
     """Notes on what is uncertain and why."""
     if conditions < _FEW:
         yield f"{conditions} conditions are few: probabilities follow from how each is predicted without the others"
-    yield from _greedy(ranked, best)
+    yield from _greedy(ranked, best, known)
     yield from _frictions(ranked)
     yield from (f"cannot be told apart: {words}" for words in correlated(best.held_out.fit))
     yield from _rest(best)
@@ -41,10 +43,10 @@ def correlated(fit: SteadyFit) -> list[str]:
     ]
 
 
-def _greedy(ranked: Sequence[Ranked], best: Ranked) -> Iterator[str]:
+def _greedy(ranked: Sequence[Ranked], best: Ranked, known: BenchHypothesis) -> Iterator[str]:
     """What adding one cause at a time would have found, against the chosen set."""
     error = {each.hypothesis: each.held_out.total for each in ranked}
-    path = [BenchHypothesis()]
+    path = [known]
     while True:
         nearer = [h for h in error if len(_parts(h)) == len(_parts(path[-1])) + 1 and _parts(path[-1]) <= _parts(h)]
         step = min(nearer, key=lambda h: error[h], default=None)
@@ -53,6 +55,8 @@ def _greedy(ranked: Sequence[Ranked], best: Ranked) -> Iterator[str]:
         path.append(step)
     if error[path[-1]] > error[best.hypothesis]:
         yield f"one cause at a time ends at {path[-1]} with a held-out error of {error[path[-1]]:.3f}"
+    if known.names:
+        return
     areas, root = BenchHypothesis(unequal_areas=True), BenchHypothesis(orifices=True)
     both, none = BenchHypothesis(unequal_areas=True, orifices=True), BenchHypothesis()
     if error[both] < error[none] <= 1.02 * min(error[areas], error[root]):
