@@ -25,6 +25,11 @@ from beamdesign.gap.unknowns import FREE
 SEPARATE = 3.0
 """Difference in the logarithm of the probability from which data are said to tell two hypotheses apart: 20 to 1."""
 
+CONFIDENT = 0.8
+"""Probability of causes, whatever else may be at work beside them, from which they are said to be behind the gap."""
+OUTSIDE = "unknown"
+"""Stands in a class for something that the library does not hold."""
+
 
 @dataclass(frozen=True)
 class GainDiagnosis(Diagnosis):
@@ -56,7 +61,7 @@ def explain_gains(
 
     Nulls first (tolerances alone, one common factor), then every cause, then pairs, weighed by Laplace's marginal
     likelihood under the same odds as elsewhere. Explanations whose probabilities differ by less than 20 to 1 make a
-    class; `chosen` holds only what all members of the class share.
+    class. Where none is sure, `chosen` holds only what all members of the class share.
 
     Args:
         data: with critical gains or frequency responses; its time records are left aside.
@@ -106,7 +111,10 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     holder = next((f for f in fits if f.hypothesis == Hypothesis(tuple(sorted(chosen)))), found.null)
     after = rivals[0] if verdict in ("effect", "ambiguous") else found.null
     listed = tuple(c for c in listing.causes(found, judged) if c.name not in silent)
-    classes = (tuple(str(f.hypothesis) for f in rivals),) if verdict == "ambiguous" else ()
+    names = [str(f.hypothesis) for f in rivals]
+    if outside > max(logs) - SEPARATE:
+        names.append(OUTSIDE)
+    classes = (tuple(names),) if verdict in ("effect", "ambiguous") and len(names) > 1 else ()
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
     factor = factor_of(gains)
     shares = gain_shares(gains)
@@ -118,7 +126,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     return GainDiagnosis(
         data.name,
         verdict,
-        sentences(verdict, rivals, chosen, gap),
+        sentences(verdict, names, chosen, gap),
         listed,
         chosen,
         unknown,
@@ -179,13 +187,17 @@ def verdict_of(judged: Judgement, rivals: Sequence[Fit], silent: Sequence[str]) 
         return "unknown"
     if sum(p for h, p in judged.of.items() if set(h.names) <= set(silent)) > 0.5:
         return "no_gap"
-    return "effect" if len(rivals) == 1 and rivals[0].hypothesis != NOTHING else "ambiguous"
+    named = set(rivals[0].hypothesis.names)
+    sure = sum(p for h, p in judged.of.items() if named <= set(h.names)) >= CONFIDENT
+    return "effect" if named and sure else "ambiguous"
 
 
 def chosen_of(verdict: Verdict, rivals: Sequence[Fit]) -> tuple[str, ...]:
-    """What all rivals share."""
+    """The causes that are sure, or what all rivals share."""
     if verdict in ("no_gap", "unknown"):
         return ()
+    if verdict == "effect":
+        return rivals[0].hypothesis.names
     common = set.intersection(*(set(f.hypothesis.names) for f in rivals))
     return tuple(name for name in rivals[0].hypothesis.names if name in common)
 
@@ -202,7 +214,9 @@ def where_of(verdict: Verdict, rivals: Sequence[Fit], evidence: Sequence[Figure]
     band = (float(f"{min(at):.3g}"), float(f"{max(at):.3g}")) if at else (0.0, 0.0)
     if verdict not in ("effect", "ambiguous"):
         return Where("", band, "", "linear")
-    places = {subsystem(name) for f in rivals for name in f.hypothesis.names}
+    places = {
+        subsystem(name) for f in (rivals if verdict == "ambiguous" else rivals[:1]) for name in f.hypothesis.names
+    }
     worst = max(evidence, key=lambda piece: left_out(piece, NOTHING, np.zeros(len(null.z))))
     return Where(places.pop() if len(places) == 1 else "", band, f"most in: {worst.name}", "linear")
 

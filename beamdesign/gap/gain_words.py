@@ -6,7 +6,6 @@ import numpy as np
 
 from beamdesign.gap.common_factor import CommonFactor
 from beamdesign.gap.diagnosis import Gap, Verdict
-from beamdesign.gap.fit import Fit
 from beamdesign.gap.gain_evidence import GainEvidence
 from beamdesign.gap.gain_search import Figure
 from beamdesign.gap.gain_shares import GainShares
@@ -16,14 +15,14 @@ _DIFFERS = 0.1  # of a gain, from which the model is said to be another than the
 _SHOWN = 5
 
 
-def sentences(verdict: Verdict, rivals: Sequence[Fit], chosen: Sequence[str], gap: Gap) -> str:
+def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], gap: Gap) -> str:
     """The verdict in two sentences."""
     errors = (
         f"Each figure as predicted from the others is off by {gap.before:.0%} for the believed model, by"
         f" {gap.tuned:.0%} with tolerances fitted and by {gap.after:.0%} with the best explanation; their own errors"
         f" are {gap.noise_floor:.0%}."
     )
-    named = [_plain(str(f.hypothesis)) for f in rivals]
+    named = [_plain(name) for name in rivals]
     match verdict:
         case "no_gap":
             first = "There is no gap that the tolerances of the prototype would not explain."
@@ -88,4 +87,4 @@ def notes_on_predictions(evidence: Sequence[Figure], factor: CommonFactor | None
 
 
 def _plain(name: str) -> str:
-    return name.replace("parameter:", "a wrong ").replace("_", " ")
+    return "something unknown" if name == "unknown" else name.replace("parameter:", "a wrong ").replace("_", " ")
