@@ -28,12 +28,14 @@ class Recorded:
     Attributes:
         index: dataset.toml.
         columns: by name of the record.
+        more: columns that are not written unless a test adds them, by name of the record.
         files: other files by name, as text.
     """
 
     prototype: Prototype
     index: dict[str, Any]
     columns: dict[str, dict[str, np.ndarray]]
+    more: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
 
     def entry(self, name: str) -> dict[str, Any]:
@@ -96,7 +98,8 @@ def _simulated(text: str) -> Recorded:
         ],
     }
     columns = {record.name: {name: record.column(name) for name in COLUMNS[:5]} for record in taken.records}
-    return Recorded(prototype, index, columns)
+    more = {record.name: {name: record.column(name) for name in COLUMNS[5:]} for record in taken.records}
+    return Recorded(prototype, index, columns, more)
 
 
 def recorded(prototype: Prototype, effects: dict[str, dict[str, float]] | None = None) -> Recorded:
@@ -108,4 +111,4 @@ def recorded(prototype: Prototype, effects: dict[str, dict[str, float]] | None =
     """
     believed = prototype.but(tolerance=Tolerance(flow_gain=0.05, stiffness=0.03))
     taken = _simulated(believed.but(effects=effects or {}).model_dump_json())
-    return Recorded(believed, deepcopy(taken.index), {n: dict(c) for n, c in taken.columns.items()})
+    return Recorded(believed, deepcopy(taken.index), {n: dict(c) for n, c in taken.columns.items()}, taken.more)

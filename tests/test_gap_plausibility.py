@@ -100,6 +100,19 @@ def test_columns_read_wrongly_are_refused_with_what_they_are(kind: str, sound: R
         assert error.source == str(tmp_path / "records" / "steps.csv")
 
 
+def test_further_columns_are_held_against_the_believed_loop(sound: Recorded, tmp_path: Path):
+    for name, columns in sound.columns.items():
+        columns.update(sound.more[name])
+    assert examine(read_dataset(sound.write(tmp_path))).words == ()
+    scale("inner_displacement_m", 1e3)(sound)
+    scale("load_pressure_Pa", 1e-5)(sound)
+    with pytest.raises(InputError) as caught:
+        examine(read_dataset(sound.write(tmp_path)))
+    said = {problem.key.split(": ")[1]: problem.reason for problem in caught.value.problems}
+    assert "values are in bar, by their scale: multiply by 100000" in said["load_pressure_Pa"]
+    assert "values are in mm" in said["inner_displacement_m"]
+
+
 def clip(column: str, share: float, *names: str, side: str = "both") -> Spoil:
     def spoil(data: Recorded) -> None:
         for name in names or data.columns:
@@ -229,7 +242,14 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "dead sensor": (dead, "dead_channel", "force", "displacement_m never changes", True, True),
     "short": (cut("force", 0, 200), "short", "force", "too short: 0.199 s", True, False),
     "a handful": (cut("force", 0, 20), "short", "force", "only 20 samples", True, False),
-    "begun in motion": (cut("force", 203, 1201), "not_at_rest", "force", "does not start at rest", False, True),
+    "begun in motion": (
+        cut("force", 203, 1201),
+        "not_at_rest",
+        "force",
+        "does not start at rest without load",
+        False,
+        True,
+    ),
     "only noise": (quiet("command"), "no_content", "command", "with a noise of", True, False),
     "constant inputs": (constant_inputs, "no_content", "command", "both inputs are constant", True, False),
     "too high": (high_only, "no_content", "force", "inputs' power lies between 0.5 and 300 Hz", True, False),

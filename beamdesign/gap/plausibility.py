@@ -8,7 +8,7 @@ from beamdesign.gap.caution import Caution
 from beamdesign.gap.controller_equation import ControllerFit, controller_fit
 from beamdesign.gap.controller_words import contradictions, lost_by_recorder
 from beamdesign.gap.dataset import Dataset, TimeRecord
-from beamdesign.gap.readings import Reading, as_it_stands, other_readings
+from beamdesign.gap.readings import Reading, as_it_stands, other_readings, other_units
 from beamdesign.gap.sound_responses import check_gains, check_responses
 from beamdesign.records import InputError, Problem
 
@@ -109,6 +109,8 @@ def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> list[Cautio
     doubtful: dict[str, tuple[Reading, ...]] = {}
     for record in records:
         if as_it_stands(record, data.prototype):
+            if more := other_units(record, data.prototype):
+                refused[record.name] = more
             continue
         found = other_readings(record, data.prototype)
         if found:
@@ -125,14 +127,16 @@ def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> list[Cautio
     sources = {record.name: record.source or record.name for record in records}
     problems = []
     for name, readings in refused.items():
-        for key, words in _merged(readings).items():
-            problems.append((name, Problem(key, words)))
+        problems += [(name, problem) for problem in _merged(readings)]
     if len(refused) == 1:
         raise InputError(sources[problems[0][0]], [problem for _, problem in problems])
     raise InputError(data.folder, [Problem(f"{name}: {problem.key}", problem.reason) for name, problem in problems])
 
 
-def _merged(readings: Sequence[Reading]) -> dict[str, str]:
-    first = readings[0]
-    others = [f"{r.key}: {r.words}" for r in readings[1:3]]
-    return {first.key: first.words + (f" (or else {'; or '.join(others)})" if others else "")}
+def _merged(readings: Sequence[Reading]) -> list[Problem]:
+    """One problem per column; readings of several columns that explain as much are alternatives to the first."""
+    first, *others = readings
+    if all(reading.fault == 0 for reading in readings):
+        return [Problem(reading.key, reading.words) for reading in readings]
+    words = "; or ".join(f"{reading.key}: {reading.words}" for reading in others[:2])
+    return [Problem(first.key, first.words + (f" (or else {words})" if words else ""))]

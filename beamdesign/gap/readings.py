@@ -25,6 +25,11 @@ _UNITS: dict[str, dict[str, float]] = {
     "displacement_m": {"mm": 1e3, "um": 1e6, "cm": 1e2, "inches": 1 / 0.0254, "thousandths of an inch": 1e3 / 0.0254},
 }
 """By column: how large one SI unit is when written in another."""
+_MORE_UNITS: dict[str, dict[str, float]] = {
+    "load_pressure_Pa": {"bar": 1e-5, "MPa": 1e-6, "kPa": 1e-3, "psi": 1 / 6894.757},
+    "inner_displacement_m": {"mm": 1e3, "um": 1e6, "inches": 1 / 0.0254},
+}
+"""The same of columns that a record may have besides."""
 _TIMES = {"ms": 1e3, "us": 1e6, "minutes": 1 / 60}
 _SENSOR_GAINS = {"V/mm": 1e-3, "V/cm": 1e-2, "V/inch": 0.0254}
 _FAR, _UNLIKE = log(3.0), 0.3  # beyond which a record is not taken as it stands
@@ -32,6 +37,7 @@ _NEAR, _ALIKE = log(2.0), 0.6  # within which another reading is believed
 _NEAR_EQUATION, _ALIKE_EQUATION = log(1.12), 0.9
 _COARSE = 12.0  # a factor that is believed though the current saturates
 _SURE = 0.2  # fault of a reading that leaves next to nothing to explain
+_FAR_MORE = log(8.0)
 _FEWEST = 16
 
 
@@ -132,6 +138,24 @@ def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
     if loop is None:
         return equation.within(_FAR, _UNLIKE)
     return equation.within(_FAR, _UNLIKE) and all(part.within(_FAR, _UNLIKE) for part in loop)
+
+
+def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
+    """Units in which the further columns of a record are, where not in their own."""
+    more = [name for name in _MORE_UNITS if name in record.measured]
+    shares = expected(record, prototype) if more else None
+    found: list[Reading] = []
+    if shares is None:
+        return ()
+    for name in more:
+        scale = _likeness(record.measured[name], shares[name].sum(axis=1)).scale
+        if not _FAR_MORE < abs(scale) < np.inf:
+            continue
+        unit, factor = min(_MORE_UNITS[name].items(), key=lambda item: abs(scale - log(item[1])))
+        if abs(scale - log(factor)) < _FAR:
+            words = f"values are in {unit}, by their scale: {_factor_words(factor)}"
+            found.append(Reading(name, words, factor))
+    return tuple(found)
 
 
 def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:

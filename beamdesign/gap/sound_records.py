@@ -121,9 +121,7 @@ def remarks(record: TimeRecord, prototype: Prototype) -> list[Caution]:
     noise, size = max(noise_std(moved), finest_step(moved)), float(np.std(moved))
     start = float(np.mean(moved[:3]))
     if abs(start) > max(_RESTLESS * noise, _MOVED * size):
-        text = (
-            f"does not start at rest: displacement_m begins at {start:.3g} m (rms {size:.2g} m); cut it where it rests"
-        )
+        text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
         return [Caution("not_at_rest", record.name, text, limits_confidence=True)]
     return []
 
