@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 """Exit status of a run that was interrupted, as shells have it."""
+
+
+_WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
 
 def diagnose(
@@ -39,9 +43,11 @@ def diagnose(
     verdict is judged on records that no fit has seen. Exit status 0 whatever the verdict is. An interrupted run is
     taken up where it stopped by the same command: finished fits are kept in the folder `fits` of the results.
     """
-    from beamdesign.gap.dataset_index import index_of
+    from beamdesign.gap.dataset_index import index_of, kind_of
 
     folder = out or Path(f"{index_of(dataset).resolve().parent.name}.diagnosis")
+    if kind_of(dataset) == "actuator_bench":
+        return _diagnose_bench(dataset, folder, redesign, json)
     _diagnose(dataset, folder, redesign, workers, json)
 
 
@@ -49,6 +55,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     from beamdesign.gap.dataset import read_dataset
     from beamdesign.gap.designer_terms import designer_terms, loop_terms
     from beamdesign.gap.diagnose import diagnose as engine
+    from beamdesign.gap.gain_classes import explain_gains
     from beamdesign.gap.kept_fits import kept_fits
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.study.redesign import redesign
@@ -58,7 +65,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     renewed = None
     try:
         with progress("diagnosing") as update:
-            found = engine(data, workers, update, kept)
+            found = engine(data, workers, update, kept) if data.records else explain_gains(data, update)
         say_diagnosis(found)
         terms = designer_terms(data, found.prototype)
         if renew:
@@ -86,6 +93,25 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
         say(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
 
 
+def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None) -> None:
+    from beamdesign.gap.bench import diagnose_bench_set
+    from beamdesign.gap.bench_data import read_bench_set
+    from beamdesign.gap.bench_presented import presented
+    from beamdesign.records import InputError
+    from beamdesign.report.gap_folder import write_gap_folder
+
+    if renew:
+        raise InputError("--redesign", [(str(dataset), "a bench has no controller to design")])
+    data = read_bench_set(dataset)
+    with progress("diagnosing"):
+        found = presented(data.name, diagnose_bench_set(data))
+    say_diagnosis(found)
+    paths, fields = write_gap_folder(folder, found)
+    write_json(json, fields)
+    for path in paths.values():
+        say(str(path))
+
+
 def _say_terms(terms: Sequence["LoopTerms"], renewed: bool) -> None:
     from beamdesign.report.gap_tables import controller_text, terms_rows
 
@@ -103,22 +129,7 @@ def say_diagnosis(found: "Diagnosis") -> None:
         say(f"warning: {words}")
     say("")
     if found.causes:
-        rows = [
-            (
-                cause.name,
-                cause.subsystem,
-                f"{cause.probability:.1%}",
-                f"{cause.share:.0%}",
-                ", ".join(f"{key} = {q.value:.4g} ± {q.std:.2g}" for key, q in cause.parameters.items()),
-            )
-            for cause in found.causes
-        ]
-        rows.append(("none that is known here", "", f"{found.probability_unknown:.1%}", "", ""))
-        say_table("causes", ("cause", "subsystem", "probability", "share", "figures"), rows)
-        for cause in found.causes:
-            if cause.name in found.chosen:
-                for flag in cause.flags:
-                    say(f"flag: {cause.name}: {flag}")
+        _say_causes(found)
     where = found.where
     if where.subsystem:
         low, high = where.band_Hz
@@ -128,10 +139,25 @@ def say_diagnosis(found: "Diagnosis") -> None:
     if where.sentence:
         say(where.sentence)
     _say_gap(found)
+    for words in getattr(found, "notes", ()):
+        say(words)
     for rivals in found.classes:
         say(f"these data cannot tell apart: {'; '.join(rivals)}")
     if found.next_experiment is not None:
         say(f"measure next: {found.next_experiment.text}")
+
+
+def _say_causes(found: "Diagnosis") -> None:
+    rows = [(c.name, c.subsystem, f"{c.probability:.1%}", f"{c.share:.0%}") for c in found.causes]
+    if isfinite(found.probability_unknown):
+        rows.append(("none that is known here", "", f"{found.probability_unknown:.1%}", ""))
+    say_table("causes", ("cause", "subsystem", "probability", "share of the gap"), rows)
+    for cause in found.causes:
+        if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
+            for key, q in cause.parameters.items():
+                say(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
+            for flag in cause.flags:
+                say(f"{cause.name}: {flag}")
 
 
 def _say_gap(found: "Diagnosis") -> None:
@@ -147,7 +173,7 @@ def _say_gap(found: "Diagnosis") -> None:
     of_all = "held out" if any(record.held_out for record in gap.records) else "all"
     rows.append((f"{of_all} together", "", *map(_share, _errors(gap))))
     columns = ("record", "", "believed", "re-tuned", "with cause", "noise")
-    say_table("prediction error, per cent of the signal's rms", columns, rows)
+    say_table("prediction error, per cent", columns, rows)
     low, high = (closed_text(value) for value in gap.closed_interval)
     say(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
 
@@ -157,4 +183,4 @@ def _errors(of: Any) -> tuple[float, float, float, float]:
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.3g}"
+    return f"{100 * value:.3g}" if isfinite(value) else ""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.gap.diagnosis import Cause, Diagnosis
+from beamdesign.gap.gain_classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
 
 _LISTED = 12
@@ -32,6 +33,11 @@ def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
         "hypotheses": _hypotheses(found),
         "data_set": found.name,
     }
+    if isinstance(found, GainDiagnosis):
+        own = ("notes", "silent", "shares", "factor", "ranked")
+        fields |= {name: getattr(found, name) for name in own}
+        if found.on_predictions is not None:
+            fields["on_predictions"] = diagnosis_fields(found.on_predictions)
     return {name: plain(value) for name, value in fields.items()}
 
 
@@ -48,7 +54,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 def _hypotheses(found: Diagnosis) -> list[dict[str, Any]]:
     """The most probable of all that were fitted."""
-    if found.search is None:
+    if found.search is None or isinstance(found, GainDiagnosis):
         return []
     judged = judge(found.search)
     fits = {fit.hypothesis: fit for fit in (found.search.null, *found.search.fits)}

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from beamdesign.bench_prototype import write_any_prototype
 from beamdesign.gap.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
@@ -20,11 +21,18 @@ REDESIGNED = {"redesigned": "redesigned/prototype.toml", "certificate": f"redesi
 def write_gap_folder(
     folder: Path,
     found: Diagnosis,
-    data: Dataset,
-    terms: tuple[LoopTerms, ...],
-    renewed: Redesign | None,
+    data: Dataset | None = None,
+    terms: tuple[LoopTerms, ...] = (),
+    renewed: Redesign | None = None,
 ) -> tuple[dict[str, Path], dict[str, Any]]:
     """Write everything, each file whole or not at all.
+
+    Args:
+        folder: made if need be.
+        found: the diagnosis.
+        data: of a twin beam; None for a bench.
+        terms: what its loops promise.
+        renewed: a new design, where one was asked for.
 
     Returns:
         paths by kind, and the fields of the JSON file.
@@ -32,7 +40,7 @@ def write_gap_folder(
     new = renewed is not None and renewed.prototype is not None and renewed.certificate is not None
     names = NAMES | (REDESIGNED if new else {})
     paths = {kind: folder / name for kind, name in names.items()}
-    write_prototype(found.prototype, paths["prototype"])
+    write_any_prototype(found.prototype, paths["prototype"])
     if renewed is not None and renewed.prototype is not None and renewed.certificate is not None:
         write_prototype(renewed.prototype, paths["redesigned"])
         write_whole(paths["certificate"], renewed.certificate.text)

@@ -6,12 +6,14 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from beamdesign.gap.bench_presented import PresentedBench
 from beamdesign.gap.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.evidence import record_evidence
-from beamdesign.gap.hypothesis import Hypothesis
+from beamdesign.gap.gain_classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
+from beamdesign.gap.search import Search
 from beamdesign.gap.shrink import Errors, errors
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
@@ -41,6 +43,12 @@ VERDICTS = {
 }
 _MOST_PICTURES = 12
 _LISTED = 8
+_MEASURE = "Prediction errors of the displacement over its rms. Records held out of every fit count."
+_MEASURE_OF_FIGURES = "Relative errors of each figure as predicted from all the others."
+_MEASURE_OF_BENCH = (
+    "Together: relative errors of steady speed and of chamber pressures over the supply, each condition predicted from"
+    " the others. By condition: errors of the simulated records over the stroke or the supply pressure."
+)
 _BANDS = "Errors on the records that count, rms per band over the rms of the signal."
 
 
@@ -77,6 +85,8 @@ def gap_report_html(
         found=found,
         verdict=VERDICTS[found.verdict],
         files=files,
+        notes=getattr(found, "notes", ()),
+        measure=_measure(found),
         maps=error_maps(seen, conditions) if seen else (),
         witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in witnesses],
         hypotheses=_hypotheses(found),
@@ -114,17 +124,27 @@ def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
 
 
 def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
-    """The most probable sets of causes: names, probability, and what each leaves of the gap."""
+    """The most probable sets of causes: names, probability, and what each leaves of the misfit."""
     if found.search is None:
         return []
-    judged = judge(found.search)
-    fits = {fit.hypothesis: fit for fit in (found.search.null, *found.search.fits)}
-    ranked: list[tuple[Hypothesis, float]] = sorted(judged.of.items(), key=lambda item: -item[1])
+    fits = {str(fit.hypothesis): fit for fit in (found.search.null, *found.search.fits)}
+    judged = found.ranked if isinstance(found, GainDiagnosis) else _judged(found.search)
     return [
-        (str(h), p, f"{100 * p:.1f} %", f"{100 * max(0.0, found.search.excess(fits[h])):.3g} %")
-        for h, p in ranked[:_LISTED]
+        (name, p, f"{100 * p:.1f} %", f"{100 * max(0.0, found.search.excess(fits[name])):.3g} %")
+        for name, p in judged[:_LISTED]
         if p > 1e-4
     ]
+
+
+def _measure(found: Diagnosis) -> str:
+    """What the errors of its gap are."""
+    if isinstance(found, PresentedBench):
+        return _MEASURE_OF_BENCH
+    return _MEASURE_OF_FIGURES if isinstance(found, GainDiagnosis) else _MEASURE
+
+
+def _judged(search: Search) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted(((str(h), p) for h, p in judge(search).of.items()), key=lambda item: -item[1]))
 
 
 def _compliance(

@@ -20,6 +20,7 @@ _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are 
 _WIDEST_Z = 5.0
 _TOLERATED_Z = 2.0
 _MOST_ROWS = 40
+_MANY = 5  # columns of positive figures in a witness's table that make a map of it
 _UNIT_OF = {
     "outer_stiffness": "N/m",
     "inner_stiffness": "N/m",
@@ -62,9 +63,9 @@ class PlainTable:
 
 
 def share_text(value: float) -> str:
-    """A share of the signal in per cent, to three digits."""
+    """A share of the signal in per cent, to three digits; nothing where it was not worked out."""
     if not isfinite(value):
-        return "undefined"
+        return ""
     return f"{decimal(100 * value, 3 if value >= 0.01 else 2)} %"
 
 
@@ -124,42 +125,48 @@ def shade(value: float) -> float:
 
 
 def witness_table(table: Mapping[str, Sequence[object]]) -> HeatMap | PlainTable | None:
-    """What a witness has to show: a map where its rows are cells of a grid, else a table.
+    """What a witness has to show: a map where several columns of figures are of one kind, else a table.
 
-    A grid has one column of figures, a pair of columns that end in `low_Hz` and `high_Hz` or a column `band`, and one
-    or two columns of words.
+    They are where they are named after bands (`15-40 Hz`), or where there are many and all of them positive.
     """
     if not table or not next(iter(table.values())):
         return None
-    low = next((name for name in table if name.endswith("low_Hz")), None)
-    high = next((name for name in table if name.endswith("high_Hz")), None)
-    columns = dict(table)
-    if low and high:
-        columns = {name: values for name, values in table.items() if name not in (low, high)}
-        columns["band"] = [f"{_text(a)} to {_text(b)}" for a, b in zip(table[low], table[high], strict=True)]
-    words = [name for name, values in columns.items() if name != "band" and all(isinstance(v, str) for v in values)]
-    figures = [name for name in columns if name not in words and name != "band"]
-    if "band" in columns and words and len(figures) == 1:
-        values = np.array([float(v) for v in columns[figures[0]]])  # type: ignore[arg-type]
-        heads = tuple(dict.fromkeys(str(v) for v in columns["band"]))
-        labels = [", ".join(str(columns[w][k]) for w in words) for k in range(len(values))]
-        largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
-        cells: dict[str, dict[str, tuple[str, float, str]]] = {}
-        for k, label in enumerate(labels):
-            text = decimal(float(values[k]), 2) if isfinite(values[k]) else ""
-            strength = min(1.0, abs(float(values[k])) / largest) if isfinite(values[k]) else 0.0
-            hover = f"{label}, {columns['band'][k]} Hz: {figures[0]} {text}"
-            cells.setdefault(label, {})[str(columns["band"][k])] = (text, strength, hover)
-        rows = tuple((label, "", tuple(row.get(head, ("", 0.0, "")) for head in heads)) for label, row in cells.items())
-        return HeatMap(figures[0].replace("_", " "), heads, rows)
-    kept = tuple(name.replace("_", " ") for name in columns)
-    lines = zip(*columns.values(), strict=True)
-    return PlainTable(kept, tuple(tuple(_text(v) for v in line) for line in list(lines)[:_MOST_ROWS]))
+    figures = [name for name, values in table.items() if all(_is_figure(v) for v in values)]
+    banded = [name for name in figures if name.endswith(" Hz")]
+    alike = banded if len(banded) > 1 else figures
+    words = [name for name, values in table.items() if all(isinstance(v, str) for v in values)]
+    values = np.array([[float(v) for v in table[name]] for name in alike]).T  # type: ignore[arg-type]
+    if words and (banded or len(alike) >= _MANY) and len(alike) > 1 and bool(np.all(values >= 0)):
+        return _map(table, words, alike, values)
+    lines = list(zip(*table.values(), strict=True))[:_MOST_ROWS]
+    heads = tuple(name.replace("_", " ") for name in table)
+    return PlainTable(heads, tuple(tuple(_text(v) for v in line) for line in lines))
+
+
+def _map(table: Mapping[str, Sequence[object]], words: list[str], alike: list[str], values: np.ndarray) -> HeatMap:
+    finite = values[np.isfinite(values)]
+    largest = float(finite.max(initial=0.0)) or 1.0
+    rows = []
+    for k, line in enumerate(values):
+        label, more = str(table[words[0]][k]), ", ".join(str(table[name][k]) for name in words[1:])
+        cells = tuple(
+            (decimal(float(v), 2), min(1.0, float(v) / largest), f"{label}, {name}: {decimal(float(v), 3)}")
+            for name, v in zip(alike, line, strict=True)
+        )
+        rows.append((label, more, cells))
+    heads = tuple(name.removesuffix(" Hz").replace("-", " to ") for name in alike)
+    return HeatMap("", heads, tuple(rows))
+
+
+def _is_figure(value: object) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def _text(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if value is None:
+        return ""
     if isinstance(value, float | np.floating):
         return decimal(float(value))
     return str(value)
