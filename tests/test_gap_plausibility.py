@@ -94,8 +94,8 @@ def test_columns_read_wrongly_are_refused_with_what_they_are(kind: str, sound: R
     with pytest.raises(InputError) as caught:
         examine(read_dataset(sound.write(tmp_path)))
     error = caught.value
-    assert all(problem.key.endswith(key) for problem in error.problems)
-    assert all(words in problem.reason for problem in error.problems), str(error)
+    assert [problem.key for problem in error.problems] == [key], str(error)
+    assert words in error.problems[0].reason
     if kind.endswith("one record"):
         assert error.source == str(tmp_path / "records" / "steps.csv")
 
@@ -108,7 +108,7 @@ def test_further_columns_are_held_against_the_believed_loop(sound: Recorded, tmp
     scale("load_pressure_Pa", 1e-5)(sound)
     with pytest.raises(InputError) as caught:
         examine(read_dataset(sound.write(tmp_path)))
-    said = {problem.key.split(": ")[1]: problem.reason for problem in caught.value.problems}
+    said = {problem.key: problem.reason for problem in caught.value.problems}
     assert "values are in bar, by their scale: multiply by 100000" in said["load_pressure_Pa"]
     assert "values are in mm" in said["inner_displacement_m"]
 
@@ -238,7 +238,7 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "clipped current, one side": (clip("current_A", 0.4, "force", side="top"), "clipped", "force", "range", True, True),
     "saturated current": (clip("current_A", 0.6, "force"), "saturated_current", "force", "saturates at", False, False),
     "lost samples": (lose("force", "displacement_m"), "stuck", "force", "lost by the recorder", True, True),
-    "zeros": (blank, "stuck", "force", "zero for single samples", True, True),
+    "zeros": (blank, "stuck", "force", "exactly zero in mid-motion, in", True, True),
     "dead sensor": (dead, "dead_channel", "force", "displacement_m never changes", True, True),
     "short": (cut("force", 0, 200), "short", "force", "too short: 0.199 s", True, False),
     "a handful": (cut("force", 0, 20), "short", "force", "only 20 samples", True, False),
@@ -282,7 +282,7 @@ def test_what_is_wrong_with_a_record_is_named(kind: str, sound: Recorded, tmp_pa
     assert of_record[0].left_out is left_out
     assert (record in [r.name for r in found.data.records]) is not left_out
     assert found.limits_confidence is limits
-    assert any(line.startswith(f"{record}: ") for line in found.words)
+    assert any(record in line.split(": ")[0].split(", ") for line in found.words)
 
 
 ALL_OUT: dict[str, tuple[Spoil, str]] = {

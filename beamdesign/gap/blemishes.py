@@ -120,7 +120,9 @@ def stuck(signal: np.ndarray) -> Plateau | None:
         after = first + length
         if after >= len(signal) or first == 0 or signal[first] in (low, high):
             continue
-        if abs(signal[after] - signal[first]) > usual:
+        # One that rested before, and then was pushed, has lost nothing.
+        before = signal[max(first - length, 0) : first + 1]
+        if abs(signal[after] - signal[first]) > usual and float(np.ptp(before)) > usual:
             runs.append((first, length))
     if not runs:
         return None

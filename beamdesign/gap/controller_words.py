@@ -12,6 +12,8 @@ from beamdesign.prototype import Controller, Lag, Prototype
 
 DISOBEDIENT = 0.05
 """Relative residual of the controller's equation from which something must be said."""
+_NOISY = 0.4
+"""The same as a share of the noise, which is known only so well."""
 _GRAVE = 0.1
 _HOPELESS = 0.5
 _EXPLAINED = 0.25  # of the residual may remain
@@ -35,7 +37,7 @@ def contradictions(
     found = []
     for record in records:
         fit = fits[record.name]
-        if fit.residual > max(DISOBEDIENT, fit.noise):
+        if fit.residual > max(DISOBEDIENT, _NOISY * fit.noise):
             found.append(_verdict(record, fit, _others(record, records, prototype), prototype, common))
         elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
             text = (
@@ -55,7 +57,7 @@ def lost_by_recorder(caution: Caution, fits: Mapping[str, ControllerFit]) -> Cau
     fit = fits.get(caution.record)
     if caution.name != "stuck" or fit is None:
         return caution
-    if fit.explained > max(DISOBEDIENT, fit.noise):
+    if fit.explained > max(DISOBEDIENT, _NOISY * fit.noise):
         return replace(caution, text=f"{caution.text} by the recorder, for the current went on", left_out=True)
     return replace(caution, text=f"{caution.text} by the sensor, for the current followed them: repair it")
 
@@ -94,9 +96,11 @@ def _verdict(
         return _contradicts(record, fit, other)
     if late < 0.5 * fit.residual:
         return _late(record, fit)
-    text = f"{fit.residual:.0%} of the current is not what the stated controller makes of command and displacement"
+    text = (
+        f"{fit.residual:.0%} of the current's rms is not what the stated controller makes of command and displacement"
+    )
     if fit.residual > _HOPELESS:
-        text = f"contradicts its controller: {text}; do the columns belong to one run?"
+        text = f"contradicts its controller: {text} (do the columns belong to one run?)"
         return Caution("controller", record.name, text, left_out=True, limits_confidence=True)
     line = _line(record, gain)
     text += (
@@ -127,8 +131,9 @@ def _late(record: TimeRecord, fit: ControllerFit) -> Caution:
 
 def _contradicts(record: TimeRecord, fit: ControllerFit, rival: Rival) -> Caution:
     text = (
-        f"contradicts its controller ({described(record.controller)}), which leaves {fit.residual:.0%} of the current; "
-        f"{rival.words} ({described(rival.controller)}) leaves {rival.residual:.1%}: correct dataset.toml"
+        f"contradicts its controller ({described(record.controller)}), which misses the current by {fit.residual:.0%} "
+        f"of its rms; {rival.words} ({described(rival.controller)}) misses it by {rival.residual:.1%}: "
+        "correct dataset.toml"
     )
     return Caution("controller", record.name, text, left_out=True, limits_confidence=True)
 

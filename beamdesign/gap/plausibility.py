@@ -36,8 +36,12 @@ class Examination:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Warnings as lines of text, those of reading first."""
-        return (*self.data.warnings, *(str(warning) for warning in self.warnings))
+        """Warnings as lines of text, those of reading first; what holds of several records alike is said once."""
+        of: dict[tuple[str, bool], list[str]] = {}
+        for warning in self.warnings:
+            of.setdefault((warning.text, warning.left_out), []).append(warning.record)
+        lines = (str(Caution("", ", ".join(names), text, out)) for (text, out), names in of.items())
+        return (*self.data.warnings, *lines)
 
 
 def examine(data: Dataset) -> Examination:
@@ -130,7 +134,10 @@ def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> list[Cautio
         problems += [(name, problem) for problem in _merged(readings)]
     if len(refused) == 1:
         raise InputError(sources[problems[0][0]], [problem for _, problem in problems])
-    raise InputError(data.folder, [Problem(f"{name}: {problem.key}", problem.reason) for name, problem in problems])
+    of: dict[Problem, list[str]] = {}
+    for name, problem in problems:
+        of.setdefault(problem, []).append(name)
+    raise InputError(data.folder, [Problem(p.key, f"{', '.join(names)}: {p.reason}") for p, names in of.items()])
 
 
 def _merged(readings: Sequence[Reading]) -> list[Problem]:

@@ -34,7 +34,7 @@ def signals(record: TimeRecord) -> list[Caution]:
         return [_out(record, "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}", False)]
     for name, signal in record.measured.items():
         if float(np.ptp(signal)) == 0:
-            found.append(_out(record, "dead_channel", f"{name} never changes: is the sensor connected?"))
+            found.append(_out(record, "dead_channel", f"{name} never changes (is the sensor connected?)"))
         elif plateau := clipped(signal):
             found += _clipped(record, name, plateau.side, plateau.level, plateau.samples)
         elif gaps := stuck(signal):
@@ -42,7 +42,8 @@ def signals(record: TimeRecord) -> list[Caution]:
             text = f"{name} stands still for {gaps.samples} samples and jumps, first at {at:.4g} s: samples were lost"
             found.append(Caution("stuck", record.name, text, limits_confidence=True))
         elif lost := holes(signal):
-            text = f"{name} is zero for single samples in mid-motion, {lost} times: samples were lost"
+            places = "1 place" if lost == 1 else f"{lost} places"
+            text = f"{name} is exactly zero in mid-motion, in {places}: samples were lost"
             found.append(Caution("stuck", record.name, text, limits_confidence=True))
     return found
 
@@ -74,7 +75,8 @@ def _length(record: TimeRecord, loop: BelievedLoop) -> list[Caution]:
     length = float(record.times[-1] - record.times[0])
     least = max(_SHORTEST_S, _PERIODS / loop.slowest_Hz)
     if length < least:
-        text = f"too short: {length:.3g} s, but {_PERIODS} periods of the slowest mode take {least:.2g} s"
+        needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
+        text = f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
         return [_out(record, "short", text, False)]
     if 1 / record.step < _SAMPLES_PER_PERIOD * loop.slowest_Hz:
         text = (
@@ -111,7 +113,7 @@ def _settings(record: TimeRecord, prototype: Prototype) -> list[Caution]:
     heaviest = max(record.outer_end_mass, record.inner_end_mass)
     if heaviest <= _HEAVIEST * own:
         return []
-    text = f"an end mass of {heaviest:g} kg on a beam of {own:.3g} kg is not credible: is it in grams?"
+    text = f"an end mass of {heaviest:g} kg on a beam of {own:.3g} kg is not credible (is it in grams?)"
     return [_out(record, "units", text)]
 
 
