@@ -154,6 +154,13 @@ def test_a_sound_bench_has_no_gap(tmp_path: Path):
     assert found.prototype == read_bench_prototype(tmp_path / "sound" / "prototype.toml")
 
 
+def test_a_figure_far_out_of_its_tolerance_is_named(tmp_path: Path):
+    data = read_bench_set(write_set(tmp_path / "weak", Truth(flow_gain=6.5e-6)))
+    found = diagnose_bench_set(data, [each for each in candidates() if each.causes < 3 and each.friction != "stribeck"])
+    assert found.chosen == ("parameter:flow_gain",)
+    assert found.prototype.servovalve.flow_gain_m3_per_s_per_V == pytest.approx(6.5e-6, rel=0.01)
+
+
 def judged(folder: Path, *hypotheses: BenchHypothesis) -> list[float]:
     data = read_bench_set(folder)
     seen = observations(steady_motions(data), data.prototype.actuator.asymmetry)

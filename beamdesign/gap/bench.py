@@ -47,7 +47,8 @@ def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
     Every combination of causes is fitted with the prototype's tolerances as priors, once to everything and once without
     each condition. Probabilities follow from the predictive densities of the conditions left out (pseudo-Bayesian
     model averaging with a Bayesian bootstrap over conditions; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13
-    (2018) 917), so that one condition cannot decide alone; every further cause starts at odds of `PRIOR_ODDS`.
+    (2018) 917), so that one condition cannot decide alone; every further cause starts at odds of `PRIOR_ODDS`,
+    and what moves a figure out of its tolerance pays for it.
 
     Raises:
         InputError: for data that cannot be used; see `read_bench_set` and `steady_motions`.
@@ -75,7 +76,8 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
     best = _responsible(ranked, marginal)
     gap = _gap(data.prototype, ranked, best, seen, floor)
     marginal = {name: probability for name, probability in marginal.items() if name not in known.names}
-    verdict, reason = _verdict([name for name in best.hypothesis.names if name in marginal], gap, marginal)
+    strained = any(each.held_out.fit.flags for each in ranked if each.hypothesis == known)
+    verdict, reason = _verdict([name for name in best.hypothesis.names if name in marginal], gap, marginal, strained)
     chosen = () if verdict == "no_gap" else tuple(name for name in best.hypothesis.names if name in marginal)
     causes = _causes(data.prototype, ranked, best, gap, marginal, chosen)
     replayed = replay_errors(data, best.held_out)
@@ -109,7 +111,8 @@ def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.nda
     densities = np.array([[each.density[c] for c in conditions] for each in tried])
     prior = np.array([each.fit.hypothesis.causes for each in tried]) * np.log(PRIOR_ODDS)
     share = np.random.default_rng(0).dirichlet(np.ones(len(conditions)), _DRAWS) * len(conditions)
-    score = share @ densities.T + prior
+    strain = np.array([each.fit.strain for each in tried])
+    score = share @ densities.T + prior - strain / 2
     weight = np.exp(score - score.max(axis=1, keepdims=True))
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
 
@@ -161,11 +164,11 @@ def _closed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndar
     return np.asarray((before - after) / np.maximum(before - floor, 1e-12))
 
 
-def _verdict(names: Sequence[str], gap: Gap, marginal: Mapping[str, float]) -> tuple[str, str]:
+def _verdict(names: Sequence[str], gap: Gap, marginal: Mapping[str, float], strained: bool) -> tuple[str, str]:
     told = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
     open_ = [name for name, p in marginal.items() if 1 - _SURE < p < _SURE]
     sure = [name for name in names if name not in open_]
-    if min(gap.before, gap.retuned) < _SOUND * gap.noise_floor:
+    if gap.before < _SOUND * gap.noise_floor or (gap.retuned < _SOUND * gap.noise_floor and not strained):
         return "no_gap", f"The prototype predicts the bench within its tolerances. {told}"
     if not names or gap.closed < _LIKELY:
         return "unknown", f"No set of causes known here explains the better part of the gap. {told}"

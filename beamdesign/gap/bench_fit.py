@@ -29,6 +29,7 @@ class SteadyFit:
         std: standard deviation by figure, in its own unit.
         deviation: by channel, what is left in units of `errors`, at least the scatter of runs.
         flags: figures at a bound or more than two deviations off their tolerance, in words.
+        strain: sum of squares of how many tolerances the figures that have one are moved.
     """
 
     hypothesis: BenchHypothesis
@@ -37,6 +38,7 @@ class SteadyFit:
     std: dict[str, float]
     deviation: dict[str, float]
     flags: tuple[str, ...] = ()
+    strain: float = 0.0
 
 
 def fit(
@@ -70,7 +72,7 @@ def fit(
     root = np.sqrt(np.diag(covariance))
     slopes = [values[name] if prior.relative else 1.0 for name, prior in problem.prior.items()]
     std = {name: float(r * slope) for name, r, slope in zip(problem.prior, root, slopes, strict=True)}
-    return SteadyFit(hypothesis, values, covariance, std, deviation, tuple(problem.flags(z)))
+    return SteadyFit(hypothesis, values, covariance, std, deviation, tuple(problem.flags(z)), problem.strain(z))
 
 
 class _Problem:
@@ -131,6 +133,11 @@ class _Problem:
         step = np.where(z + _DIFFERENCE * self.spread > self.high, -1, 1) * _DIFFERENCE * self.spread
         found = self.residuals(np.vstack([z, z + np.diag(step)]), deviation)
         return found[0], ((found[1:] - found[0]) / step[:, None]).T
+
+    def strain(self, z: np.ndarray) -> float:
+        """Sum of squared deviations of the tolerated figures."""
+        moved = [(z[k] - self.middle[k]) / self.spread[k] for k, name in enumerate(self.prior) if name in _TOLERATED]
+        return float(np.sum(np.square(moved)))
 
     def flags(self, z: np.ndarray) -> list[str]:
         """Figures at a bound, and figures more than two tolerances off, in words."""
