@@ -333,11 +333,31 @@ def test_gains_that_nothing_explains_are_said_to_be_unknown(believed: Prototype)
     assert found.verdict == "unknown"
     assert found.probability_unknown > 0.9
     assert found.chosen == ()
+    assert "linear" in found.next_experiment.text
+
+
+def test_a_response_that_no_linear_cause_explains_is_said_to_be_unknown(believed: Prototype):
+    """Ripples of 20 % in the response, as of a resonance that nothing in the library has, do not pass as some cause."""
+    sound = rig_with_lag(believed, 1e6, 4, (0.4, 0.4))
+    rippled = tuple(
+        replace(curve, response=curve.response * np.exp(0.2 * np.sin(6 * np.log(LINES)))) for curve in sound.responses
+    )
+    found = explain_gains(replace(sound, responses=rippled), among=SUSPECTS)
+    assert found.verdict == "unknown"
+    assert found.chosen == ()
+    assert "a factor of four" not in found.next_experiment.text  # the force of the responses is known
+    assert "at 5 and at 20 N" in found.next_experiment.text
 
 
 def test_nothing_to_explain_is_refused(believed: Prototype):
     with pytest.raises(ValueError, match="neither critical gains nor frequency responses"):
         explain_gains(Dataset("empty", Path(), believed))
+
+
+def test_a_response_where_every_believed_model_oscillates_is_refused(believed: Prototype):
+    loud = replace(response(believed, 400.0, SETTINGS[0]), controller=PROPORTIONAL.but(gain_A_per_V=0.1))
+    with pytest.raises(ValueError, match="where a response was taken"):
+        explain_gains(Dataset("loud", Path(), believed, (), (loud,)))
 
 
 def test_laplace_agrees_with_quadrature(believed: Prototype):

@@ -18,8 +18,8 @@ from beamdesign.gap.gain_search import Figure, Progress, figures_of, log_posteri
 from beamdesign.gap.gain_shares import GainShares, gain_shares
 from beamdesign.gap.gain_words import notes_of, notes_on_predictions, sentences
 from beamdesign.gap.hypothesis import NOTHING, Hypothesis, subsystem
-from beamdesign.gap.judgement import EFFECT_ODDS, Judgement, odds
-from beamdesign.gap.next_gain import next_experiment
+from beamdesign.gap.judgement import EFFECT_ODDS, Judgement, judge, odds
+from beamdesign.gap.next_gain import another_size, next_experiment
 from beamdesign.gap.unknowns import FREE
 
 SEPARATE = 3.0
@@ -29,6 +29,7 @@ CONFIDENT = 0.8
 """Probability of causes, whatever else may be at work beside them, from which they are said to be behind the gap."""
 OUTSIDE = "unknown"
 """Stands in a class for something that the library does not hold."""
+_CERTAIN = 50.0  # in the logarithm of odds: more is no more
 
 
 @dataclass(frozen=True)
@@ -97,13 +98,16 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     if found.null.reason:
         raise ValueError(found.null.reason)
     fits = [f for f in (found.null, *found.fits) if not f.reason]
-    logs = [log_posterior(f) for f in fits]
-    outside = log_outside(evidence, found.null)
-    total = max(*logs, outside)
-    whole = sum(exp(value - total) for value in (*logs, outside))
+    spread = max(1.0, min(f.misfit for f in fits) / found.expected)
+    logs = [log_posterior(f, spread) for f in fits]
+    outside = log_outside(evidence, found.null, spread)
+    leading = max(logs)
+    weights = [exp(value - leading) for value in logs]
     order = sorted(range(len(fits)), key=lambda k: -logs[k])
-    of = {fits[k].hypothesis: exp(logs[k] - total) / whole for k in order}
-    unknown = exp(outside - total) / whole
+    # What the best explanation leaves of a gap speaks for something else as well, as with time records.
+    margin = float(np.clip(outside - leading - log(sum(weights)), -_CERTAIN, _CERTAIN))
+    unknown = max(1 / (1 + exp(-margin)), judge(found).unknown)
+    of = {fits[k].hypothesis: weights[k] / sum(weights) * (1 - unknown) for k in order}
     judged = Judgement(of, unknown, fits[order[0]])
     rivals = rivals_of([fits[k] for k in order], [logs[k] for k in order], silent)
     verdict = verdict_of(judged, rivals, silent)
@@ -112,7 +116,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     after = rivals[0] if verdict in ("effect", "ambiguous") else found.null
     listed = tuple(c for c in listing.causes(found, judged) if c.name not in silent)
     names = [str(f.hypothesis) for f in rivals]
-    if outside > max(logs) - SEPARATE:
+    if unknown > of[judged.best.hypothesis] * exp(-SEPARATE):
         names.append(OUTSIDE)
     classes = (tuple(names),) if verdict in ("effect", "ambiguous") and len(names) > 1 else ()
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
@@ -120,8 +124,9 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     shares = gain_shares(gains)
     gap = figures_of_gap(evidence, found.null, after)
     asked = None
-    if verdict in ("ambiguous", "unknown"):
+    if verdict == "ambiguous":
         asked = next_experiment(data, rivals, [of[f.hypothesis] for f in rivals])
+    asked = another_size(data) if verdict == "unknown" or (asked is None and verdict == "ambiguous") else asked
     progress(1.0, "done")
     return GainDiagnosis(
         data.name,
@@ -145,7 +150,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     )
 
 
-def log_outside(evidence: Sequence[Figure], null: Fit) -> float:
+def log_outside(evidence: Sequence[Figure], null: Fit, spread: float = 1.0) -> float:
     """Logarithm of the probability, on the scale of `log_posterior`, that something outside the library is at work.
 
     It is taken to change every figure by a factor of its own, of the same spread as that of a plainly wrong figure.
@@ -156,6 +161,7 @@ def log_outside(evidence: Sequence[Figure], null: Fit) -> float:
     r = np.concatenate([row[0] for _, row in rows if row is not None])
     j = np.vstack([row[1] for _, row in rows if row is not None])
     units = np.concatenate([piece.units for piece, row in rows if row is not None])
+    r, j, units = r / np.sqrt(spread), j / np.sqrt(spread), units * np.sqrt(spread)
     covariance = np.eye(len(r)) + j @ j.T + np.diag((FREE / units) ** 2)
     _, volume = np.linalg.slogdet(covariance)
     return -0.5 * (float(r @ np.linalg.solve(covariance, r)) + float(volume)) + EFFECT_ODDS

@@ -53,6 +53,10 @@ def search_few(
     """
     progress(0.0, "tolerances")
     null = _fitted(NOTHING, {}, evidence, prototype, 1)
+    expected = sum(piece.expected for piece in evidence)
+    names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
+    if null.reason:
+        return Search(null, (), expected, names, conditions), ()
     alone = {}
     listed = [h for h in singles(prototype) if not among or h.names[0] in among]
     for k, hypothesis in enumerate(listed):
@@ -60,7 +64,6 @@ def search_few(
         progress(_SINGLES * (k + 1) / len(listed), "single causes")
     silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
     heard = [h for h in listed if h.names[0] not in silent]
-    expected = sum(piece.expected for piece in evidence)
     best = sorted((h for h in heard if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
     if best and alone[best[0]].misfit > _EXPLAINED * expected:
         best = heard
@@ -83,16 +86,17 @@ def search_few(
     for k, hopeful in enumerate(found):
         if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > leading - _HOPEFUL:
             found[k] = _fitted(hopeful.hypothesis, hopeful.values, evidence, prototype, 1)
-    names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
     return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names, conditions), silent
 
 
-def log_posterior(found: Fit) -> float:
+def log_posterior(found: Fit, spread: float = 1.0) -> float:
     """Logarithm of a fit's probability, up to a constant: Laplace's marginal likelihood and the odds of its causes.
 
-    The measurements' errors are taken as they are stated.
+    Args:
+        found: the fit.
+        spread: how much larger the best misfit is than the measurements' errors explain; 1 where these are right.
     """
-    return judgement.evidence(found, 1.0) + judgement.odds(found.hypothesis)
+    return judgement.evidence(found, spread) + judgement.odds(found.hypothesis)
 
 
 def _fitted(
@@ -106,7 +110,11 @@ def _fitted(
     placement = hypothesis.placement(prototype)
     begun = starts(placement, known, evidence, most)
     if not begun:
-        return Fit(hypothesis, placement.unknowns, reason="the model oscillates at no gain, or at any")
+        return Fit(
+            hypothesis,
+            placement.unknowns,
+            reason="the believed model oscillates at no gain, or where a response was taken",
+        )
     return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
 
 

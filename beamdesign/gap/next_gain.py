@@ -75,6 +75,19 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
     return NextExperiment(experiment.text, names, separation, experiment.settings)
 
 
+def another_size(data: Dataset) -> NextExperiment:
+    """Where no explanation is at hand: whether it depends on the size of the motion, which such data do not say."""
+    forces = sorted({r.amplitude_N for r in data.responses})
+    sizes = f"at {forces[0] / 4:.3g} and at {forces[0]:.3g} N" if forces else "at two forces a factor of four apart"
+    return NextExperiment(
+        f"Record the displacement and the current in time under a multisine force from 1 to 300 Hz {sizes}: a linear"
+        " cause shows the same response in both, a deadband, friction or play does not.",
+        (),
+        0.0,
+        {"kind": "record", "input": "multisine", "band_Hz": [1.0, 300.0], "amplitudes": 2},
+    )
+
+
 def separations(pieces: Sequence[Figure], rivals: Sequence[Fit]) -> np.ndarray | None:
     """(R, R) distances between what rivals predict of some evidence, in standard deviations; None where one cannot."""
     predicted = []
