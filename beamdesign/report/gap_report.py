@@ -193,7 +193,7 @@ def _inline(figure: object, name: str, caption: str) -> Markup:
 
 def _figure(value: float, digits: int = 4) -> str:
     """A figure of any size, large ones with an exponent."""
-    return decimal(value, digits) if abs(value) < 1e5 else f"{value:.{digits}g}"
+    return decimal(value, digits) if abs(value) < 1e4 else f"{value:.{digits}g}"
 
 
 def _environment() -> Environment:
