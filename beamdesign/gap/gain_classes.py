@@ -21,6 +21,7 @@ from beamdesign.gap.hypothesis import NOTHING, Hypothesis, subsystem
 from beamdesign.gap.judgement import EFFECT_ODDS, Judgement, judge, odds
 from beamdesign.gap.next_gain import another_size, next_experiment
 from beamdesign.gap.unknowns import FREE
+from beamdesign.records import InputError
 
 SEPARATE = 3.0
 """Difference in the logarithm of the probability from which data are said to tell two hypotheses apart: 20 to 1."""
@@ -70,11 +71,12 @@ def explain_gains(
         among: names of the causes that come into question; all where empty.
 
     Raises:
-        ValueError: where it has neither, or where the believed model oscillates at no gain.
+        InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
+            taken, whatever its figures within their tolerances.
     """
     evidence = figures_of(data)
     if not evidence:
-        raise ValueError("the set holds neither critical gains nor frequency responses")
+        raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
     if not any(taken.predicted_gain for taken in data.gains):
         return _explained(data, evidence, progress, among)
     placement = NOTHING.placement(data.prototype)
@@ -96,7 +98,8 @@ def explain_gains(
 def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, among: Sequence[str]) -> GainDiagnosis:
     found, silent = search_few(evidence, data.prototype, progress, among)
     if found.null.reason:
-        raise ValueError(found.null.reason)
+        key = "frequency_response" if data.responses else "critical_gain"
+        raise InputError(data.folder, [(key, found.null.reason)])
     fits = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
     logs = [log_posterior(f, spread) for f in fits]
