@@ -34,6 +34,7 @@ from beamdesign.prototype import (
     Servovalve,
     Tolerance,
 )
+from beamdesign.records import InputError
 
 PROPORTIONAL = Proportional(gain_A_per_V=0.01)
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0)
