@@ -436,6 +436,8 @@ def test_with_gains_beside_a_record_the_lag_stays_first():
     data = replace(data, records=data.records[:1])
     pieces = evidence_of(data)
     assert len(pieces) == 5
+    assert pieces[1].units == pytest.approx([(0.03**2 + 0.1**2) ** 0.5])  # a linear loop beside a record
+    assert pieces[1].expected == pytest.approx(0.03**2 / (0.03**2 + 0.1**2))
 
     def likelihood(name: str, some: Sequence[object]) -> float:
         hypothesis = Hypothesis((name,)) if name else NOTHING

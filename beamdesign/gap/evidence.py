@@ -10,7 +10,10 @@ from beamdesign.gap.gain_evidence import GainEvidence
 from beamdesign.gap.replay import Replay, replay, simulated, simulated_with_slopes, steps
 from beamdesign.gap.response_evidence import response_evidence
 from beamdesign.gap.unknowns import Placement
-from beamdesign.gap.weighting import Weighting, weighting
+from beamdesign.gap.weighting import SHARE, Weighting, weighting
+
+ROUGH = 0.1
+"""Relative error of a linear loop that stands for a rig with nonlinear laws."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,15 @@ class RecordEvidence:
 
 
 def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
-    """Everything in a data set: time records, frequency responses, critical gains."""
-    responses = tuple(response_evidence(taken, data.prototype) for taken in data.responses)
-    return (*record_evidence(data), *responses, *(GainEvidence(taken, data.prototype) for taken in data.gains))
+    """Everything in a data set: time records, frequency responses, critical gains.
+
+    Responses and gains are predicted by a linear loop, which is blind to friction, deadband and the like. Beside
+    records, which these laws are fitted to, they count as no better than that loop is where such laws are at work.
+    """
+    rough = ROUGH if data.records else 0.0
+    responses = tuple(response_evidence(taken, data.prototype, max(SHARE, rough)) for taken in data.responses)
+    gains = tuple(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains)
+    return (*record_evidence(data), *responses, *gains)
 
 
 def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:

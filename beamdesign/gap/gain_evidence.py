@@ -25,12 +25,14 @@ class GainEvidence:
         measured: the gain.
         prototype: that was believed.
         load: constant force on the outer tip under which it was measured, N.
+        rough: relative error of the linear loop itself, beside that of the measurement.
         offset: added to the logarithm of the model's gain, where it is to be judged from another starting point.
     """
 
     measured: MeasuredGain
     prototype: Prototype
     load: float = 0.0
+    rough: float = 0.0
     offset: float = 0.0
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False)
     _last: dict[object, Onset | None] = field(default_factory=dict, repr=False, compare=False)
@@ -53,13 +55,14 @@ class GainEvidence:
     @property
     def expected(self) -> float:
         """Misfit that noise alone leaves: one per figure."""
-        return 1.0 if self.measured.frequency_Hz is None else 2.0
+        stds = np.array([self.measured.relative_std, FREQUENCY_STD][: len(self.units)])
+        return float(np.sum((stds / self.units) ** 2))
 
     @property
     def units(self) -> np.ndarray:
         """(M,) relative error that is one unit, of every row of the residual."""
-        stds = [self.measured.relative_std, FREQUENCY_STD]
-        return np.array(stds[: int(self.expected)])
+        stds = np.hypot([self.measured.relative_std, FREQUENCY_STD], self.rough)
+        return np.asarray(stds[: 1 if self.measured.frequency_Hz is None else 2])
 
     def model(self, placement: Placement) -> LinearModel:
         """The linear loop of this setting."""
@@ -91,14 +94,12 @@ class GainEvidence:
         if at is None:
             return None
         gain, frequency = onset_slopes(self.model(placement), z, at)
-        rows = [-gain / self.measured.relative_std]
-        if self.measured.frequency_Hz is not None:
-            rows.append(-frequency / FREQUENCY_STD)
-        return self._misfit(at), np.array(rows)
+        rows = np.array([-gain, -frequency][: len(self.units)])
+        return self._misfit(at), rows / self.units[:, None]
 
     def _misfit(self, at: Onset) -> np.ndarray:
         taken = self.measured
-        figures = [(log(taken.gain / at.gain) - self.offset) / taken.relative_std]
+        figures = [log(taken.gain / at.gain) - self.offset]
         if taken.frequency_Hz is not None:
-            figures.append(log(tau * taken.frequency_Hz / at.frequency) / FREQUENCY_STD)
-        return np.array(figures)
+            figures.append(log(tau * taken.frequency_Hz / at.frequency))
+        return np.array(figures) / self.units

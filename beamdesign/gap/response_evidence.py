@@ -127,10 +127,16 @@ class ResponseEvidence:
         return np.concatenate([shaped.real, shaped.imag]) if self.measured.has_phase else shaped.real
 
 
-def response_evidence(measured: FrequencyResponse, prototype: Prototype) -> ResponseEvidence:
-    """Weigh a frequency response."""
+def response_evidence(measured: FrequencyResponse, prototype: Prototype, share: float = SHARE) -> ResponseEvidence:
+    """Weigh a frequency response.
+
+    Args:
+        measured: the response.
+        prototype: that was believed.
+        share: relative error of a model that counts as one unit.
+    """
     noise = scatter(measured)
-    unit = np.sqrt(SHARE**2 + noise**2)
+    unit = np.sqrt(share**2 + noise**2)
     count = len(unit) * (2 if measured.has_phase else 1)
     scale = min(1.0, float(np.sqrt(INDEPENDENT / count)))
     expected = count / len(unit) * scale**2 * float(np.sum((noise / unit) ** 2))
