@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Protocol
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -46,18 +47,15 @@ class KeptFits:
 
     def recall(self, job: Job) -> Fit | None:
         """A fit that was made before."""
-        path = self._path(job)
         try:
-            with np.load(path, allow_pickle=False) as held:
+            with open(self._path(job), "rb") as file, np.load(file, allow_pickle=False) as held:
                 unknowns = job.hypothesis.unknowns(self.prototype)
                 if str(held["reason"]):
                     return Fit(job.hypothesis, unknowns, reason=str(held["reason"]))
                 shares = zip(held["c"], held["g"], held["a"], strict=True)
                 found = tuple(Share(float(c), g, a) for c, g, a in shares)
                 return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), found)
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, EOFError):  # what is not whole is made again
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # what is not there or not whole is made again
             return None
 
     def keep(self, job: Job, found: Fit) -> None:
