@@ -381,3 +381,13 @@ def test_the_believed_loop_holds_a_static_load_as_statics_says(paper: Prototype)
     assert current == pytest.approx(-0.02 * 1180 * moved, rel=1e-6)
     assert pressure == pytest.approx(-stiff * moved / 1.13e-4, rel=1e-6)
     assert inner == pytest.approx(stiff * moved / 157_500, rel=1e-6)
+
+
+@pytest.mark.parametrize("units", [("current_A", "displacement_m"), ("command_V", "displacement_m")])
+def test_two_columns_in_other_units(units: tuple[str, str], sound: Recorded, tmp_path: Path):
+    for column in units:
+        scale(column, 1e3, "command")(sound)
+    with pytest.raises(InputError) as caught:
+        examine(read_dataset(sound.write(tmp_path)))
+    assert caught.value.problems[0].key == ", ".join(units)
+    assert caught.value.problems[0].reason.startswith("values are in m")

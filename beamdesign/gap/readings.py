@@ -30,11 +30,12 @@ _MORE_UNITS: dict[str, dict[str, float]] = {
     "inner_displacement_m": {"mm": 1e3, "um": 1e6, "inches": 1 / 0.0254},
 }
 """The same of columns that a record may have besides."""
-_TIMES = {"ms": 1e3, "us": 1e6, "minutes": 1 / 60}
+_TIMES = {"ms": 1e3, "us": 1e6}
 _SENSOR_GAINS = {"V/mm": 1e-3, "V/cm": 1e-2, "V/inch": 0.0254}
 _FAR, _UNLIKE = log(3.0), 0.3  # beyond which a record is not taken as it stands
 _NEAR, _ALIKE = log(2.0), 0.6  # within which another reading is believed
 _NEAR_EQUATION, _ALIKE_EQUATION = log(1.12), 0.9
+_ALIKE_BENT = 0.8  # with a current that saturates
 _COARSE = 12.0  # a factor that is believed though the current saturates
 _SURE = 0.2  # fault of a reading that leaves next to nothing to explain
 _FAR_MORE = log(8.0)
@@ -164,7 +165,7 @@ def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, .
         return ()
     view = View(record, prototype)
     compared = _loop(view) is not None
-    for candidates, bent in ((_single, False), (_double, False), (_single, True)):
+    for candidates, bent in ((_single, False), (_single, True), (_double, False)):
         found = []
         for reading, changed in candidates(view):
             if bent and not reading.coarse:
@@ -188,7 +189,7 @@ def _fault(view: View, bent: bool, compared: bool) -> float | None:
             that loop is unstable explains nothing.
     """
     equation = _equation(view)
-    if not equation.within(*((_NEAR, _ALIKE) if bent else (_NEAR_EQUATION, _ALIKE_EQUATION))):
+    if not equation.within(*((_NEAR, _ALIKE_BENT) if bent else (_NEAR_EQUATION, _ALIKE_EQUATION))):
         return None
     loop = _loop(view)
     if loop is None:
