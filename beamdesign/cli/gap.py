@@ -2,6 +2,7 @@
 
 import typer
 
+from beamdesign.cli.gap_blindcheck import blindcheck
 from beamdesign.cli.gap_diagnose import diagnose
 from beamdesign.cli.gap_predict import predict
 
@@ -11,5 +12,5 @@ gap = typer.Typer(
     pretty_exceptions_enable=False,
     help="Compare a built rig with its model: where they differ, why, and how far the difference closes.",
 )
-for command in (diagnose, predict):
+for command in (diagnose, predict, blindcheck):
     gap.command(command.__name__)(command)
