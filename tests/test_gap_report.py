@@ -1,0 +1,295 @@
+"""The page of a diagnosis: self-contained, whole, and its figures those of the records behind it."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamdesign.gap.dataset import Dataset, read_dataset
+from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range, terms
+from beamdesign.gap.diagnosis import Cause, Diagnosis, Estimate, NextExperiment, Where, Witness
+from beamdesign.gap.diagnosis_fields import diagnosis_fields
+from beamdesign.gap.evidence import record_evidence
+from beamdesign.gap.fit import Fit, Share
+from beamdesign.gap.hypothesis import Hypothesis
+from beamdesign.gap.search import Search
+from beamdesign.gap.shrink import Errors, errors, gap
+from beamdesign.prototype import Payload, Prototype
+from beamdesign.report.gap_pictures import bands, diverged, in_bands, zoom
+from beamdesign.report.gap_report import gap_report_html
+from beamdesign.report.gap_tables import (
+    HeatMap,
+    PlainTable,
+    chosen_fit,
+    closed_text,
+    fitted_figures,
+    shade,
+    witness_table,
+)
+
+SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"
+VOID = {"meta", "link", "br", "img", "path", "use", "rect", "line", "circle", "polygon", "image"}
+
+
+def fit_at(prototype: Prototype, *names: str, **z: float) -> Fit:
+    """A fit with unknowns placed by hand; its curvature makes every standard error 0.1 of a prior."""
+    hypothesis = Hypothesis(names)
+    unknowns = hypothesis.unknowns(prototype)
+    at = np.array([z.get(u.name.replace(".", "_"), 0.0) for u in unknowns])
+    count = len(unknowns)
+    return Fit(hypothesis, unknowns, at, 10.0, (Share(10.0, np.zeros(count), 99 * np.eye(count)),))
+
+
+@pytest.fixture(scope="module")
+def data() -> Dataset:
+    return read_dataset(SLOW_SENSOR)
+
+
+@pytest.fixture(scope="module")
+def found(data: Dataset) -> Diagnosis:
+    """A diagnosis put together by hand, with a name and words that would break a page if they were not escaped."""
+    null = fit_at(data.prototype, flow_gain=-3.0)
+    chosen = fit_at(data.prototype, "sensor_lag", sensor_lag_break_Hz=-0.67)
+    null = Fit(null.hypothesis, null.unknowns, null.z, 100.0, (Share(100.0, null.shares[0].g, null.shares[0].a),))
+    search = Search(null, (chosen,), 8.0, ("command",), (1,))
+    measured = gap([errors(piece, data.prototype, null, chosen) for piece in record_evidence(data)], (1,))
+    maps = {"record": ("command", "steps"), "0-15 Hz": (0.5, 1.0), "15-40 Hz": (2.0, 0.0)}
+    where = Where(
+        "sensor",
+        (15.0, 150.0),
+        "with payload",
+        "linear",
+        (Witness("equation <b>", "sensor", 0.8, "says 5 < 6 & more", maps),),
+        "It lies in the sensor.",
+    )
+    lag = Cause("sensor_lag", "sensor", 0.93, 0.9, {"break_Hz": Estimate(250.0, 3.0)}, ("flow_gain is odd",))
+    other = Cause("parameter:stiffness", "structure", 0.05, 0.1, {"outer_stiffness": Estimate(5.1e5, 1e4)})
+    return Diagnosis(
+        "rig <script>alert(1)</script>",
+        "ambiguous",
+        "The gap is a lag. It closes.",
+        (lag, other),
+        ("sensor_lag",),
+        0.02,
+        where,
+        measured,
+        (("sensor_lag", "transport_delay"),),
+        NextExperiment("Excite it at 300 Hz.", ("sensor_lag", "transport_delay"), 4.2),
+        data.prototype.but(effects={"sensor_lag": {"break_Hz": 250.0}}),
+        ("01: is clipped",),
+        search,
+    )
+
+
+@pytest.fixture(scope="module")
+def page(found: Diagnosis, data: Dataset) -> str:
+    terms_of = designer_terms(data, found.prototype)
+    return gap_report_html(found, {"prototype": "prototype.toml", "json": "diagnosis.json"}, data, terms_of)
+
+
+class Balanced(HTMLParser):
+    """Notes elements left open or closed out of turn, and all identifiers and links."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stack: list[str] = []
+        self.wrong: list[str] = []
+        self.identifiers: list[str] = []
+        self.links: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.identifiers.append(value)
+            if name in ("href", "src", "xlink:href") and value:
+                self.links.append(value)
+        if tag not in VOID:
+            self.stack.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.stack.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in VOID:
+            return
+        if not self.stack or self.stack[-1] != tag:
+            self.wrong.append(tag)
+        else:
+            self.stack.pop()
+
+
+def test_it_is_whole_and_asks_for_nothing(page: str) -> None:
+    seen = Balanced()
+    seen.feed(page)
+    assert seen.wrong == []
+    assert seen.stack == []
+    assert len(seen.identifiers) == len(set(seen.identifiers))
+    assert "script" not in seen.tags
+    outside = [link for link in seen.links if not link.startswith(("#", "data:,")) and link != "prototype.toml"]
+    assert outside == ["diagnosis.json"]
+    assert {link[1:] for link in seen.links if link.startswith("#")} <= set(seen.identifiers)
+    assert not re.search(r"url\((?!#)", page)
+    assert "@import" not in page
+
+
+def test_words_of_the_data_are_escaped(page: str) -> None:
+    assert "<script>" not in page
+    assert "rig &lt;script&gt;" in page
+    assert "says 5 &lt; 6 &amp; more" in page
+
+
+def test_it_says_what_the_diagnosis_says(page: str, found: Diagnosis) -> None:
+    text = re.sub(r"<[^>]+>", " ", page)
+    assert "The gap is a lag. It closes." in text
+    assert "93.0 %" in text
+    assert "flow_gain is odd" in text
+    assert "sensor lag, or transport delay" in text
+    assert "Excite it at 300 Hz." in text
+    assert "01: is clipped" in text
+    for record in found.gap.records:
+        assert record.record in text
+    assert "held out" in text
+    # 131.7 mA/V is the remedy's rig with 4.4 kg inside: `critical_gain` of the exact polynomial.
+    assert "131.7 mA/V at 133.7 Hz" in text
+
+
+def test_both_themes_and_print(page: str) -> None:
+    assert "prefers-color-scheme: dark" in page
+    assert "@media print" in page
+    assert "var(--ink)" in page
+
+
+def test_without_records_or_fits_there_is_still_a_page(found: Diagnosis) -> None:
+    bare = replace(found, search=None, gap=replace(found.gap, records=(), bands=()), verdict="no_gap", chosen=())
+    text = gap_report_html(replace(bare, causes=(), classes=(), next_experiment=None), {"json": "d.json"})
+    assert "no further measurement" in text
+    assert "<figure" not in text
+
+
+def test_fields_are_plain(found: Diagnosis) -> None:
+    fields = diagnosis_fields(found)
+    assert json.loads(json.dumps(fields)) == fields
+    assert fields["effects"][0] == {
+        "name": "sensor_lag",
+        "probability": 0.93,
+        "parameters": {"break_Hz": {"value": 250.0, "std": 3.0}},
+        "subsystem": "sensor",
+        "share": 0.9,
+        "flags": ["flow_gain is odd"],
+    }
+    assert fields["where"]["band_Hz"] == [15.0, 150.0]
+    assert fields["gap"]["closed_interval"] == list(found.gap.closed_interval)
+
+
+def tones(*parts: tuple[float, float], count: int = 4000, step: float = 5e-4) -> Errors:
+    """Errors made of sines: (amplitude, frequency)."""
+    times = step * np.arange(count)
+    wave = np.sum([a * np.sin(2 * pi * f * times) for a, f in parts], axis=0)
+    return Errors("tones", times, np.sin(2 * pi * 5 * times), wave, 0.5 * wave, 0.1 * wave, 1e-3)
+
+
+def test_bands_hold_the_power_of_their_sines() -> None:
+    """A sine of amplitude a has the root mean square a over root two, whichever band it is in (whole periods)."""
+    made = tones((3.0, 10.0), (0.4, 100.0))
+    found = in_bands(made, made.before, np.array([1.0, 50.0, 200.0, 400.0]))
+    assert found[:2] == pytest.approx([3 / sqrt(2), 0.4 / sqrt(2)], rel=1e-9)
+    assert found[2] < 1e-9
+    assert np.sqrt(np.sum(in_bands(made, made.before, bands(made)) ** 2)) == pytest.approx(
+        sqrt((9 + 0.16) / 2), rel=1e-9
+    )
+
+
+def test_bands_are_no_finer_than_the_spectrum() -> None:
+    edges = bands(tones((1.0, 10.0)))
+    assert np.all(np.diff(edges) >= 1 / 2.0)
+    assert edges[-1] <= 0.5 / 5e-4
+
+
+def test_the_zoom_is_where_the_error_is() -> None:
+    times = 5e-4 * np.arange(4000)
+    burst = np.where((times > 1.2) & (times < 1.3), np.sin(2 * pi * 80 * times), 0.0)
+    part = zoom(Errors("burst", times, np.sin(2 * pi * 5 * times), burst, burst, burst, 1e-3))
+    assert times[part.start] >= 1.19
+    assert times[part.stop - 1] <= 1.31
+
+
+def test_a_model_that_gave_nothing_is_told_from_one_that_is_wrong() -> None:
+    made = tones((1.0, 10.0))
+    nothing = Errors("n", made.times, made.measured, made.measured / np.std(made.measured), made.tuned, made.after, 0.1)
+    assert diverged(nothing, "before")
+    assert not diverged(nothing, "tuned")
+
+
+def test_a_share_that_is_not_the_whole_is_not_called_so() -> None:
+    assert closed_text(0.9996) == "99.96 %"
+    assert closed_text(0.99999999) == "nearly 100 %"
+    assert closed_text(0.5) == "50.0 %"
+    assert closed_text(-0.25) == "-25.0 %"
+    assert closed_text(1.0) == "100 %"
+
+
+def test_shades_rise_with_the_logarithm() -> None:
+    assert shade(0.0) == 0
+    assert shade(1e-3) == 0
+    assert shade(1.0) == 1
+    assert shade(40.0) == 1
+    assert shade(10**-1.5) == pytest.approx(0.5)
+
+
+def test_figures_beyond_two_tolerances_stand_out(data: Dataset) -> None:
+    rows = {row.name: row for row in fitted_figures(fit_at(data.prototype, flow_gain=-3.0, oil_stiffness=1.9))}
+    assert rows["flow gain"].beyond
+    assert not rows["oil stiffness"].beyond
+    assert rows["flow gain"].place == pytest.approx(0.2)
+    assert rows["outer mass"].place == 0.5
+    # K_q of 11.3 cm3/s/mA, three times 5 % less: exp(-0.15).
+    assert rows["flow gain"].fitted.startswith(f"{11.3 * np.exp(-0.15):.4g} ± ")
+    assert rows["valve frequency"].believed == "150 Hz"
+    assert rows["flow gain"].spread == pytest.approx(0.1)
+
+
+def test_tables_of_witnesses_become_maps_where_their_columns_are_of_one_kind() -> None:
+    banded = witness_table({"record": ("a", "b"), "condition": ("x", "y"), "1-5 Hz": (1.0, 2.0), "5-9 Hz": (4.0, 0.0)})
+    assert isinstance(banded, HeatMap)
+    assert banded.columns == ("1 to 5", "5 to 9")
+    assert banded.rows[0][:2] == ("a", "x")
+    assert [cell[1] for cell in banded.rows[0][2]] == [0.25, 1.0]
+    mixed = witness_table({"record": ("a",), "gain": (1.0,), "delay_s": (1e-3,), "limit_A": (None,)})
+    assert mixed == PlainTable(("record", "gain", "delay s", "limit A"), (("a", "1", "0.001", ""),))
+    assert witness_table({}) is None
+
+
+def test_terms_are_what_is_known_of_the_papers_remedy(remedy: Prototype) -> None:
+    """As the README states it, from `certify` over 0 to 20 kg: stable from 1.968 to 17.79 kg only."""
+    found = terms(remedy.but(payload=Payload(outer_end_mass_kg=(0.0, 20.0), inner_end_mass_kg=4.5)))
+    assert not found.stable
+    ((low, high),) = found.stable_ranges_kg
+    assert (round(low, 3), round(high, 2)) == (1.968, 17.79)
+    assert found.bandwidth_Hz is None
+    # The remedy's 150 mA/V lies above the critical gain where it is not stable, without payload.
+    assert found.critical[0].gain_A_per_V < 0.15
+
+
+def test_loops_of_a_set_begin_with_the_prototypes_own(data: Dataset) -> None:
+    loops = loops_of(data)
+    assert loops[0] == (data.prototype.controller, 4.4)
+    assert {inner for _, inner in loops} == {0.0, 4.4}
+    assert payload_range(data) == (0.0, 6.8)
+
+
+def test_the_figures_shown_are_those_of_the_prototype_written(found: Diagnosis) -> None:
+    assert found.search is not None
+    held = chosen_fit(found)
+    assert held is not None
+    assert held.hypothesis.names == found.chosen
+    assert chosen_fit(replace(found, chosen=())) is found.search.null
+    assert chosen_fit(replace(found, search=None)) is None
