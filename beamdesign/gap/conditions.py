@@ -6,14 +6,17 @@ from itertools import pairwise
 
 import numpy as np
 
+from beamdesign.gap.probe import SIGNALS
 from beamdesign.gap.residuals import Residual
 
 BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
 _MOST = 0.7  # of the misfit: what the band that is named holds
 _EXCITED = 0.03  # of the strongest line
 _FEWEST = 5
+_DENSE = 0.7
 _SLOW_HZ = 1.0
 _TWICE = 2.0
+_LITTLE = 0.1  # of the power
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,12 @@ def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, nois
     power = np.abs(np.fft.rfft(drive)) ** 2
     held = np.nonzero(power > _EXCITED * power[1:].max())[0] if power[1:].max() > 0 else np.arange(0)
     held = held[held > 0]
-    if len(held) < _FEWEST or len(held) > 0.5 * (held[-1] - held[0] + 1):
+    if len(held) < _FEWEST or len(held) > _DENSE * (held[-1] - held[0] + 1):
         return None
     inside = np.arange(held[0], min(3 * held[-1], count // 2))
-    # A window-free transform leaks from a line to its neighbours where the record is no whole period.
-    free = np.setdiff1d(inside, np.concatenate([held - 1, held, held + 1]))
+    # A transform without a window leaks from a line to its neighbours where the record is no whole period.
+    beside = (-1, 0, 1) if np.diff(held).min() > 2 else (0,)
+    free = np.setdiff1d(inside, np.concatenate([held + k for k in beside]))
     left, whole = np.abs(np.fft.rfft(residual)) ** 2, float(np.sum(np.abs(np.fft.rfft(response)[held]) ** 2))
     noise = noise_std**2 * count
 
@@ -105,7 +109,7 @@ def setting(found: Sequence[Residual]) -> Setting:
     for item in found:
         record, weight = item.evidence.record, item.evidence.weight
         column = item.channels.index("displacement_m")
-        drive = record.inputs[:, 1 if record.excitation == "command" else 0]
+        drive = record.inputs[:, 1 if driven_by(item) == "command" else 0]
         shaped = item.left[:, column] * weight.fade
         measured = record.measured["displacement_m"]
         seen = lines_of(drive, measured, shaped, float(weight.noise_std[column]))
@@ -136,8 +140,24 @@ def words_of(item: Residual) -> str:
     """A record's condition in words."""
     record = item.evidence.record
     mass = f"{record.outer_end_mass:g} kg payload" if record.outer_end_mass > 0 else "no payload"
-    column, unit = (1, "V") if record.excitation == "command" else (0, "N")
-    return f"{record.excitation}, {float(np.std(record.inputs[:, column])):.3g} {unit} rms, {mass}"
+    by = driven_by(item)
+    column, unit = (1, "V") if by == "command" else (0, "N")
+    return f"{by}, {float(np.std(record.inputs[:, column])):.3g} {unit} rms, {mass}"
+
+
+def driven_by(item: Residual) -> str:
+    """Which input makes the displacement: `command` or `disturbance` where the other makes less than a tenth of it.
+
+    Of the linear model's response; a force sensor's noise so drives nothing.
+    """
+    spectrum = item.probe.spectrum(item.evidence.record.inputs)
+    through = item.probe.response[:, SIGNALS.index("displacement_m"), :2]
+    force, command = (float(np.sum(np.abs(through[:, k] * spectrum[:, k]) ** 2)) for k in (0, 1))
+    if max(force, command) <= 0:
+        return "none"
+    if force < _LITTLE * command:
+        return "command"
+    return "disturbance" if command < _LITTLE * force else "both"
 
 
 def _banded_units(item: Residual) -> np.ndarray:
@@ -191,8 +211,9 @@ def _ratios(found: Sequence[Residual], relative: Sequence[float]) -> dict[str, f
 
     loaded = [k for k, r in enumerate(records) if r.outer_end_mass > 0]
     bare = [k for k in range(len(records)) if k not in loaded]
-    commanded = [k for k in bare if records[k].excitation == "command"]
-    forced = [k for k in bare if records[k].excitation == "disturbance"]
+    driven = [driven_by(item) for item in found]
+    commanded = [k for k in bare if driven[k] == "command"]
+    forced = [k for k in bare if driven[k] == "disturbance"]
     table = {"with payload": ratio(loaded, bare), "under command": ratio(commanded, forced)}
     pairs = []
     for group, column in ((commanded, 1), (forced, 0)):

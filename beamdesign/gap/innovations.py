@@ -16,7 +16,7 @@ from beamdesign.gap.residuals import OWN, Residual, banded
 from beamdesign.prototype import Prototype
 
 _BAND_HZ = 100.0
-_INTENSITIES = np.geomspace(3e-3, 1.0, 6)
+_INTENSITIES = np.geomspace(0.01, 1.0, 4)
 """Rms of the random input over that of the equation's own variable in the largest record."""
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -22,6 +22,7 @@ from beamdesign.gap.witnesses import (
 )
 from beamdesign.prototype import Prototype
 
+_ALIKE = 0.05  # shares
 NO_GAP = Where("", (0.0, 0.0), "", sentence="There is no gap to place.")
 
 
@@ -51,22 +52,24 @@ def locate(
     found = residuals(data.prototype, search.null, evidence)
     laws = laws_of(found, search.null) if found else ()
     opinions = [posterior(search, chosen, causes, unknown)]
-    opinions += testimony(data.prototype, search.null, found, laws)
+    opinions += testimony(data.prototype, search.null, search.expected, found, laws)
     seen = setting(found) if found else None
     return _weighed(opinions, seen, laws, chosen, causes, unknown)
 
 
-def testimony(prototype: Prototype, null: Fit, found: Sequence[Residual], laws: Sequence[Explanation]) -> list[Opinion]:
+def testimony(
+    prototype: Prototype, null: Fit, expected: float, found: Sequence[Residual], laws: Sequence[Explanation]
+) -> list[Opinion]:
     """What every witness says that knows no effect of the library."""
     if not found:
-        return [about_figures(null)]
+        return [about_figures(null, expected)]
     return [
         about_controller(prototype, found),
         about_equations(laws),
         about_sizes(found),
         about_innovations(prototype, null, found),
         about_random_error(found),
-        about_figures(null),
+        about_figures(null, expected),
     ]
 
 
@@ -74,16 +77,22 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     """How far each subsystem's own laws explain the residuals, best first.
 
     Local variables are taken from the model, and again as smoothed by the records: the former miss what a strong cause
-    does to them, the latter hold some of what is to be explained. The share is the mean of both.
+    does to them, the latter hold some of what is to be explained. The share is the mean of both; where two are alike,
+    the former decides.
     """
-    both = [{e.subsystem: e for e in explanations(regression(found, null, smooth))} for smooth in (False, True)]
+    plain, smooth = (
+        {e.subsystem: e for e in explanations(regression(found, null, corrected))} for corrected in (False, True)
+    )
     merged = []
-    for name in both[0]:
-        one, other = (b[name] for b in both)
+    for name in plain:
+        one, other = plain[name], smooth[name]
         told = one if one.share >= other.share else other
         mean = (max(one.share, 0.0) + max(other.share, 0.0)) / 2
         merged.append(Explanation(name, mean, told.terms, told.kinds, told.entries, told.path))
-    return tuple(sorted(merged, key=lambda e: -e.share))
+    most = max(e.share for e in merged)
+    close = [e for e in merged if e.share > most - _ALIKE]
+    lead = max(close, key=lambda e: plain[e.subsystem].share)
+    return tuple(sorted(merged, key=lambda e: (e is not lead, -e.share)))
 
 
 def _weighed(

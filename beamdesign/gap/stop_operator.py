@@ -4,8 +4,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
-def run(signal: np.ndarray, width: float) -> np.ndarray:
+def _run(signal: np.ndarray, width: float) -> np.ndarray:
     """(N,) output that follows the changes of a signal and stays within plus and minus `width`."""
     out = np.empty_like(signal)
     held = 0.0
@@ -15,3 +14,9 @@ def run(signal: np.ndarray, width: float) -> np.ndarray:
         before = signal[k]
         out[k] = held
     return out
+
+
+try:
+    run = njit(cache=True)(_run)
+except RuntimeError:  # no folder that could be written to; each process then compiles for itself
+    run = njit(_run)

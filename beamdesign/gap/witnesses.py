@@ -28,9 +28,13 @@ SUBSYSTEM_OF_ENTRY = {
     "sensor": "sensor",
 }
 """Where what an equation lacks would sit; the oil's continuity also takes what valve and piston get wrong."""
-_POSTERIOR, _CONTROLLER, _LAWS, _SIZES, _INNOVATIONS, _RANDOM, _FIGURES = 4.0, 2.0, 1.5, 0.2, 0.2, 0.4, 0.6
+_POSTERIOR, _CONTROLLER, _LAWS, _FIGURES = 4.0, 2.0, 1.5, 0.8
+# These three can be explained by nearly any equation, and seldom point to the right one.
+_SIZES, _INNOVATIONS, _RANDOM = 0.05, 0.05, 0.15
 _SEEN = 0.03  # residual of the controller's equation that is worth a word
 _STRAINED = 3.0  # tolerances
+_FIRST = 1.05  # what the first place counts for more, where two share alike
+_TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
 
 
 def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: float) -> Opinion:
@@ -75,7 +79,8 @@ def _by_share(search: Search, chosen: Fit) -> list[str]:
 def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion:
     """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
     fits = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
-    worst = max(fits, key=lambda f: f.residual)
+    # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
+    worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
     table: dict[str, tuple[object, ...]] = {
         "record": tuple(f.record for f in fits),
         "residual": tuple(f.residual for f in fits),
@@ -83,8 +88,8 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion
         "delay_s": tuple(f.delay_s for f in fits),
         "limit_A": tuple(f.limit_A for f in fits),
     }
-    if worst.residual < _SEEN:
-        text = f"Every record obeys its controller's equation; the largest residual is {worst.residual:.1%}."
+    if worst.residual < max(_SEEN, worst.noise):
+        text = "Every record obeys its controller's equation."
         return Opinion("the controller's equation", {}, _CONTROLLER, text, table)
     if worst.limit_A is not None:
         place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
@@ -102,11 +107,12 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion
 def about_equations(laws: Sequence[Explanation]) -> Opinion:
     """Which subsystem's own laws, of its own local variables, explain the residual in conditions held out."""
     shares = {e.subsystem: float(np.clip(e.share, 0.0, 1.0)) for e in laws}
-    squares = {name: share**3 for name, share in shares.items()}
-    total = sum(squares.values())
-    best = max(shares.values(), default=0.0)
-    votes = {name: best * value / total for name, value in squares.items()} if total > 0 else {}
+    cubes = {name: share**3 for name, share in shares.items()}
     lead = laws[0]
+    cubes[lead.subsystem] = _FIRST * max(cubes.values())
+    total = sum(cubes.values())
+    best = max(shares.values(), default=0.0)
+    votes = {name: best * value / total for name, value in cubes.items()} if total > 0 else {}
     text = (
         f"Laws of the {lead.subsystem} explain {lead.share:.0%} of the gap in held-out conditions"
         + (f" ({', '.join(lead.terms)})" if lead.terms else "")
@@ -174,8 +180,15 @@ def _ranked(score: Mapping[str, float]) -> dict[str, float]:
     return {SUBSYSTEM_OF_ENTRY[best]: 1.0}
 
 
-def about_figures(null: Fit) -> Opinion:
-    """Which tolerated figure had to move furthest when only tolerances were fitted."""
+def about_figures(null: Fit, expected: float) -> Opinion:
+    """Which tolerated figure had to move furthest when only tolerances were fitted.
+
+    It counts where tolerances alone explain most: then a figure that moved too far did the work.
+
+    Args:
+        null: that fit.
+        expected: misfit that noise alone leaves.
+    """
     if null.reason or not len(null.z):
         return Opinion("the tolerated figures", {}, _FIGURES, "No tolerated figure could be fitted.")
     moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
@@ -186,4 +199,5 @@ def about_figures(null: Fit) -> Opinion:
         return Opinion("the tolerated figures", {}, _FIGURES, text, table)
     place = subsystem(WRONG + TOLERANCE_OF[furthest])
     strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
+    strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
     return Opinion("the tolerated figures", {place: strength}, _FIGURES, text, table)

@@ -1,0 +1,180 @@
+"""Where a gap lies: witnesses against closed forms, and places of effects that were put in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_sets import believed, measured, scenario
+
+from beamdesign.gap.conditions import lines_of
+from beamdesign.gap.diagnosis import Cause
+from beamdesign.gap.evidence import evidence_of
+from beamdesign.gap.fit import Fit, fit
+from beamdesign.gap.hypothesis import NOTHING, together
+from beamdesign.gap.innovations import kalman, sampled
+from beamdesign.gap.kind import kind_of_effect
+from beamdesign.gap.local_laws import stop
+from beamdesign.gap.locate import laws_of, locate
+from beamdesign.gap.residuals import residuals
+from beamdesign.gap.search import Search
+from beamdesign.prototype import Prototype
+
+
+def tuned(data) -> tuple[Search, Fit, tuple]:
+    """Tolerances fitted, no other hypothesis."""
+    evidence = evidence_of(data)
+    placement = NOTHING.placement(data.prototype)
+    null = fit(NOTHING, placement, evidence, np.zeros(len(placement.unknowns)), 4)
+    search = Search(
+        null,
+        (),
+        sum(e.expected for e in evidence),
+        tuple(e.name for e in evidence),
+        tuple(e.condition for e in evidence),
+    )
+    return search, null, evidence
+
+
+def at_believed(data) -> tuple:
+    """Residuals of the believed figures."""
+    placement = NOTHING.placement(data.prototype)
+    null = Fit(NOTHING, placement.unknowns, np.zeros(len(placement.unknowns)), 0.0)
+    return residuals(data.prototype, null, evidence_of(data))
+
+
+@pytest.fixture(scope="module")
+def bare() -> Prototype:
+    return believed()
+
+
+@pytest.fixture(scope="module")
+def deadband(bare):
+    return measured(bare.but(effects={"valve_deadband": {"half_width_A": 0.15e-3}}))
+
+
+def test_linear_rig_in_frequency_is_the_simulated_one(bare):
+    """Two ways to the same response: Runge-Kutta in time, and C (s - A)^-1 B on the padded grid."""
+    quiet = scenario(0.5)
+    data = measured(bare, quiet.but(measurement=quiet.measurement.but(displacement_std_m=1e-12)))
+    for item in at_believed(data):
+        expected = item.evidence.predicted(NOTHING.placement(bare), np.zeros(13))
+        column = item.channels.index("displacement_m")
+        found = item.nominal()["displacement_m"]
+        assert np.std(found - expected[:, column]) < 2e-3 * np.std(expected[:, column])
+
+
+def test_unknown_force_is_what_a_dashpot_in_the_cylinder_took(bare):
+    """With a purely viscous seal the force that the piston lacks is b times the speed of the stroke."""
+    quiet = scenario()
+    quiet = quiet.but(measurement=quiet.measurement.but(displacement_std_m=1e-9, current_std_A=1e-8))
+    rig = bare.but(effects={"seal_friction": {"coulomb_N": 0.0, "viscous_N_s_per_m": 400.0}})
+    plan = quiet.but(record=tuple(r for r in quiet.record if r.name == "disturbance_large"))
+    from beamdesign.simulate import simulate
+
+    taken = simulate(rig, plan).records[0]
+    (item,) = at_believed(measured(rig, plan))
+    step = taken.column("t_s")[1]
+    speed = np.gradient(taken.column("displacement_m") - taken.column("inner_displacement_m"), step)
+    missing = item.probe.signal(item.missing("piston force"))
+    inside = slice(50, 1800)  # the record's last twentieth is faded out
+    error = missing[inside] - 400.0 * speed[inside]
+    assert np.std(error) < 0.1 * np.std(400.0 * speed[inside])
+
+
+def test_stop_operator_on_a_triangle():
+    """Up by 3 from rest with half width 1: clipped at 1; back by 4: falls by 2 to -1 and stays."""
+    up, down = np.linspace(0, 3, 31), np.linspace(3, -1, 41)[1:]
+    found = stop(np.concatenate([up, down]), 1.0)
+    np.testing.assert_allclose(found[:31], np.minimum(up, 1.0), atol=1e-12)
+    np.testing.assert_allclose(found[31:], np.maximum(1.0 + (down - 3.0), -1.0), atol=1e-12)
+
+
+def test_distortion_of_a_known_polynomial():
+    """Lines at odd multiples: u^2 falls on even ones alone, by Parseval's theorem with its standard deviation."""
+    count = 8192
+    phase = np.random.default_rng(0).uniform(0, 2 * np.pi, 20)
+    time = np.arange(count) / count
+    odd = 2 * np.arange(3, 23) + 1
+    u = np.cos(2 * np.pi * odd[:, None] * time + phase[:, None]).sum(0)
+    # A response holds the lines of the input; what the polynomial adds is the residual.
+    bent = lines_of(u, u, 0.01 * u**2, 0.0)
+    assert bent is not None
+    assert bent.excited == pytest.approx(0.0, abs=1e-12)
+    inside = np.abs(np.fft.rfft(u**2))[odd[0] : 3 * odd[-1]] ** 2
+    expected = 0.01 * np.sqrt(2 * inside.sum() / count**2 / np.mean(u**2))
+    assert bent.even == pytest.approx(expected, rel=1e-9)
+    assert bent.odd == pytest.approx(0.0, abs=1e-12)
+    cubed = lines_of(u, u, 0.01 * u**3, 0.0)
+    assert cubed is not None
+    assert cubed.even == pytest.approx(0.0, abs=1e-12)
+    assert cubed.odd > 0
+    # All of u^3 is at excited lines or at odd ones between 3 times the lowest and the highest.
+    assert cubed.excited**2 + cubed.odd**2 <= 1e-4 * np.mean(u**6) / np.mean(u**2)
+    linear = lines_of(u, u, 0.03 * u, 0.0)
+    assert linear is not None
+    assert (linear.excited, linear.between) == (pytest.approx(0.03), pytest.approx(0.0, abs=1e-12))
+    assert lines_of(np.random.default_rng(1).normal(size=count), u, u, 0.0) is None  # dense: no grid to read
+
+
+def test_noise_of_one_step_has_its_closed_form():
+    """x' = -a x + b w: variance b^2 (1 - exp(-2 a h)) / (2 a) after a step h; van Loan's integral."""
+    moved, noise = sampled(np.array([[-3.0]]), np.array([2.0]), 0.1)
+    assert moved[0, 0] == pytest.approx(np.exp(-0.3), rel=1e-12)
+    assert noise[0, 0] == pytest.approx(4 * (1 - np.exp(-0.6)) / 6, rel=1e-12)
+
+
+def test_filter_of_one_state_has_its_closed_form_and_white_innovations():
+    """Variance of the prediction solves p = a^2 p r / (p + r) + q; on the true model innovations are white."""
+    a, q, r, count = 0.95, 0.3, 2.0, 20_000
+    filtered = kalman(np.array([[a]]), np.array([[q]]), np.array([1.0]), r)
+    half = (q - r * (1 - a**2)) / 2
+    p = half + np.sqrt(half**2 + q * r)
+    assert filtered.variance == pytest.approx(p + r, rel=1e-9)
+    rng = np.random.default_rng(2)
+    x = np.zeros(count)
+    w = rng.normal(0, np.sqrt(q), count)
+    for k in range(1, count):
+        x[k] = a * x[k - 1] + w[k]
+    innovations = filtered(x + rng.normal(0, np.sqrt(r), count))[200:]
+    assert np.var(innovations) == pytest.approx(p + r, rel=0.05)
+    for lag in range(1, 6):
+        correlation = float(innovations[lag:] @ innovations[:-lag]) / float(innovations @ innovations)
+        assert abs(correlation) < 4 / np.sqrt(count)
+
+
+def test_laws_of_the_valve_explain_a_deadband(deadband):
+    search, null, evidence = tuned(deadband)
+    laws = laws_of(residuals(deadband.prototype, null, evidence), null)
+    assert laws[0].subsystem == "servovalve"
+    assert laws[0].share > 0.4
+    where = locate(deadband, search, null, evidence, unknown=0.9)
+    assert where.subsystem == "servovalve"
+    assert where.kind in ("static", "hysteretic")
+    assert "servovalve" in where.sentence
+    assert "small amplitude" in where.condition
+    shown = next(w for w in where.witnesses if w.name == "bands and conditions")
+    assert len(shown.table["record"]) == len(deadband.records)
+    assert all(0.0 <= w.strength <= 1.0 for w in where.witnesses)
+
+
+def test_fits_decide_where_a_cause_is_known(deadband):
+    search, null, evidence = tuned(deadband)
+    chosen = replace(null, hypothesis=together("valve_deadband"))
+    causes = (Cause("valve_deadband", "servovalve", 0.97, 0.9),)
+    where = locate(deadband, search, chosen, evidence[:2], causes)
+    assert where.subsystem == "servovalve"
+    assert where.kind == "static"
+    assert where.witnesses[0].subsystem == "servovalve"
+
+
+def test_no_gap_has_no_place(deadband):
+    search, null, evidence = tuned(replace(deadband, records=deadband.records[:1]))
+    assert locate(deadband, search, null, evidence).subsystem == ""
+
+
+def test_kinds_of_effects_follow_from_their_equations():
+    assert kind_of_effect("sensor_lag") == "linear"
+    assert kind_of_effect("mount_compliance") == "linear"
+    assert kind_of_effect("seal_friction") == "hysteretic"
+    assert kind_of_effect("current_saturation") == "static"
+    assert kind_of_effect("parameter:flow_gain") == "linear"
