@@ -8,15 +8,15 @@ import numpy as np
 from beamdesign.gap.dataset import TimeRecord
 
 _SHARE = 0.25
-_FURTHER = 1.3  # times the largest excitation of the kind that fits have seen
 
 
 def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
     """Positions of a quarter of the records, rounded, at least one of two.
 
     Each must be a condition of its own whose parts (payload, excitation and, where it can be, controller) are known to
-    the fits from other records, and no larger than what they have seen: to predict it is to combine, not to guess.
-    Among such choices the most different records are taken, and of those the most strongly excited.
+    the fits from other records, and smaller than the largest of its kind: to predict it is to combine, not to guess,
+    and what shows only at the largest amplitude (a limit) must be seen by the fits. Among such choices the most
+    different records are taken, and of those the most strongly excited.
 
     Returns:
         none where there is one record only, or where no choice leaves the fits such a view.
@@ -38,8 +38,8 @@ def _known(records: Sequence[TimeRecord], chosen: Sequence[int], demanding: bool
     for k in chosen:
         record = records[k]
         alike = [r for r in rest if r.excitation == record.excitation]
-        largest = max((_size(r) for r in alike), default=0.0)
-        if not any(_masses(r) == _masses(record) for r in rest) or largest * _FURTHER < _size(record):
+        largest = max((_swing(r) for r in alike), default=0.0)
+        if not any(_masses(r) == _masses(record) for r in rest) or largest < _swing(record):
             return False
         if demanding and not any(r.controller == record.controller for r in rest):
             return False
@@ -58,6 +58,11 @@ def _value(records: Sequence[TimeRecord], chosen: Sequence[int]) -> tuple[int, f
 def _size(record: TimeRecord) -> float:
     column = 1 if record.excitation == "command" else 0
     return float(np.sqrt(np.mean(record.inputs[:, column] ** 2)))
+
+
+def _swing(record: TimeRecord) -> float:
+    """Of the current, A: how hard the valve is driven."""
+    return float(np.abs(record.measured["current_A"]).max())
 
 
 def _masses(record: TimeRecord) -> tuple[float, float]:

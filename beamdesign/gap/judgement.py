@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp, log
+from math import log
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from beamdesign.gap.search import Search
 
 EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
 """Prior odds of one more effect, and of one more plainly wrong figure, against none."""
-_NOT_EXPLAINED = 0.05  # share of the excess misfit that a right cause, differently realised, may well leave
+_NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
+_MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
+_STEEP = 4.0
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,7 @@ def judge(found: Search) -> Judgement:
 
 
 def _unknown(found: Search, best: Fit) -> float:
-    """Probability of an unknown cause, from the share of the gap that the best known one leaves."""
-    if found.null.misfit < found.expected * 1.5:
-        return 0.01
-    left = max(found.excess(best), 1e-4)
-    return 1 / (1 + exp(-3 * (log(left) - log(3 * _NOT_EXPLAINED))))
+    """Probability of an unknown cause: the best known one leaves much in units of misfit, and much of the gap."""
+    much = 1 / (1 + (_MUCH * found.expected / best.misfit) ** _STEEP)
+    left = max(found.excess(best), 1e-6)
+    return much / (1 + (_NOT_EXPLAINED / left) ** _STEEP)

@@ -13,12 +13,14 @@ from beamdesign.gap.evidence import evidence_of
 from beamdesign.gap.fit import ITERATIONS, Evidence, Fit, fit
 from beamdesign.gap.hypothesis import NOTHING, Hypothesis, pairs, singles
 from beamdesign.gap.kept_fits import KeptFits
-from beamdesign.gap.starts import starts
+from beamdesign.gap.starts import resonances, starts
 from beamdesign.prototype import Prototype
 
-_BEST_SINGLES = 4
+_BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
+"""How many singles to pair, by the share of the excess misfit that the best of them leaves."""
 _BEST_PAIRS = 6
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
+_LARGE = 4.0  # times: what is worth every pair
 _QUICK = 2  # iterations that show whether a pair is worth fitting
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
@@ -118,10 +120,13 @@ def search(
 
 
 def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Pairs worth trying: with one of the best singles; where no single explains half, all pairs of effects."""
-    best = [f.hypothesis for f in state.fits if not f.reason][:_BEST_SINGLES]
-    tried = dict.fromkeys(a | b for a in best for b in alone if a != b)
-    if state.excess(state.fits[0]) > 1 - _EXPLAINED:
+    """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all."""
+    left = state.excess(state.fits[0])
+    count = next(n for bound, n in _BEST_SINGLES if left <= bound)
+    best = [f.hypothesis for f in state.fits if not f.reason][:count]
+    tried = dict.fromkeys(best[0] | other for other in alone if other != best[0])
+    tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects and other != one)
+    if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
         tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
     return tuple(tried)
 
@@ -207,7 +212,8 @@ def _fitted(task: _Task, prototype: Prototype, evidence: Sequence[Evidence]) -> 
     """The best of fits from the most promising starts."""
     placement = task.hypothesis.placement(prototype)
     evidence = [evidence[k] for k in task.on] or evidence
-    begun = starts(placement, task.known, evidence, 1 if task.on else 2)
+    peaks = resonances(evidence, prototype, task.known) if not task.on else ()
+    begun = starts(placement, task.known, evidence, peaks, 1 if task.on else 2)
     if not begun:
         reason = "the model's loop is unstable wherever a fit was begun"
         return Fit(task.hypothesis, placement.unknowns, reason=reason)

@@ -5,16 +5,25 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import qmc
 
+from beamdesign.gap.evidence import RecordEvidence
 from beamdesign.gap.fit import Evidence, misfit_at
+from beamdesign.gap.hypothesis import NOTHING
 from beamdesign.gap.unknowns import Placement, Unknown
+from beamdesign.prototype import Prototype
 
-_DRAWS = 12
+_DRAWS = 8
+_PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
+_STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
 _WIDTH = 1.5  # in prior standard deviations
 _WEAK = 0.1  # of the default
 
 
 def starts(
-    placement: Placement, known: Mapping[str, float], evidence: Sequence[Evidence], most: int = 2
+    placement: Placement,
+    known: Mapping[str, float],
+    evidence: Sequence[Evidence],
+    peaks: Sequence[float] = (),
+    most: int = 2,
 ) -> list[np.ndarray]:
     """The most promising starts, best first.
 
@@ -22,6 +31,7 @@ def starts(
         placement: the unknowns of the hypothesis.
         known: SI values of unknowns that simpler fits have found.
         evidence: by which starts are compared; no fit is made.
+        peaks: frequencies (Hz) at which an effect with a resonance may have it.
         most: how many at most.
 
     Returns:
@@ -30,7 +40,9 @@ def starts(
     low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
     base = np.array([_at(u, known) for u in placement.unknowns])
     new = [k for k, u in enumerate(placement.unknowns) if u.name not in known]
-    tried = [(misfit_at(evidence, placement, z), z) for z in _trials(placement.unknowns, base, new, low, high)]
+    trials = _trials(placement.unknowns, base, new, low, high)
+    trials += [np.clip(z, low, high) for z in _resonant(placement.unknowns, base, new, peaks)]
+    tried = [(misfit_at(evidence, placement, z), z) for z in trials]
     stable = sorted((pair for pair in tried if np.isfinite(pair[0])), key=lambda pair: pair[0])
     return [z for _, z in stable[:most]]
 
@@ -57,4 +69,56 @@ def _trials(
         z = base.copy()
         z[list(new)] = _WIDTH * (2 * row - 1)
         trials.append(np.clip(z, low, high))
+    return trials
+
+
+def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mapping[str, float]) -> tuple[float, ...]:
+    """Frequencies (Hz) at which the records stand out most from what the tolerances alone explain.
+
+    A narrow resonance is found by no descent that begins beside it, and shows in the residual at once.
+    """
+    placement = NOTHING.placement(prototype)
+    z = np.array([_at(u, known) for u in placement.unknowns])
+    frequencies, power = [], []
+    for piece in evidence:
+        if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
+            lines = residual.reshape(2, -1, len(piece.weight.channels))
+            frequencies.append(piece.weight.frequencies_Hz)
+            power.append(np.sum(lines**2, axis=(0, 2)))
+    if not power:
+        return ()
+    edges = np.geomspace(_LEAST_HZ, _MOST_HZ, _BANDS + 1)
+    total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
+    middle, found = np.sqrt(edges[1:] * edges[:-1]), []
+    for k in np.argsort(-total):
+        if all(max(middle[k] / f, f / middle[k]) > _APART for f in found):
+            found.append(float(middle[k]))
+        if len(found) == _PEAKS:
+            break
+    return tuple(found)
+
+
+_LEAST_HZ, _MOST_HZ, _BANDS = 10.0, 400.0, 180
+
+
+def _resonant(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], peaks: Sequence[float]
+) -> list[np.ndarray]:
+    """Every peak with every strength, and with figures from 0 to 1 at either end."""
+    at = [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]
+    if not at:
+        return []
+    others = [k for k in new if k not in at]
+    strength = others[0]
+    switches = [k for k in others if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]
+    trials = []
+    for peak in peaks:
+        for z_strength in _STRENGTHS:
+            for end in (0.0, 1.0) if switches else (0.0,):
+                z = base.copy()
+                z[at] = [unknowns[k].z(peak) for k in at]
+                z[strength] = z_strength
+                for k in switches:
+                    z[k] = unknowns[k].z(end)
+                trials.append(z)
     return trials
