@@ -10,6 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
+from beamdesign.gap.bench_diagnosis import BenchDiagnosis, ConditionRow
+from beamdesign.gap.bench_diagnosis import Cause as BenchCause
+from beamdesign.gap.bench_diagnosis import Gap as BenchGap
+from beamdesign.gap.bench_diagnosis import NextExperiment as BenchNext
+from beamdesign.gap.bench_presented import presented
+from beamdesign.gap.bench_replay import ReplayError
 from beamdesign.gap.dataset import Dataset, read_dataset
 from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range, terms
 from beamdesign.gap.diagnosis import Cause, Diagnosis, Estimate, NextExperiment, Where, Witness
@@ -20,6 +27,7 @@ from beamdesign.gap.hypothesis import Hypothesis
 from beamdesign.gap.search import Search
 from beamdesign.gap.shrink import Errors, errors, gap
 from beamdesign.prototype import Payload, Prototype
+from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.report.gap_pictures import bands, diverged, in_bands, zoom
 from beamdesign.report.gap_report import gap_report_html
 from beamdesign.report.gap_tables import (
@@ -293,3 +301,39 @@ def test_the_figures_shown_are_those_of_the_prototype_written(found: Diagnosis) 
     assert held.hypothesis.names == found.chosen
     assert chosen_fit(replace(found, chosen=())) is found.search.null
     assert chosen_fit(replace(found, search=None)) is None
+
+
+def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
+    """A bench's answer put together by hand: what it says stands in the common form, files and page."""
+    rig = BenchPrototype(
+        name="bench",
+        kind="actuator_bench",
+        actuator=BenchActuator(bore_m=0.016, rod_m=0.01, piston_area_m2=1.618e-4, stroke_m=0.2, supply_pressure_Pa=4e6),
+        servovalve=BenchServovalve(flow_gain_m3_per_s_per_V=1e-5),
+    )
+    made = BenchDiagnosis(
+        "ambiguous",
+        "Orifices. And more.",
+        ("pressure_dependent_flow",),
+        (BenchCause("pressure_dependent_flow", "servovalve", 0.97, 1.0, {"supply_pressure_Pa": (4.1e6, 2e4)}),),
+        (),
+        BenchGap(0.2, 0.19, 0.05, 0.01, 0.94, (0.9, 0.97)),
+        (ConditionRow("1 V", 1, 1.0, 0.05, 0.001, (1e6, 2e6), 60.0, (1.0, 1.0), (0.06, 1e6, 2e6)),),
+        (ReplayError("1 V", {"displacement_m": 0.08}, {"displacement_m": 0.02}, {"displacement_m": 0.01}),),
+        True,
+        BenchNext(0.3, "speed", 7.5),
+        rig.but(effects={"pressure_dependent_flow": {"supply_pressure_Pa": 4.1e6}}),
+        ("areas and orifices help only together",),
+    )
+    shown = presented("a bench", made)
+    assert shown.where.subsystem == "servovalve"
+    assert shown.where.band_Hz == (0.0, 0.25)  # 0.05 m/s over a stroke of 0.2 m
+    paths, fields = write_gap_folder(tmp_path, shown)
+    assert read_any_prototype(paths["prototype"]) == made.prototype
+    assert fields["effects"][0]["parameters"] == {"supply_pressure_Pa": {"value": 4.1e6, "std": 2e4}}
+    assert fields["gap"]["closed"] == 0.94
+    assert "0.3 V" in fields["next_experiment"]["text"]
+    assert json.loads(paths["json"].read_text())["probability_unknown"] is None
+    text = paths["report"].read_text()
+    assert "areas and orifices help only together" in text
+    assert "1 V, displacement_m" in text

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -55,17 +56,24 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     from beamdesign.gap.dataset import read_dataset
     from beamdesign.gap.designer_terms import designer_terms, loop_terms
     from beamdesign.gap.diagnose import diagnose as engine
+    from beamdesign.gap.diagnosis import Diagnosis
     from beamdesign.gap.gain_classes import explain_gains
     from beamdesign.gap.kept_fits import kept_fits
+    from beamdesign.gap.plausibility import examine
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.study.redesign import redesign
 
     data = read_dataset(dataset)
     kept = kept_fits(folder / "fits", data)
     renewed = None
+    found: Diagnosis
     try:
         with progress("diagnosing") as update:
-            found = engine(data, workers, update, kept) if data.records else explain_gains(data, update)
+            if data.records:
+                found = engine(data, workers, update, kept)
+            else:
+                examined = examine(data)
+                found = explain_gains(replace(examined.data, warnings=examined.words), update)
         say_diagnosis(found)
         terms = designer_terms(data, found.prototype)
         if renew:

@@ -1,6 +1,6 @@
 """A diagnosis as one self-contained HTML page: no requests, both themes, fit for print."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -107,7 +107,10 @@ def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
     fit = chosen_fit(found)
     if data is None or found.search is None or fit is None or not data.records:
         return []
-    of_all = [errors(piece, data.prototype, found.search.null, fit) for piece in record_evidence(data)]
+    # What was left out of the diagnosis as unsound is not drawn either.
+    used = {record.record for record in found.gap.records}
+    sound = replace(data, records=tuple(record for record in data.records if record.name in used))
+    of_all = [errors(piece, data.prototype, found.search.null, fit) for piece in record_evidence(sound)]
     held_out = {record.record for record in found.gap.records if record.held_out}
     return sorted(of_all, key=lambda e: e.name not in held_out)
 
