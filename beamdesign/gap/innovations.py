@@ -7,6 +7,7 @@ and J. B. Moore, Optimal Filtering (1979), chapters 4 and 10.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -40,12 +41,18 @@ class Filter:
 
     def __call__(self, residual: np.ndarray) -> np.ndarray:
         """(N,) innovations of a measured less predicted output (N,) that begins at rest."""
-        from scipy.signal import sosfilt, zpk2sos
+        from scipy.signal import sosfilt
 
-        # Innovations over residual is det(z - A) / det(z - A + A K C): both monic, of one degree.
+        return np.asarray(sosfilt(self._sections, residual))
+
+    @cached_property
+    def _sections(self) -> np.ndarray:
+        """Innovations over residual, det(z - A) / det(z - A + A K C), both monic and of one degree."""
+        from scipy.signal import zpk2sos
+
         zeros = np.linalg.eigvals(self.a)
         poles = np.linalg.eigvals(self.a - np.outer(self.a @ self.gain, self.c))
-        return np.asarray(sosfilt(zpk2sos(zeros, poles, 1.0), residual))
+        return np.asarray(zpk2sos(zeros, poles, 1.0))
 
 
 def kalman(a: np.ndarray, noise: np.ndarray, c: np.ndarray, variance: float) -> Filter:
@@ -104,31 +111,29 @@ def likelihood(prototype: Prototype, z: np.ndarray, found: Sequence[Residual]) -
         found: residuals about them.
     """
     placement = NOTHING.placement(prototype)
-    sizes = {e: max(float(np.std(item.nominal()[OWN[e]])) for item in found) for e in ENTRIES}
-    filters: dict[object, Filter] = {}
+    local = [item.nominal() for item in found]
+    sizes = {e: max(float(np.std(signals[OWN[e]])) for signals in local) for e in ENTRIES}
+    filters: dict[object, tuple[Filter, ...]] = {}
     records: dict[str, list[float]] = {name: [] for name in ENTRIES}
     white: dict[str, list[float]] = {name: [] for name in ENTRIES}
     for item in found:
         record = item.evidence.record
-        residual = item.left[:, item.channels.index("displacement_m")]
-        noise = float(item.evidence.weight.noise_std[item.channels.index("displacement_m")])
-        base = _log(residual, noise**2)
+        column = item.channels.index("displacement_m")
+        noise = float(item.evidence.weight.noise_std[column])
+        # One set of filters for all records of a condition: the unit of noise is rounded to a power of two, and the
+        # output counted in it, for the sake of the Riccati equation.
+        unit = 2.0 ** round(np.log2(noise))
+        residual = item.left[:, column] / unit
+        base = _log(residual, (noise / unit) ** 2)
         parameters = placement.parameters(item.evidence.job.base(placement), z)
-        key = (parameters.tobytes(), record.step)
         for name in ENTRIES:
+            key = (parameters.tobytes(), record.step, unit, name)
+            if key not in filters:
+                filters[key] = _filters(state_space(placement, parameters), name, sizes[name], unit, record.step)
             best, correlation = base, _correlation(residual)
-            for intensity in _INTENSITIES:
-                # One filter for all records of a condition: the unit of noise is rounded to a power of two.
-                unit = 2.0 ** round(np.log2(noise))
-                at = (key, name, intensity, unit)
-                if at not in filters:
-                    a, b, c = driven(state_space(placement, parameters), name)
-                    rms = intensity * sizes[name]
-                    moved, spread = sampled(a, b * rms * np.sqrt(2 / (2 * np.pi * _BAND_HZ)), record.step)
-                    scale = unit  # the output in units of its noise, for the sake of the Riccati equation
-                    filters[at] = kalman(moved, spread, c / scale, 1.0)
-                innovations = filters[at](residual / unit)
-                value = _log(innovations, filters[at].variance) - len(residual) * np.log(unit)
+            for one in filters[key]:
+                innovations = one(residual)
+                value = _log(innovations, one.variance)
                 if value > best:
                     best, correlation = value, _correlation(innovations)
             records[name].append(best - base)
@@ -138,6 +143,15 @@ def likelihood(prototype: Prototype, z: np.ndarray, found: Sequence[Residual]) -
         {name: tuple(values) for name, values in records.items()},
         {name: float(np.mean(values)) for name, values in white.items()},
     )
+
+
+def _filters(
+    space: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], name: str, size: float, unit: float, step: float
+) -> tuple[Filter, ...]:
+    """One filter per intensity."""
+    a, b, c = driven(space, name)
+    moved, noise = sampled(a, b * size * np.sqrt(2 / (2 * np.pi * _BAND_HZ)), step)
+    return tuple(kalman(moved, noise * intensity**2, c / unit, 1.0) for intensity in _INTENSITIES)
 
 
 def driven(space: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], entry: str) -> Matrices:

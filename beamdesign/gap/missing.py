@@ -8,6 +8,7 @@ subsystem beside the tolerated figures; conditions held out of the regression sa
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -89,25 +90,30 @@ class Regression:
     groups: tuple[tuple[int, ...], ...]
     terms: tuple[tuple[str, str, str, str], ...]
 
+    @cached_property
+    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sums over all records."""
+        return self.gram.sum(0), self.right.sum(0)
+
     def held_out(self, columns: Sequence[int]) -> float:
         """Misfit of each condition as predicted from all others with the tolerated figures and these terms."""
         total = 0.0
         for group in self.groups:
             out = list(group)
-            theta = self._solved(self.gram.sum(0) - self.gram[out].sum(0), self._rest(out), columns)
+            theta = self._solved(self._whole[0] - self.gram[out].sum(0), self._rest(out), columns)
             total += self._misfit(out, theta, columns)
         return total
 
     def fitted(self, columns: Sequence[int]) -> float:
         """Misfit of all records and of the prior, fitted to all."""
-        theta = self._solved(self.gram.sum(0), self.right.sum(0), columns)
+        theta = self._solved(self._whole[0], self._whole[1], columns)
         k = self.tolerated
         return self._misfit(list(range(len(self.left))), theta, columns) + float(
             np.sum((self.start + theta[:k]) ** 2) - np.sum(self.start**2)
         )
 
     def _rest(self, out: list[int]) -> np.ndarray:
-        return np.asarray(self.right.sum(0) - self.right[out].sum(0))
+        return np.asarray(self._whole[1] - self.right[out].sum(0))
 
     def _chosen(self, columns: Sequence[int]) -> np.ndarray:
         return np.array([*range(self.tolerated), *columns])
@@ -116,14 +122,16 @@ class Regression:
         at, k = self._chosen(columns), self.tolerated
         a, b = gram[np.ix_(at, at)].copy(), right[at].copy()
         a[np.arange(len(at)), np.arange(len(at))] += np.where(
-            np.arange(len(at)) < k, 1.0, _RIDGE * self.gram.sum(0)[at, at] + 1e-12
+            np.arange(len(at)) < k, 1.0, _RIDGE * self._whole[0][at, at] + 1e-12
         )
         b[:k] -= self.start
         return np.asarray(np.linalg.solve(a, b))
 
     def _misfit(self, records: list[int], theta: np.ndarray, columns: Sequence[int]) -> float:
         at = self._chosen(columns)
-        a, b = self.gram[records].sum(0)[np.ix_(at, at)], self.right[records].sum(0)[at]
+        whole = len(records) == len(self.left)
+        gram, right = self._whole if whole else (self.gram[records].sum(0), self.right[records].sum(0))
+        a, b = gram[np.ix_(at, at)], right[at]
         return float(self.left[records].sum() - 2 * theta @ b + theta @ a @ theta)
 
 

@@ -27,8 +27,12 @@ class Opinion:
 
     @property
     def favourite(self) -> str:
-        """Where it points; empty where it says nothing."""
-        return max(self.votes, key=lambda name: self.votes[name]) if any(self.votes.values()) else ""
+        """Where it points; empty where it says nothing, or the same of several places."""
+        ranked = sorted(self.votes, key=lambda name: -self.votes[name])
+        if not ranked or self.votes[ranked[0]] <= 0:
+            return ""
+        tied = len(ranked) > 1 and self.votes[ranked[0]] == self.votes[ranked[1]]
+        return "" if tied else ranked[0]
 
     @property
     def witness(self) -> Witness:

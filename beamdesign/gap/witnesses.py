@@ -16,18 +16,19 @@ from beamdesign.gap.residuals import OWN, Residual, sizes
 from beamdesign.gap.search import Search
 from beamdesign.prototype import Prototype
 
-SUBSYSTEM_OF_ENTRY = {
-    "amplifier": "amplifier",
-    "spool": "servovalve",
-    "oil continuity": "oil",
-    "piston force": "actuator",
-    "outer beam": "structure",
-    "inner beam": "structure",
-    "mount": "structure",
-    "joint": "structure",
-    "sensor": "sensor",
+SUBSYSTEMS_OF_ENTRY = {
+    "amplifier": ("servovalve", "amplifier"),
+    "spool": ("servovalve", "amplifier"),
+    "oil continuity": ("oil", "actuator", "servovalve"),
+    "piston force": ("actuator",),
+    "outer beam": ("structure",),
+    "inner beam": ("structure",),
+    "mount": ("structure",),
+    "joint": ("structure",),
+    "sensor": ("sensor", "controller"),
 }
-"""Where what an equation lacks would sit; the oil's continuity also takes what valve and piston get wrong."""
+"""What may be behind a signal that an equation lacks: current and spool come in at one place, as do sensor and
+controller, and the continuity of the oil takes what valve and piston get wrong as well."""
 _POSTERIOR, _CONTROLLER, _LAWS, _FIGURES = 4.0, 2.0, 1.5, 0.8
 # These three can be explained by nearly any equation, and seldom point to the right one.
 _SIZES, _INNOVATIONS, _RANDOM = 0.05, 0.05, 0.15
@@ -175,9 +176,9 @@ def about_random_error(found: Sequence[Residual]) -> Opinion:
 
 
 def _ranked(score: Mapping[str, float]) -> dict[str, float]:
-    """All of the vote to the place of the best entry."""
-    best = max(ENTRIES, key=lambda name: score[name])
-    return {SUBSYSTEM_OF_ENTRY[best]: 1.0}
+    """The vote to whatever may be behind the best entry, in equal parts."""
+    places = SUBSYSTEMS_OF_ENTRY[max(ENTRIES, key=lambda name: score[name])]
+    return dict.fromkeys(places, 1.0 / len(places))
 
 
 def about_figures(null: Fit, expected: float) -> Opinion:
