@@ -5,6 +5,7 @@ from typing import Any
 
 from beamdesign import lumped
 from beamdesign.gap.fit import Fit
+from beamdesign.gap.unknowns import SUPPLY
 from beamdesign.prototype import Beam, Prototype
 
 
@@ -43,6 +44,7 @@ def amended(prototype: Prototype, found: Fit) -> Prototype:
             gain_V_per_m=figures["sensor_gain"],
             filter_Hz=None if prototype.sensor.filter_Hz is None else figures["filter_frequency"] / (2 * pi),
         ),
+        "supply": prototype.supply.but(pressure_Pa=found.values.get(SUPPLY, prototype.supply.pressure_Pa)),
         "effects": effects,
         "guarantee": None,
     }

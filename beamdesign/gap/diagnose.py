@@ -5,12 +5,16 @@ from dataclasses import replace
 from beamdesign.gap.amended import amended
 from beamdesign.gap.causes import causes, classes
 from beamdesign.gap.dataset import Dataset
-from beamdesign.gap.diagnosis import Diagnosis, Verdict, Where
-from beamdesign.gap.evidence import record_evidence
+from beamdesign.gap.diagnosis import Diagnosis, Verdict
+from beamdesign.gap.evidence import evidence_of, record_evidence
+from beamdesign.gap.experiment import next_experiment
+from beamdesign.gap.fit import Fit
 from beamdesign.gap.holdout import held_out
 from beamdesign.gap.judgement import Judgement, judge
 from beamdesign.gap.kept_fits import KeptFits
-from beamdesign.gap.search import Progress, search
+from beamdesign.gap.locate import locate
+from beamdesign.gap.plausibility import examine
+from beamdesign.gap.search import Progress, Search, search
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.wording import sentences
 
@@ -31,18 +35,24 @@ def diagnose(
         workers: processes.
         progress: told the share done and what is being done.
         kept: fits of an earlier run, where those of this one are kept as well.
+
+    Raises:
+        InputError: where the data cannot be what they say they are; see `beamdesign.gap.plausibility`.
     """
+    examined = examine(data)
+    data = examined.data
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(seen, workers, progress, kept)
     judged = judge(found)
-    verdict = verdict_of(judged)
-    best = judged.best
+    verdict = verdict_of(judged, examined.limits_confidence)
+    best = judged.best if verdict != "unknown" else found.null
+    ranked = causes(found, judged)
+    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.names)
+    progress(1.0, "where the gap lies")
+    where = locate(seen, found, best, evidence_of(seen), [c for c in ranked if c.name in chosen], judged.unknown)
     alone = record_evidence(data)
     measured = gap([errors(piece, data.prototype, found.null, best) for piece in alone], kept_out)
-    ranked = causes(found, judged)
-    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.names) if verdict != "unknown" else ()
-    where = Where(ranked[0].subsystem if chosen else "", (0.2, 400.0), "")
     return Diagnosis(
         data.name,
         verdict,
@@ -53,17 +63,26 @@ def diagnose(
         where,
         measured,
         classes(judged),
-        None,
-        amended(data.prototype, best if verdict != "unknown" else found.null),
-        data.warnings,
+        next_experiment(seen, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
+        amended(data.prototype, best),
+        examined.words,
         found,
     )
 
 
-def verdict_of(judged: Judgement) -> Verdict:
-    """What the probabilities come to."""
+def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
+    """What the probabilities come to; data that are not what they should be allow no confident answer."""
     if judged.unknown > 0.5:
         return "unknown"
-    if not judged.best.hypothesis.names:
+    named = bool(judged.best.hypothesis.names)
+    if doubtful:
+        return "ambiguous" if named else "unknown"
+    if not named:
         return "no_gap"
     return "effect" if judged.of[judged.best.hypothesis] >= CONFIDENT * (1 - judged.unknown) else "ambiguous"
+
+
+def rivals(found: Search, judged: Judgement) -> list[Fit]:
+    """The most probable fits, best first; the next experiment has to tell them apart."""
+    fits = (found.null, *found.fits)
+    return sorted((f for f in fits if f.hypothesis in judged.of), key=lambda f: -judged.of[f.hypothesis])

@@ -108,7 +108,7 @@ def _fitted(
     iterations: int = ITERATIONS,
 ) -> Fit:
     placement = hypothesis.placement(prototype)
-    begun = starts(placement, known, evidence, most)
+    begun = starts(placement, known, evidence, most=most)
     if not begun:
         return Fit(
             hypothesis,

@@ -52,7 +52,7 @@ class Hypothesis:
 
     def unknowns(self, prototype: Prototype) -> tuple[Unknown, ...]:
         """Everything a fit of it may move."""
-        return tolerated(prototype, self.figures) + of_effects(self.effects)
+        return tolerated(prototype, self.figures) + of_effects(self.effects, prototype)
 
     def placement(self, prototype: Prototype) -> Placement:
         """How its unknowns enter the equations."""

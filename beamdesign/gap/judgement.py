@@ -1,13 +1,13 @@
 """From fits to a verdict: probabilities of causes, of none, and of one that the library does not hold."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
 import numpy as np
 
 from beamdesign.gap.fit import Fit
-from beamdesign.gap.hypothesis import WRONG, Hypothesis
+from beamdesign.gap.hypothesis import NOTHING, WRONG, Hypothesis
 from beamdesign.gap.search import Search
 
 EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
@@ -15,6 +15,9 @@ EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
 _NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
 _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
 _STEEP = 4.0
+_SLIGHT = 0.5  # of the misfit of noise alone
+_MINOR = 0.03
+_PRICE = 4.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,17 @@ class Judgement:
     of: dict[Hypothesis, float]
     unknown: float
     best: Fit
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Causes that are more probable than not, else those of the best fit."""
+        likely = tuple(name for name in self.names if self.cause(name) > 0.5 * (1 - self.unknown))
+        return likely if self.best.hypothesis.names and likely else self.best.hypothesis.names
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All causes that are in some hypothesis."""
+        return tuple(sorted({name for h in self.of for name in h.names}))
 
     def cause(self, name: str) -> float:
         """Probability that a cause is at work, alone or with others."""
@@ -59,7 +73,8 @@ def judge(found: Search) -> Judgement:
     """Weigh all fits of a search."""
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    logs = np.array([evidence(f, spread) + odds(f.hypothesis) for f in fits])
+    misfits = {f.hypothesis: f.misfit for f in fits}
+    logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, misfits, found.expected) for f in fits])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[int(np.argmax(weights))]
@@ -67,6 +82,21 @@ def judge(found: Search) -> Judgement:
     return Judgement(
         {f.hypothesis: float(w) * (1 - unknown) for f, w in zip(fits, weights, strict=True)}, unknown, best
     )
+
+
+def _slight(found: Fit, misfits: Mapping[Hypothesis, float], expected: float) -> float:
+    """What a cause costs that explains no more than a rig's many small imperfections together may amount to.
+
+    Every real rig has a little of everything, so that one more cause always improves a fit. A cause counts as one by
+    what its removal brings back: `_SLIGHT` of the noise's own misfit or more, and no less than `_MINOR` of the gap's.
+    """
+    cost = 0.0
+    least = max(_SLIGHT * expected, _MINOR * (misfits[NOTHING] - expected))
+    for name in found.hypothesis.names:
+        rest = Hypothesis(tuple(n for n in found.hypothesis.names if n != name))
+        gained = misfits.get(rest, np.inf) - found.misfit
+        cost += _PRICE * max(0.0, log(least / max(gained, 1e-9)))
+    return cost
 
 
 def _unknown(found: Search, best: Fit) -> float:

@@ -23,6 +23,7 @@ _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it 
 _LARGE = 4.0  # times: what is worth every pair
 _QUICK = 2  # iterations that show whether a pair is worth fitting
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
+_TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
 _DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
 
@@ -114,7 +115,8 @@ def search(
             tasks = [_Task(h, _merged(h, values), hardest) for h in tried]
             quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
             best = [f for f in _sorted(quick) if not f.reason][:_BEST_PAIRS]
-            found += fitters(_Task(f.hypothesis, f.values) for f in best)
+            final = fitters(_Task(f.hypothesis, f.values) for f in best)
+            found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
         progress(1.0, "done")
         return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.conditions)
 
@@ -129,6 +131,20 @@ def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, 
     if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
         tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
     return tuple(tried)
+
+
+def _parts(fits: Sequence[Fit]) -> list[_Task]:
+    """The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that."""
+    return [_Task(Hypothesis((name,)), one.values) for one in fits if not one.reason for name in one.hypothesis.names]
+
+
+def _better(*found: Sequence[Fit]) -> list[Fit]:
+    """Of all fits, the best one of every hypothesis."""
+    best: dict[Hypothesis, Fit] = {}
+    for one in (f for fits in found for f in fits):
+        if one.hypothesis not in best or one.cost < best[one.hypothesis].cost:
+            best[one.hypothesis] = one
+    return list(best.values())
 
 
 def _hardest(best: Fit) -> tuple[int, ...]:

@@ -11,10 +11,10 @@ from beamdesign.gap.hypothesis import NOTHING
 from beamdesign.gap.unknowns import Placement, Unknown
 from beamdesign.prototype import Prototype
 
-_DRAWS = 8
+_DRAWS, _WIDTH = 8, 1.5  # of several new unknowns; in prior standard deviations
+_ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
 _PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
-_WIDTH = 1.5  # in prior standard deviations
 _WEAK = 0.1  # of the default
 
 
@@ -64,10 +64,13 @@ def _trials(
         if u.linear:
             weak[k] = u.z(_WEAK * u.nominal)
     trials.append(np.clip(weak, low, high))
-    draws = qmc.Sobol(len(new), scramble=True, seed=0).random(_DRAWS + 4)[:_DRAWS]
+    if len(new) == 1:
+        draws = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
+    else:
+        draws = _WIDTH * (2 * qmc.Sobol(len(new), scramble=True, seed=0).random(_DRAWS) - 1)
     for row in draws:
         z = base.copy()
-        z[list(new)] = _WIDTH * (2 * row - 1)
+        z[list(new)] = row
         trials.append(np.clip(z, low, high))
     return trials
 
@@ -89,7 +92,8 @@ def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mappin
         return ()
     edges = np.geomspace(_LEAST_HZ, _MOST_HZ, _BANDS + 1)
     total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
-    middle, found = np.sqrt(edges[1:] * edges[:-1]), []
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    found: list[float] = []
     for k in np.argsort(-total):
         if all(max(middle[k] / f, f / middle[k]) > _APART for f in found):
             found.append(float(middle[k]))

@@ -101,14 +101,25 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
     return tuple(found)
 
 
-def of_effects(names: tuple[str, ...], given: Mapping[str, Mapping[str, float]] | None = None) -> tuple[Unknown, ...]:
+SUPPLY = "supply_pressure"
+_SUPPLY_SPREAD = 0.6  # of the logarithm
+_HEED_SUPPLY = ("entrained_air",)
+"""Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
+
+
+def of_effects(
+    names: tuple[str, ...], prototype: Prototype, given: Mapping[str, Mapping[str, float]] | None = None
+) -> tuple[Unknown, ...]:
     """The parameters of effects.
 
     Args:
         names: of effects of the library.
+        prototype: believed.
         given: figures that stand for the defaults.
     """
     found = []
+    if set(names) & set(_HEED_SUPPLY):
+        found.append(Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect"))
     for name in names:
         for q in library()[name].parameters:
             nominal = float((given or {}).get(name, {}).get(q.name, q.default))
