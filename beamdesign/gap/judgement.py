@@ -73,8 +73,8 @@ def judge(found: Search) -> Judgement:
     """Weigh all fits of a search."""
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    misfits = {f.hypothesis: f.misfit for f in fits}
-    logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, misfits, found.expected) for f in fits])
+    costs = {f.hypothesis: f.cost for f in fits}
+    logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, costs, found.expected) for f in fits])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[int(np.argmax(weights))]
@@ -84,17 +84,18 @@ def judge(found: Search) -> Judgement:
     )
 
 
-def _slight(found: Fit, misfits: Mapping[Hypothesis, float], expected: float) -> float:
+def _slight(found: Fit, costs: Mapping[Hypothesis, float], expected: float) -> float:
     """What a cause costs that explains no more than a rig's many small imperfections together may amount to.
 
     Every real rig has a little of everything, so that one more cause always improves a fit. A cause counts as one by
-    what its removal brings back: `_SLIGHT` of the noise's own misfit or more, and no less than `_MINOR` of the gap's.
+    what its removal brings back, in misfit and in figures off their tolerances: `_SLIGHT` of the noise's own misfit or
+    more, and no less than `_MINOR` of the gap's.
     """
     cost = 0.0
-    least = max(_SLIGHT * expected, _MINOR * (misfits[NOTHING] - expected))
+    least = max(_SLIGHT * expected, _MINOR * (costs[NOTHING] - expected))
     for name in found.hypothesis.names:
         rest = Hypothesis(tuple(n for n in found.hypothesis.names if n != name))
-        gained = misfits.get(rest, np.inf) - found.misfit
+        gained = costs.get(rest, np.inf) - found.cost
         cost += _PRICE * max(0.0, log(least / max(gained, 1e-9)))
     return cost
 
