@@ -79,8 +79,8 @@ class Fit:
 
     @property
     def values(self) -> dict[str, float]:
-        """SI value of every unknown by name."""
-        return {u.name: u.value(z) for u, z in zip(self.unknowns, self.z, strict=True)}
+        """SI value of every unknown by name; none without a fit."""
+        return {u.name: u.value(z) for u, z in zip(self.unknowns, self.z, strict=not self.reason)}
 
     @property
     def covariance(self) -> np.ndarray:
