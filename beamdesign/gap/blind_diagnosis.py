@@ -159,6 +159,7 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], rejudge: bool
     return {
         "fitted_by": fitted_by,
         "fits_made": made,
+        "added_by": now.fits if made and fitted_by != now.fits else before.get("added_by") if rejudge else None,
         "time": times,
         "baselines": compared,
         "diagnosis": diagnosis_fields(found),

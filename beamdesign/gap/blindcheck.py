@@ -7,7 +7,7 @@ was stopped in any way goes on by the same call; after a change of the judgement
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -57,6 +57,11 @@ class Check:
     def seal(self) -> Path:
         """File with the digests."""
         return self.folder / "sealed.json"
+
+    @property
+    def not_drawn(self) -> dict[str, str]:
+        """Cases that could not be drawn, with the reason."""
+        return {path.stem: path.read_text().strip() for path in sorted((self.folder / "not_drawn").glob("*.txt"))}
 
     def place(self, key: str) -> Place:
         """Where the files of one case are, for who diagnoses it."""
@@ -126,7 +131,8 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = lambda sh
         jobs = {pool.submit(draw, case, check.short, check.sets, check.answers): case for case in check.cases}
         for done, (future, case) in enumerate(_as_done(jobs)):
             reason = future.result()
-            write_whole(check.folder / "not_drawn" / case.key, reason + "\n") if reason else None
+            if reason:
+                write_whole(check.folder / "not_drawn" / f"{case.key}.txt", reason + "\n")
             progress((done + 1) / len(jobs), "drawing cases")
     answers = read_answers(check.answers)
     digests = {key: folder_digest(check.sets / key) for key in answers}
@@ -161,20 +167,30 @@ def diagnose_all(
     return now
 
 
-def open_all(check: Check) -> tuple[Opened, ...]:
+def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
     """Open the answers of a check that has been diagnosed.
+
+    Args:
+        check: diagnosed.
+        unfinished: whether cases that have not been diagnosed may be left out; their answers stay closed.
 
     Raises:
         InputError: where an answer or a data set is not what was sealed, or a case has not been diagnosed.
     """
     seal = read_seal(check.seal)
-    answers = read_answers(check.answers)
-    problems = [(key, "the answer is not the one that was sealed") for key in broken(seal, answers)]
+    missing = {key for key in seal.answers if not check.place(key).result.is_file()}
+    answers = read_answers(check.answers, missing if unfinished else set())
+    problems = [
+        (key, "the answer is not the one that was sealed")
+        for key in broken(seal, answers)
+        if not (unfinished and key in missing)
+    ]
     opened = []
     for key in seal.answers:
         path = check.place(key).result
-        if not path.is_file():
-            problems.append((key, "not diagnosed"))
+        if key in missing:
+            if not unfinished:
+                problems.append((key, "not diagnosed"))
             continue
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["set_sha256"] != seal.sets[key]:
@@ -186,9 +202,13 @@ def open_all(check: Check) -> tuple[Opened, ...]:
     return tuple(opened)
 
 
-def read_answers(folder: Path) -> dict[str, dict[str, Any]]:
-    """All answers by case."""
-    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
+def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[str, Any]]:
+    """All answers by case, but for those that stay closed."""
+    return {
+        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(folder.glob("*.json"))
+        if path.stem not in closed
+    }
 
 
 def _closed(

@@ -13,7 +13,6 @@ _ALIKE = {
     "transport_delay": "delay_s",
     "unequal_piston_areas": "asymmetry",
     "pressure_dependent_flow": "supply_pressure_Pa",
-    "entrained_air": "air_fraction",
     "seal_friction": "coulomb_N",
     "valve_deadband": "half_width_A",
     "valve_hysteresis": "half_width_A",
@@ -22,7 +21,7 @@ _ALIKE = {
     "mount_compliance": "stiffness_N_per_m",
     "joint_backlash": "play_m",
 }
-"""The parameter of an effect that means the same in both models."""
+"""The parameter of an effect that means the same in both models. None of entrained air: its law has other exponents."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
-"""The result of a blind check as fields for programs and as a page of Markdown."""
+"""The result of a blind check: fields for programs, rows for tables, a page of Markdown."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
@@ -8,6 +9,9 @@ from typing import Any
 from beamdesign.gap.baselines import NAMES
 from beamdesign.gap.outcome import Outcome
 from beamdesign.gap.scoring import SMALL, Bin, Score, baseline_scores, calibration, confusion, scores, split
+
+TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
+BASELINE_COLUMNS = ("", "diagnosis", *NAMES)
 
 
 def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> dict[str, Any]:
@@ -19,7 +23,7 @@ def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> di
     """
     large, small = split(outcomes)
     bins, _ = calibration(large)
-    return {
+    fields = {
         "setting": dict(setting),
         "scores": [score_fields(s) for s in scores(large)],
         "scores_small_gaps": [score_fields(s) for s in scores(small)] if small else [],
@@ -29,17 +33,32 @@ def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> di
         "reliability": [asdict(b) for b in bins],
         "cases": [case_fields(o) for o in outcomes],
     }
+    return {key: _rounded(value) for key, value in fields.items()}
+
+
+def result_text(fields: Mapping[str, Any]) -> str:
+    """The fields as JSON, one row of a list to a line: small, and two results can be compared line by line."""
+    parts = []
+    for key, value in fields.items():
+        if isinstance(value, list) and value:
+            rows = ",\n  ".join(json.dumps(row, allow_nan=False) for row in value)
+            parts.append(f"{json.dumps(key)}: [\n  {rows}\n ]")
+        elif isinstance(value, dict) and value:
+            rows = ",\n  ".join(f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in value.items())
+            parts.append(f"{json.dumps(key)}: {{\n  {rows}\n }}")
+        else:
+            parts.append(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
+    return "{\n " + ",\n ".join(parts) + "\n}\n"
 
 
 def score_fields(score: Score) -> dict[str, Any]:
-    """One score, rounded, with its target."""
-    fields = asdict(score) | {"reached": score.reached}
-    return {key: _rounded(value) for key, value in fields.items()}
+    """One score with its target."""
+    return asdict(score) | {"reached": score.reached}
 
 
 def case_fields(o: Outcome) -> dict[str, Any]:
     """One case in short."""
-    fields: dict[str, Any] = {
+    return {
         "case": o.key,
         "kind": o.kind,
         "truth": o.effects,
@@ -59,10 +78,10 @@ def case_fields(o: Outcome) -> dict[str, Any]:
         "seconds": o.seconds,
         "baselines": o.baselines,
     }
-    return {key: _rounded(value) for key, value in fields.items()}
 
 
 def _rounded(value: Any) -> Any:
+    """Four digits; figures that are not finite become null, as JSON has none."""
     if isinstance(value, float):
         return float(f"{value:.4g}") if isfinite(value) else None
     if isinstance(value, list | tuple):
@@ -79,32 +98,44 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
     kinds = {kind: sum(o.kind == kind for o in outcomes) for kind in ("null", "single", "parameter", "pair", "outside")}
     parts = [
         "# Blind check of the diagnosis",
-        f"{len(outcomes)} cases: {kinds['null']} nulls, {kinds['single']} single effects, {kinds['parameter']} wrong "
-        f"figures, {kinds['pair']} pairs, {kinds['outside']} effects outside the library. {setting['records']} "
-        "The cases come from a truth model that shares no effect code with the diagnosis; each was diagnosed from its "
-        "data alone, in a process that could not read the answers, which had been sealed by their digests before.",
-        "\n".join(f"- {words}: {setting[key]}" for key, words in _SETTING.items() if setting.get(key) is not None),
+        f"{len(outcomes)} cases of {setting['planned']} planned: {kinds['null']} nulls, {kinds['single']} single "
+        f"effects, {kinds['parameter']} wrong figures, {kinds['pair']} pairs, {kinds['outside']} effects outside the "
+        f"library. {setting['records']} The cases come from a truth model that shares no effect code with the "
+        "diagnosis; each was diagnosed from its data alone, in a process that could not read the answers, which had "
+        "been sealed by their digests before.",
+        "\n".join(f"- {words}: {setting[key]}" for key, words in _SETTING.items() if setting.get(key)),
         "## Against the targets",
         f"Nulls, and cases whose gap is at least {SMALL:g} times the noise floor. Bounds are 95 %: Clopper and Pearson "
         "for rates, bootstrap for means and medians.",
-        _targets(scores(large)),
+        _table(TARGET_COLUMNS, target_rows(scores(large))),
+        _COUNTED,
         "## Baselines on the same cases",
-        _compared(large),
+        _table(BASELINE_COLUMNS, baseline_rows(large)),
+        "Baselines see the records that the fits have seen. They start from its null fit, and greedy BIC chooses among "
+        "its fitted models. They name causes without a probability, so they cannot say that a cause is unknown.",
         "## Named first (columns) against the truth (rows)",
         "A `+` marks two effects, by the one with the larger gap.",
         _matrix(confusion(large)),
         "## Probabilities, stated and true",
-        _reliability(bins),
+        _table(("stated", "statements", "mean stated", "true"), [_bin_row(b) for b in bins]),
     ]
     if small:
         parts += [
             f"## Gaps below {SMALL:g} times the noise floor",
             f"{len(small)} cases.",
-            _targets(tuple(s for s in scores(small) if s.of), False),
+            _table(TARGET_COLUMNS[:4], [row[:4] for row in target_rows([s for s in scores(small) if s.of])]),
             _matrix(confusion(small)),
         ]
     return "\n\n".join(parts) + "\n"
 
+
+_COUNTED = """A false alarm is any verdict but `no_gap` on a null, `unknown` and `ambiguous` included. Named first is \
+the first of the chosen causes. In the class: named first, or among the causes that were stated to be \
+indistinguishable. Subsystem: that of the effect with the largest gap. Calibration error: mean distance of stated from \
+true in ten bins, over all listed causes, over `no gap` and over `unknown`. True `closed`: errors of the written \
+prototype against the displacement of the noise-free rig on held-out records; verdicts `unknown` have none. A \
+parameter is compared where the effect was rightly named first and both models mean the same by it. Times are of one \
+process per case."""
 
 _SETTING = {
     "seed": "seed of the plan",
@@ -112,46 +143,47 @@ _SETTING = {
     "truth": "program that drew the cases",
     "fitted_by": "program that made the fits",
     "judged_by": "program that judged",
+    "not_drawn": "cases without a stable rig",
     "command": "command",
 }
 
 
-def _targets(found: Sequence[Score], with_target: bool = True) -> str:
-    rows = []
+def target_rows(found: Sequence[Score]) -> list[tuple[str, ...]]:
+    """Scores beside their targets, for `TARGET_COLUMNS`."""
+    rows: list[tuple[str, ...]] = []
     for s in found:
-        cases = f"{s.count} of {s.of}" if s.count is not None else f"{s.of}"
-        bounds = f"{figure(s, s.low)} to {figure(s, s.high)}" if isfinite(s.low) and s.of else ""
-        row = (s.name, figure(s, s.value), bounds, cases)
-        rows.append((*row, target(s), {True: "yes", False: "no", None: ""}[s.reached]) if with_target else row)
-    heads = ("", "found", "95 % bounds", "cases")
-    return _table((*heads, "target", "reached") if with_target else heads, rows)
+        of = f"{s.count} of {s.of}" if s.count is not None else f"{s.of}"
+        bounds = f"{_figure(s, s.low)} to {_figure(s, s.high)}" if isfinite(s.low) and s.of else ""
+        reached = "" if s.reached is None else "yes" if s.reached else "no"
+        rows.append((s.name, _figure(s, s.value), bounds, of, _target(s), reached))
+    return rows
 
 
-def figure(score: Score, value: float) -> str:
-    """A value in the way of its score: rates in percent."""
+def baseline_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """The diagnosis beside the baselines, for `BASELINE_COLUMNS`."""
+    ours = {s.name: s for s in scores(outcomes)}
+    others = [{s.name: s for s in baseline_scores(name, outcomes)} for name in NAMES]
+    return [
+        (
+            name,
+            _figure(ours[name], ours[name].value) if name in ours else "",
+            *(_figure(other[name], other[name].value) for other in others),
+        )
+        for name in others[0]
+    ]
+
+
+def _figure(score: Score, value: float) -> str:
     if not isfinite(value) or not score.of:
         return "-"
     return f"{value:.1%}" if score.count is not None or score.name.startswith("mean prob") else f"{value:.3g}"
 
 
-def target(score: Score) -> str:
-    """In words; empty without one."""
+def _target(score: Score) -> str:
     if score.target is None:
         return ""
     shown = [f"{t:.0%}" if score.name != "calibration error" else f"{t:g}" for t in score.target]
     return f"{score.sense} {' and '.join(shown)}"
-
-
-def _compared(outcomes: Sequence[Outcome]) -> str:
-    ours = {s.name: s for s in scores(outcomes)}
-    others = [{s.name: s for s in baseline_scores(name, outcomes)} for name in NAMES]
-    rows = []
-    for name in others[0]:
-        first = ours.get(name)
-        rows.append(
-            (name, figure(first, first.value) if first else "", *(figure(o[name], o[name].value) for o in others))
-        )
-    return _table(("", "diagnosis", *NAMES), rows)
 
 
 def _matrix(found: Mapping[str, Mapping[str, int]]) -> str:
@@ -160,9 +192,8 @@ def _matrix(found: Mapping[str, Mapping[str, int]]) -> str:
     return _table(("truth", *columns), rows)
 
 
-def _reliability(bins: Sequence[Bin]) -> str:
-    rows = [(f"{b.low:.0%} to {b.high:.0%}", str(b.count), f"{b.stated:.1%}", f"{b.true:.1%}") for b in bins]
-    return _table(("stated", "statements", "mean stated", "true"), rows)
+def _bin_row(b: Bin) -> tuple[str, ...]:
+    return f"{b.low:.0%} to {b.high:.0%}", str(b.count), f"{b.stated:.1%}", f"{b.true:.1%}"
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
