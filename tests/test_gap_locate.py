@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.conditions import lines_of
+from beamdesign.gap.conditions import lines_of, setting
 from beamdesign.gap.diagnosis import Cause
 from beamdesign.gap.evidence import evidence_of
 from beamdesign.gap.fit import Fit, fit
 from beamdesign.gap.hypothesis import NOTHING, together
-from beamdesign.gap.innovations import kalman, sampled
+from beamdesign.gap.innovations import kalman, multiplicative, sampled
 from beamdesign.gap.kind import kind_of_effect
 from beamdesign.gap.local_laws import stop
 from beamdesign.gap.locate import laws_of, locate
@@ -178,3 +178,20 @@ def test_kinds_of_effects_follow_from_their_equations():
     assert kind_of_effect("seal_friction") == "hysteretic"
     assert kind_of_effect("current_saturation") == "static"
     assert kind_of_effect("parameter:flow_gain") == "linear"
+
+
+def test_a_record_in_which_nothing_happens_does_no_harm(deadband):
+    """All channels zero: no noise, no signal, no vote."""
+    first = deadband.records[1]
+    still = replace(
+        first,
+        name="still",
+        inputs=np.zeros_like(first.inputs),
+        measured={name: np.zeros_like(y) for name, y in first.measured.items()},
+    )
+    found = at_believed(replace(deadband, records=(first, still)))
+    assert all(np.all(np.isfinite(y)) for item in found for y in item.smoothed().values())
+    assert np.abs(found[1].missing("sensor")).max() < 1e-9  # V; the equilibrium is found to rounding
+    shown = setting(found)
+    assert shown.table["relative_error"][1] == 0.0
+    assert all(np.isfinite(value) for value in multiplicative(found).values())

@@ -115,7 +115,8 @@ def setting(found: Sequence[Residual]) -> Setting:
         seen = lines_of(drive, measured, shaped, float(weight.noise_std[column]))
         if seen is not None and seen.excited + seen.between > 0:
             distortions.append(seen.between**2 / (seen.between**2 + seen.excited**2))
-        sides = [float(np.sqrt(np.mean(shaped[measured * sign > 0] ** 2))) for sign in (1, -1)]
+        parts = [shaped[measured * sign > 0] for sign in (1, -1)]
+        sides = [float(np.sqrt(np.sum(part**2) / max(len(part), 1))) for part in parts]
         asymmetries.append(abs(sides[0] - sides[1]) / max(sum(sides) / 2, 1e-300))
         slow.append(_slow(drive, shaped, record.step))
     names = tuple(f"{low:g}-{high:g} Hz" for low, high in pairwise(BANDS_HZ))

@@ -119,7 +119,7 @@ def likelihood(prototype: Prototype, z: np.ndarray, found: Sequence[Residual]) -
     for item in found:
         record = item.evidence.record
         column = item.channels.index("displacement_m")
-        noise = float(item.evidence.weight.noise_std[column])
+        noise = float(item.noise[column])
         # One set of filters for all records of a condition: the unit of noise is rounded to a power of two, and the
         # output counted in it, for the sake of the Riccati equation.
         unit = 2.0 ** round(np.log2(noise))
@@ -201,7 +201,7 @@ def multiplicative(found: Sequence[Residual]) -> Mapping[str, float]:
             power = np.abs(probed.spectrum(item.left[:, column] * weight.fade)) ** 2
             own = np.abs(probed.driven(item.evidence.record.inputs, (OWN[name],))[:, 0]) ** 2
             through = np.abs(probed.entry(name, ("displacement_m",))[:, 0]) ** 2
-            noise = weight.noise_std[column] ** 2 * len(item.left)
+            noise = float(item.noise[column]) ** 2 * len(item.left)
             lines = np.arange(len(power)) % 2 == 0  # those of the record without padding
             hz = np.abs(probed.laplace) / (2 * np.pi)
             lines &= (hz > weight.frequencies_Hz[0]) & (hz < weight.frequencies_Hz[-1])

@@ -49,7 +49,7 @@ def locate(
     """
     if not chosen.hypothesis.names and unknown <= 0.5:
         return NO_GAP
-    found = residuals(data.prototype, search.null, evidence)
+    found = () if search.null.reason else residuals(data.prototype, search.null, evidence)
     laws = laws_of(found, search.null) if found else ()
     opinions = [posterior(search, chosen, causes, unknown)]
     opinions += testimony(data.prototype, search.null, search.expected, found, laws)

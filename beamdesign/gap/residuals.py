@@ -25,6 +25,7 @@ OWN = {
 }
 """The largest variable of the equation behind each entry, in the unit of what may be missing there."""
 _DOUBT = 0.3
+_LEAST_NOISE = 1e-6
 _HALF_BAND = 2 ** (1 / 4)
 
 
@@ -46,6 +47,12 @@ class Residual:
     left: np.ndarray = field(repr=False)
     slopes: np.ndarray = field(repr=False)
 
+    @property
+    def noise(self) -> np.ndarray:
+        """(C,) white noise of the channels, at least a millionth of what they hold."""
+        rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
+        return np.asarray(np.maximum(self.evidence.weight.noise_std, _LEAST_NOISE * rms + 1e-30))
+
     def missing(self, entry: str) -> np.ndarray:
         """(F,) spectrum of the signal at an entry that explains the residual of all channels.
 
@@ -53,8 +60,8 @@ class Residual:
         as Wiener's filter would.
         """
         weight, probed = self.evidence.weight, self.probe
-        through = probed.entry(entry, self.channels) / weight.noise_std
-        spectra = probed.spectrum(self.left * weight.fade[:, None]) / weight.noise_std
+        through = probed.entry(entry, self.channels) / self.noise
+        spectra = probed.spectrum(self.left * weight.fade[:, None]) / self.noise
         power = np.sum(np.abs(spectra) ** 2, axis=1) / (len(self.channels) * len(self.left))
         excess = np.maximum(banded(power) - 1, 0.0)
         share = excess / (excess + 1)
@@ -72,7 +79,7 @@ class Residual:
         weight, probed = self.evidence.weight, self.probe
         nominal = probed.driven(self.evidence.record.inputs)
         spectra = probed.spectrum(self.left * weight.fade[:, None])
-        noise = weight.noise_std**2 * len(self.left)
+        noise = self.noise**2 * len(self.left)
         gain = np.zeros((len(nominal), len(SIGNALS), len(self.channels)), dtype=complex)
         spread = np.zeros((len(nominal), len(self.channels), len(self.channels)), dtype=complex)
         spread[:, range(len(noise)), range(len(noise))] = noise
