@@ -68,9 +68,13 @@ def together(*names: str) -> Hypothesis:
 
 
 def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
-    """Every effect that can be at work in a rig, and every figure that can be wrong, one at a time."""
+    """Every effect that can be at work in a rig, and every figure that can be wrong, one at a time.
+
+    A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
+    """
     effects = [Hypothesis((name,)) for name in library()]
     keys = dict.fromkeys(TOLERANCE_OF[u.name] for u in tolerated(prototype, tuple(TOLERANCE_OF)))
+    keys.pop("sensor_filter", None)
     return (*effects, *(Hypothesis((WRONG + key,)) for key in keys))
 
 

@@ -9,9 +9,9 @@ from scipy.fft import dct, idct
 
 _TOP = 0.8  # of the Nyquist frequency: nothing is driven above
 _HALF_BAND = 2 ** (1 / 6)
-_LEAST_LINES = 16  # to smooth over
+_LEAST_LINES = 32  # to smooth over
 _MEDIAN_OF_SQUARE = 0.4549  # of a standard normal number
-_MARGIN = 2.0  # a smoothed spectrum of nothing but noise goes no higher
+_MARGIN = 2.5  # a smoothed spectrum of nothing but noise goes no higher
 
 
 def without_noise(signal: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a litt
 _STEEP = 4.0
 _SLIGHT = 0.5  # of the misfit of noise alone
 _MINOR = 0.03
+_PLAIN = 12.0  # about three and a half tolerances
 _PRICE = 4.0
 
 
@@ -89,14 +90,16 @@ def _slight(found: Fit, costs: Mapping[Hypothesis, float], expected: float) -> f
 
     Every real rig has a little of everything, so that one more cause always improves a fit. A cause counts as one by
     what its removal brings back, in misfit and in figures off their tolerances: `_SLIGHT` of the noise's own misfit or
-    more, and no less than `_MINOR` of the gap's.
+    more, and no less than `_MINOR` of the gap's. A wrong figure alone is told by how far off its tolerance it is, so
+    that what comes back need only be `_PLAIN`.
     """
     cost = 0.0
     least = max(_SLIGHT * expected, _MINOR * (costs[NOTHING] - expected))
     for name in found.hypothesis.names:
         rest = Hypothesis(tuple(n for n in found.hypothesis.names if n != name))
         gained = costs.get(rest, np.inf) - found.cost
-        cost += _PRICE * max(0.0, log(least / max(gained, 1e-9)))
+        enough = _PLAIN if rest == NOTHING and name.startswith(WRONG) else least
+        cost += _PRICE * max(0.0, log(enough / max(gained, 1e-9)))
     return cost
 
 

@@ -122,7 +122,10 @@ def search(
 
 
 def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all."""
+    """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all.
+
+    One of a pair is an effect: two wrong figures at once are rarer than anything they would imitate.
+    """
     left = state.excess(state.fits[0])
     count = next(n for bound, n in _BEST_SINGLES if left <= bound)
     best = [f.hypothesis for f in state.fits if not f.reason][:count]
@@ -130,7 +133,7 @@ def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, 
     tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects and other != one)
     if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
         tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
-    return tuple(tried)
+    return tuple(pair for pair in tried if pair.effects)
 
 
 def _parts(fits: Sequence[Fit]) -> list[_Task]:
