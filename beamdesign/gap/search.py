@@ -18,7 +18,7 @@ from beamdesign.prototype import Prototype
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
-_BEST_PAIRS = 6
+_BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
 _LARGE = 4.0  # times: what is worth every pair
 _QUICK = 2  # iterations that show whether a pair is worth fitting
@@ -109,12 +109,14 @@ def search(
             tuple(e.condition for e in fitters.evidence),
         )
         if null.misfit > _SMALL * expected and state.excess(state.fits[0]) > _DONE:
-            values = {f.hypothesis: f.values for f in found if not f.reason}
+            values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
             tried = _promising(state, alone)
             hardest = _hardest(state.fits[0])
             tasks = [_Task(h, _merged(h, values), hardest) for h in tried]
             quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
-            best = [f for f in _sorted(quick) if not f.reason][:_BEST_PAIRS]
+            leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
+            ranked = [f for f in _sorted(quick) if not f.reason]
+            best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
             final = fitters(_Task(f.hypothesis, f.values) for f in best)
             found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
         progress(1.0, "done")
@@ -158,10 +160,11 @@ def _hardest(best: Fit) -> tuple[int, ...]:
 
 
 def _merged(of: Hypothesis, values: dict[Hypothesis, dict[str, float]]) -> dict[str, float]:
-    """Values to start a pair from: tolerated figures of the better known, parameters of both."""
+    """Values to start a pair from: parameters of both, tolerated figures of the better single, which comes last."""
     merged: dict[str, float] = {}
-    for name in of.names:
-        merged |= values.get(Hypothesis((name,)), {})
+    for alone, found in values.items():
+        if set(alone.names) <= set(of.names):
+            merged |= found
     return merged
 
 
