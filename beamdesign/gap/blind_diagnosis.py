@@ -12,6 +12,7 @@ from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
 from tempfile import TemporaryDirectory
 from threading import Thread
+from traceback import extract_tb
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,8 @@ def _end_with(parent: int) -> None:
 def diagnose_blind(place: Place, now: Program, rejudge: bool = False) -> bool:
     """Diagnose a case from its folder alone and write down what is found, unless that has been done by this program.
 
+    Where the diagnosis breaks off, the error is written down instead; the next call tries again.
+
     Args:
         place: where its files are.
         now: digests of this program.
@@ -115,17 +118,23 @@ def diagnose_blind(place: Place, now: Program, rejudge: bool = False) -> bool:
     """
     before = _read(place.result)
     set_digest = folder_digest(place.folder)
-    if before and (before["judged_by"], before["compared_by"], before["set_sha256"]) == (
-        now.judges, now.compares, set_digest,
-    ):  # fmt: skip
+    fields: dict[str, Any] = {"set_sha256": set_digest, "judged_by": now.judges, "compared_by": now.compares}
+    if all(before.get(key) == value for key, value in fields.items()) and "failed" not in before:
         return False
-    fields = {"set_sha256": set_digest, "judged_by": now.judges, "compared_by": now.compares}
+    before = before if before.get("set_sha256") == set_digest else {}
+    fields["fitted_by"] = str(before.get("fitted_by", now.fits)) if rejudge else now.fits
     try:
-        found = _diagnosed(place, now, before if before.get("set_sha256") == set_digest else {}, rejudge)
+        found = _diagnosed(place, now, before, fields["fitted_by"])
     except Exception as error:
-        found = {"failed": f"{type(error).__name__}: {error}"}
+        found = {"failed": f"{type(error).__name__}: {error}", "failed_at": _where(error)}
     write_whole(place.result, json.dumps(fields | found) + "\n")
     return True
+
+
+def _where(error: Exception) -> str:
+    """Module and line at which a diagnosis broke off, the last one of this program."""
+    frames = [f for f in extract_tb(error.__traceback__) if "beamdesign" in f.filename]
+    return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -136,9 +145,8 @@ def _read(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _diagnosed(place: Place, now: Program, before: dict[str, Any], rejudge: bool) -> dict[str, Any]:
+def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: str) -> dict[str, Any]:
     data = read_dataset(place.folder)
-    fitted_by = str(before.get("fitted_by", now.fits)) if rejudge else now.fits
     key = hashlib.sha256((digest(data) + fitted_by).encode()).hexdigest()[:16]
     for stale in place.fits.glob("*-*.npz"):
         if not stale.name.startswith(key):
@@ -157,9 +165,8 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], rejudge: bool
         compared = baselines(_seen(data, found), _search(data, found, kept))
     _write_predictions(place, data, found)
     return {
-        "fitted_by": fitted_by,
         "fits_made": made,
-        "added_by": now.fits if made and fitted_by != now.fits else before.get("added_by") if rejudge else None,
+        "added_by": None if fitted_by == now.fits else now.fits if made else before.get("added_by"),
         "time": times,
         "baselines": compared,
         "diagnosis": diagnosis_fields(found),

@@ -8,6 +8,7 @@ from beamdesign.gap.blindcheck import Opened
 from beamdesign.gap.hypothesis import subsystem
 
 NO_GAP, UNKNOWN, FAILED = "no_gap", "unknown", "failed"
+_BROKE_OFF = ("failed", "failed_at")
 _ALIKE = {
     "sensor_lag": "break_Hz",
     "transport_delay": "delay_s",
@@ -50,6 +51,7 @@ class Outcome:
         parameter_error: relative, of the effect named first where that is right; None where not comparable.
         seconds: of its diagnosis, and of processor time; None where parts were done before.
         baselines: causes chosen by each.
+        failure: why the diagnosis broke off, and where; empty where it did not.
     """
 
     key: str
@@ -73,6 +75,7 @@ class Outcome:
     parameter_error: float | None = None
     seconds: tuple[float, float] | None = None
     baselines: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    failure: str = ""
 
     @property
     def label(self) -> str:
@@ -98,7 +101,7 @@ def outcome(case: Opened) -> Outcome:
         "each_over_floor": min((gaps[name] for name in effects), default=0.0),
     }
     if "diagnosis" not in found:
-        return Outcome(**base, verdict=FAILED)
+        return Outcome(**base, verdict=FAILED, failure=" at ".join(str(found[k]) for k in _BROKE_OFF if k in found))
     said = found["diagnosis"]
     verdict, gap = said["verdict"], said["gap"]
     causes = {cause["name"]: cause for cause in said["effects"]}

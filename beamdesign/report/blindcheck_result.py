@@ -77,7 +77,7 @@ def case_fields(o: Outcome) -> dict[str, Any]:
         "parameter_error": o.parameter_error,
         "seconds": o.seconds,
         "baselines": o.baselines,
-    }
+    } | ({"failure": o.failure} if o.failure else {})
 
 
 def _rounded(value: Any) -> Any:
