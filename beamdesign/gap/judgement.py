@@ -10,15 +10,15 @@ from beamdesign.gap.fit import Fit
 from beamdesign.gap.hypothesis import NOTHING, WRONG, Hypothesis
 from beamdesign.gap.search import Search
 
-EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
+EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.01)
 """Prior odds of one more effect, and of one more plainly wrong figure, against none."""
 _NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
 _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
 _STEEP = 4.0
-_SLIGHT = 0.5  # of the misfit of noise alone
+_SLIGHT = 0.75  # of the misfit of noise alone
 _MINOR = 0.03
 _PLAIN = 12.0  # about three and a half tolerances
-_PRICE = 4.0
+_PRICE = 30.0  # of a cause that explains less, per e-fold: as good as none
 
 
 @dataclass(frozen=True)
