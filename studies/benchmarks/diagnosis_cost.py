@@ -1,0 +1,96 @@
+"""Cost of a diagnosis: one linearised record by the model's own derivatives, and by differences of scipy's integrator.
+
+A diagnosis spends its time on residuals of records and their derivatives by all unknowns of a hypothesis. Both ways
+linearise the same record about the same figures; errors are of the displacement, against LSODA at a tight tolerance.
+Then a whole diagnosis is timed. Run:
+
+    python studies/benchmarks/diagnosis_cost.py
+"""
+
+import argparse
+from pathlib import Path
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from beamdesign.gap.dataset import read_dataset
+from beamdesign.gap.diagnose import diagnose
+from beamdesign.gap.evidence import RecordEvidence, record_evidence
+from beamdesign.gap.hypothesis import Hypothesis
+from beamdesign.gap.replay import at_rest
+from beamdesign.gap.unknowns import Placement
+from beamdesign.rig.assembly import OUTPUTS
+
+SET = Path(__file__).parent.parent / "gaps" / "slow_sensor"
+TOLERANCE, TIGHT = 1e-5, 1e-9
+STEP = 1e-3  # in z, for differences
+
+
+def integrated(piece: RecordEvidence, placement: Placement, z: np.ndarray, tolerance: float, end: int) -> np.ndarray:
+    """The first `end` samples of a record by LSODA on the same equations, (end, C)."""
+    parameters = placement.parameters(piece.job.base(placement), z)
+    function = placement.assembly.function
+    drive = CubicSpline(piece.record.times, np.column_stack([piece.record.inputs, 0 * piece.record.times]))
+    t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate("txup"))
+    rate, output = function(t, x, u, p)
+    rates, outputs = ca.Function("rate", [t, x, u, p], [rate]), ca.Function("output", [t, x, u, p], [output])
+    start, scale = at_rest(placement, parameters), 1e-6
+    found = solve_ivp(
+        lambda now, state: np.asarray(rates(now, state, drive(now), parameters)).ravel(),
+        (piece.record.times[0], piece.record.times[end - 1]),
+        start,
+        "LSODA",
+        piece.record.times[:end],
+        rtol=tolerance,
+        atol=tolerance * scale * np.maximum(1.0, np.abs(start) / scale),
+    )
+    rows = [
+        np.asarray(outputs(now, state, drive(now), parameters)).ravel()
+        for now, state in zip(found.t, found.y.T, strict=True)
+    ]
+    return np.array(rows)[:, [OUTPUTS.index(name) for name in piece.weight.channels]]
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--samples", type=int, default=1000, help="of the record that scipy integrates")
+    arguments.add_argument("--no-diagnosis", action="store_true", help="leave the whole diagnosis out")
+    chosen = arguments.parse_args()
+    data = read_dataset(SET)
+    piece = record_evidence(data)[0]
+    hypothesis = Hypothesis(("sensor_lag",))
+    placement = hypothesis.placement(data.prototype)
+    z = np.zeros(len(placement.unknowns))
+    piece.linearised(placement, z)  # compiles
+    begun = perf_counter()
+    for _ in range(10):
+        piece.linearised(placement, z)
+    tangent = (perf_counter() - begun) / 10
+
+    end = min(chosen.samples, len(piece.record.times))
+    begun = perf_counter()
+    single = integrated(piece, placement, z, TOLERANCE, end)
+    once = (perf_counter() - begun) * len(piece.record.times) / end
+    differences = once * (1 + len(z))
+    tight = integrated(piece, placement, z, TIGHT, end)
+    steps = piece.predicted(placement, z)
+    assert steps is not None
+    error = [float(np.abs(y - tight)[:, 1].max() / np.abs(tight[:, 1]).max()) for y in (steps[:end], single)]
+    print(f"one record of {piece.record.times[-1]:.3g} s, {len(z)} unknowns, residual and all derivatives")
+    print(f"  generated code and its tangent   {tangent * 1e3:9.1f} ms   error {error[0]:.1e}")
+    print(f"  solve_ivp, forward differences   {differences * 1e3:9.0f} ms   error {error[1]:.1e} (from {end} samples)")
+    print(f"  ratio {differences / tangent:.0f}")
+    if not chosen.no_diagnosis:
+        begun = perf_counter()
+        found = diagnose(data, 2)
+        whole = perf_counter() - begun
+        print(
+            f"whole diagnosis, {len(data.records)} records, 2 processes: {whole:.1f} s, {found.verdict} {found.chosen}"
+        )
+
+
+if __name__ == "__main__":
+    main()
