@@ -71,11 +71,15 @@ def diagnose(
 
 
 def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
-    """What the probabilities come to; data that are not what they should be allow no confident answer."""
+    """What the probabilities come to.
+
+    Data that are not what they should be allow no confident answer, nor do figures strained to make a cause fit (a
+    resonance that is missing, fitted as a delay).
+    """
     if judged.unknown > 0.5:
         return "unknown"
     named = bool(judged.best.hypothesis.names)
-    if doubtful:
+    if doubtful or (named and judged.strained):
         return "ambiguous" if named else "unknown"
     if not named:
         return "no_gap"

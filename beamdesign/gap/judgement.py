@@ -15,6 +15,8 @@ EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.01)
 _NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
 _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
 _STEEP = 4.0
+STRAINED = 4.0
+"""Tolerances by which no figure is off in a rig whose gap has been understood."""
 _SLIGHT = 0.75  # of the misfit of noise alone
 _MINOR = 0.03
 _PLAIN = 12.0  # about three and a half tolerances
@@ -40,6 +42,12 @@ class Judgement:
         """Causes that are more probable than not, else those of the best fit."""
         likely = tuple(name for name in self.names if self.cause(name) > 0.5 * (1 - self.unknown))
         return likely if self.best.hypothesis.names and likely else self.best.hypothesis.names
+
+    @property
+    def strained(self) -> tuple[str, ...]:
+        """Tolerated figures that the best fit has moved further than anyone would believe: it may stand for another."""
+        pairs = zip(self.best.unknowns, self.best.z, strict=True)
+        return tuple(u.name for u, z in pairs if u.kind == "figure" and abs(z) > STRAINED)
 
     @property
     def names(self) -> tuple[str, ...]:
