@@ -17,10 +17,9 @@ _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a litt
 _STEEP = 4.0
 STRAINED = 4.0
 """Tolerances by which no figure is off in a rig whose gap has been understood."""
-_SLIGHT = 0.75  # of the misfit of noise alone
+_SLIGHT = 0.5  # of the misfit of noise alone
 _MINOR = 0.03
-_PLAIN = 12.0  # about three and a half tolerances
-_PRICE = 30.0  # of a cause that explains less, per e-fold: as good as none
+_PLAIN = 8.0  # in cost: about three tolerances
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,9 @@ def judge(found: Search) -> Judgement:
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
     costs = {f.hypothesis: f.cost for f in fits}
-    logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, costs, found.expected) for f in fits])
+    logs = np.array(
+        [evidence(f, spread) + odds(f.hypothesis) - _slight(f, costs, found.expected, spread) for f in fits]
+    )
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[int(np.argmax(weights))]
@@ -93,13 +94,13 @@ def judge(found: Search) -> Judgement:
     )
 
 
-def _slight(found: Fit, costs: Mapping[Hypothesis, float], expected: float) -> float:
-    """What a cause costs that explains no more than a rig's many small imperfections together may amount to.
+def _slight(found: Fit, costs: Mapping[Hypothesis, float], expected: float, spread: float) -> float:
+    """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
 
-    Every real rig has a little of everything, so that one more cause always improves a fit. A cause counts as one by
-    what its removal brings back, in misfit and in figures off their tolerances: `_SLIGHT` of the noise's own misfit or
-    more, and no less than `_MINOR` of the gap's. A wrong figure alone is told by how far off its tolerance it is, so
-    that what comes back need only be `_PLAIN`.
+    Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
+    counts by what its removal brings back, in misfit and in figures off their tolerances: `_SLIGHT` of the noise's own
+    misfit or more, and no less than `_MINOR` of the gap's. A wrong figure alone is told by how far off its tolerance
+    it is, so that what comes back need only be `_PLAIN`.
     """
     cost = 0.0
     least = max(_SLIGHT * expected, _MINOR * (costs[NOTHING] - expected))
@@ -107,7 +108,8 @@ def _slight(found: Fit, costs: Mapping[Hypothesis, float], expected: float) -> f
         rest = Hypothesis(tuple(n for n in found.hypothesis.names if n != name))
         gained = costs.get(rest, np.inf) - found.cost
         enough = _PLAIN if rest == NOTHING and name.startswith(WRONG) else least
-        cost += _PRICE * max(0.0, log(enough / max(gained, 1e-9)))
+        if 0 < gained < np.inf:
+            cost += gained / (2 * spread) / (1 + (gained / enough) ** (2 * _STEEP))
     return cost
 
 

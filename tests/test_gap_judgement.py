@@ -1,0 +1,138 @@
+"""From fits to a verdict, on fits made by hand, and the classic false answer: a missing resonance fitted as a delay."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_sets import believed, measured, only
+
+from beamdesign.gap.causes import causes, classes
+from beamdesign.gap.diagnose import verdict_of
+from beamdesign.gap.evidence import record_evidence
+from beamdesign.gap.fit import Fit, Share, fit
+from beamdesign.gap.hypothesis import NOTHING, Hypothesis
+from beamdesign.gap.judgement import STRAINED, evidence, judge
+from beamdesign.gap.search import Search
+from beamdesign.gap.starts import resonances, starts
+
+EXPECTED = 300.0
+LAG, AREAS = "sensor_lag", "unequal_piston_areas"
+
+
+def made(names: tuple[str, ...], misfit: float, curvature: float = 100.0, **z: float) -> Fit:
+    """A fit with one piece of evidence, equally well determined in every unknown."""
+    hypothesis = Hypothesis(tuple(sorted(names)))
+    unknowns = hypothesis.unknowns(believed())
+    values = np.array([z.get(u.name.replace(".", "_"), 0.0) for u in unknowns])
+    share = Share(misfit, np.zeros(len(values)), curvature * np.eye(len(values)))
+    return Fit(hypothesis, unknowns, values, misfit + float(values @ values), (share,))
+
+
+def found(*fits: Fit) -> Search:
+    null, *others = fits
+    return Search(null, tuple(sorted(others, key=lambda f: f.cost)), EXPECTED, ("record",), (0,))
+
+
+def test_marginal_likelihood_of_a_linear_model():
+    """ln N(r; 0, I + H H') = -(r'r - r'H (I + H'H)^-1 H'r)/2 - ln det(I + H'H)/2 + const; C. M. Bishop, Pattern
+    Recognition and Machine Learning (2006), equation (3.86) with unit noise and unit prior."""
+    random = np.random.default_rng(0)
+    h, r = random.standard_normal((30, 13)), random.standard_normal(30)
+    z = np.linalg.solve(np.eye(13) + h.T @ h, h.T @ r)
+    left = r - h @ z
+    one = Fit(NOTHING, NOTHING.unknowns(believed()), z, 0.0, (Share(float(left @ left), -h.T @ left, h.T @ h),))
+    covariance = np.eye(30) + h @ h.T
+    expected = -0.5 * (r @ np.linalg.solve(covariance, r) + np.linalg.slogdet(covariance)[1])
+    assert evidence(one, 1.0) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_fit_at_the_noise_is_no_gap():
+    judged = judge(found(made((), 1.1 * EXPECTED), made((LAG,), 1.05 * EXPECTED), made((AREAS,), 1.09 * EXPECTED)))
+    assert judged.named == ()
+    assert verdict_of(judged) == "no_gap"
+    assert judged.unknown < 0.1
+
+
+def test_one_cause_that_explains_all():
+    judged = judge(found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED), made((AREAS,), 12 * EXPECTED)))
+    assert judged.named == (LAG,)
+    assert verdict_of(judged) == "effect"
+    assert verdict_of(judged, doubtful=True) == "ambiguous"
+
+
+def test_two_causes_that_explain_it_alike_are_ambiguous_and_a_class():
+    search = found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED), made(("transport_delay",), 1.1 * EXPECTED))
+    judged = judge(search)
+    assert verdict_of(judged) == "ambiguous"
+    assert classes(judged) == ((LAG, "transport_delay"),)
+    assert {c.name for c in causes(search, judged)} == {LAG, "transport_delay"}
+
+
+def test_a_second_cause_needs_a_share_of_its_own():
+    """Every rig has a little of everything: what explains a hundredth of the gap is not named beside the rest."""
+    alone, other = made((LAG,), 1.9 * EXPECTED), made((AREAS,), 90 * EXPECTED)
+    minor = judge(found(made((), 100 * EXPECTED), alone, other, made((LAG, AREAS), 1.1 * EXPECTED)))
+    assert minor.named == (LAG,)
+    alone = made((LAG,), 40 * EXPECTED)
+    major = judge(found(made((), 100 * EXPECTED), alone, other, made((LAG, AREAS), 1.1 * EXPECTED)))
+    assert major.named == (LAG, AREAS)
+
+
+def test_what_nothing_explains_is_unknown():
+    judged = judge(found(made((), 20 * EXPECTED), made((LAG,), 15 * EXPECTED), made((AREAS,), 19 * EXPECTED)))
+    assert judged.unknown > 0.9
+    assert verdict_of(judged) == "unknown"
+    assert sum(judged.of.values()) + judged.unknown == pytest.approx(1.0)
+
+
+def test_a_plainly_wrong_figure_is_told_by_its_tolerance():
+    """The records are explained with the flow gain six tolerances off: it is wrong, not unlucky."""
+    off = made((), 1.1 * EXPECTED, flow_gain=6.0)
+    assert judge(found(off, made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=0.6))).named == (
+        "parameter:flow_gain",
+    )
+    near = made((), 1.1 * EXPECTED, flow_gain=2.0)
+    assert judge(found(near, made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=0.2))).named == ()
+
+
+def test_strained_figures_leave_doubt():
+    strained = made((LAG,), 1.1 * EXPECTED, sensor_gain=STRAINED + 1)
+    search = found(made((), 20 * EXPECTED), strained)
+    judged = judge(search)
+    assert judged.strained == ("sensor_gain",)
+    assert verdict_of(judged) == "ambiguous"
+    assert causes(search, judged)[0].flags == ("sensor_gain had to move by +5.0 tolerances",)
+
+
+def test_a_failed_fit_is_no_rival():
+    failed = Fit(Hypothesis((AREAS,)), Hypothesis((AREAS,)).unknowns(believed()), reason="unstable")
+    judged = judge(found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED), failed))
+    assert Hypothesis((AREAS,)) not in judged.of
+
+
+def test_a_missing_resonance_is_not_called_a_delay():
+    """A second mode below the loop's reach turns the phase as a delay does; told by the band it does so in."""
+    mode = {"frequency_Hz": 190.0, "compliance_share": 0.03, "damping_ratio": 0.02}
+    data = measured(believed().but(effects={"second_beam_mode": mode}))
+    data = only(data, ("command_large", "disturbance_small", "disturbance_large", "payload_disturbance"))
+    pieces = record_evidence(data)
+
+    def fitted(*names: str) -> Fit:
+        hypothesis = Hypothesis(names)
+        placement = hypothesis.placement(data.prototype)
+        known = null.values if names else {}
+        peaks = resonances(pieces, data.prototype, known) if names else ()
+        begun = starts(placement, known, pieces, peaks)
+        return min((fit(hypothesis, placement, pieces, z) for z in begun), key=lambda f: f.cost)
+
+    null = fitted()
+    others = [fitted("transport_delay"), fitted("sensor_lag"), fitted("second_beam_mode")]
+    expected = sum(piece.expected for piece in pieces)
+    names, conditions = tuple(p.name for p in pieces), tuple(p.condition for p in pieces)
+    search = Search(null, tuple(sorted(others, key=lambda f: f.cost)), expected, names, conditions)
+    judged = judge(search)
+    assert judged.named == ("second_beam_mode",)
+    values = search.fits[0].values
+    assert values["second_beam_mode.frequency_Hz"] == pytest.approx(190.0, rel=0.02)
+    blind = replace(search, fits=tuple(f for f in search.fits if "second_beam_mode" not in f.hypothesis.names))
+    assert verdict_of(judge(blind)) in ("unknown", "ambiguous")
