@@ -220,7 +220,9 @@ def test_a_file_cut_short_is_made_again(small: Dataset, tmp_path: Path) -> None:
 def test_interrupted_from_the_keyboard_it_says_how_to_go_on(tmp_path: Path) -> None:
     data = shortened(tmp_path / "slow_sensor", 1201)
     out = tmp_path / "out"
-    command = [sys.executable, "-c", "from beamdesign.cli import main; main()"]
+    # A shell that runs this in the background has its children ignore the keyboard; the command must not.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{heed}; from beamdesign.cli import main; main()"]
     command += ["gap", "diagnose", str(data), "--out", str(out), "--workers", "2"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None and not list(out.glob("fits/*.npz")):

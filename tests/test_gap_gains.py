@@ -370,7 +370,7 @@ def test_laplace_agrees_with_quadrature(believed: Prototype):
     pieces = [GainEvidence(g, believed) for g in rig_with_lag(believed, 250.0, 5).gains]
     hypothesis = together("sensor_lag")
     placement = hypothesis.placement(believed)
-    (begin,) = starts(placement, {}, pieces, 1)
+    (begin,) = starts(placement, {}, pieces, most=1)
     best = fit(hypothesis, placement, pieces, begin)
     break_at = [u.name for u in placement.unknowns].index("sensor_lag.break_Hz")
     others = [k for k in range(len(placement.unknowns)) if k != break_at]
@@ -442,7 +442,7 @@ def test_with_gains_beside_a_record_the_lag_stays_first():
     def likelihood(name: str, some: Sequence[object]) -> float:
         hypothesis = Hypothesis((name,)) if name else NOTHING
         placement = hypothesis.placement(data.prototype)
-        (begin,) = starts(placement, {}, some, 1)
+        (begin,) = starts(placement, {}, some, most=1)
         return marginal_likelihood(fit(hypothesis, placement, some, begin), 1.0)
 
     names = ("sensor_lag", "", "transport_delay")

@@ -10,7 +10,7 @@ from beamdesign.gap.fit import Fit
 from beamdesign.gap.hypothesis import NOTHING, WRONG, Hypothesis
 from beamdesign.gap.search import Search
 
-EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.01)
+EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
 """Prior odds of one more effect, and of one more plainly wrong figure, against none."""
 _NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
 _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
