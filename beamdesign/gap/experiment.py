@@ -151,9 +151,14 @@ def _closely(
 
 def _distance(difference: np.ndarray, free: np.ndarray) -> float:
     """Least norm of a difference and of what is moved: min |d + F m|^2 + |m|^2, its root."""
+    if not np.all(np.isfinite(free)) or np.abs(free).max(initial=0.0) > _HUGE:  # a prediction on the way to diverge
+        return 0.0
     right = free.T @ difference
     a = free.T @ free + np.eye(free.shape[1])
     return float(np.sqrt(max(difference @ difference - right @ np.linalg.solve(a, right), 0.0)))
+
+
+_HUGE = 1e6
 
 
 def _channels(data: Dataset) -> tuple[str, ...]:

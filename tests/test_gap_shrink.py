@@ -1,0 +1,75 @@
+"""Hold-out and the closed share of a gap, against sums made by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_sets import believed, measured, only
+
+from beamdesign.gap.holdout import held_out
+from beamdesign.gap.shrink import Errors, gap
+
+
+@pytest.fixture(scope="module")
+def data():
+    return measured(believed())
+
+
+def errors(before: float, tuned: float, after: float, noise: float = 0.01, name: str = "one") -> Errors:
+    """White errors of given size on a record of four seconds."""
+    random = np.random.default_rng(len(name))
+    times = np.arange(8000) * 5e-4
+    signals = [size * random.standard_normal(8000) for size in (before, tuned, after)]
+    return Errors(name, times, np.sin(times), *signals, noise)
+
+
+def test_closed_is_the_share_of_what_can_be_explained():
+    found = gap([errors(0.3, 0.2, 0.1)], ())
+    assert found.before == pytest.approx(0.3, rel=0.03)
+    assert found.closed == pytest.approx((0.09 - 0.01) / (0.09 - 0.0001), abs=0.02)
+    assert found.closed_interval[0] < found.closed < found.closed_interval[1]
+
+
+def test_only_records_that_no_fit_has_seen_count():
+    seen, unseen = errors(0.5, 0.4, 0.01, name="seen"), errors(0.2, 0.2, 0.1, name="not seen")
+    found = gap([seen, unseen], (1,))
+    assert found.before == pytest.approx(0.2, rel=0.03)
+    assert [r.held_out for r in found.records] == [False, True]
+
+
+def test_bands_add_up_to_the_whole():
+    """Parseval's theorem; the band below the first edge holds the mean."""
+    found = gap([errors(0.3, 0.2, 0.1)], ())
+    assert np.sqrt(sum(b.before**2 for b in found.bands)) == pytest.approx(found.before, rel=1e-2)
+    assert np.sqrt(sum(b.noise_floor**2 for b in found.bands)) == pytest.approx(found.noise_floor, rel=1e-2)
+
+
+def test_what_is_left_may_be_noise_that_the_loop_has_amplified():
+    """An error of one and a half times the sensor's noise may be no error at all; one of ten times is one."""
+    assert gap([errors(0.3, 0.2, 0.015)], ()).closed_interval[1] == pytest.approx(1.0, abs=1e-12)
+    assert gap([errors(0.3, 0.2, 0.1)], ()).closed_interval[1] < 0.95
+
+
+def test_no_gap_is_not_closed():
+    found = gap([errors(0.01, 0.01, 0.01, noise=0.02)], ())
+    assert found.closed == 0.0
+
+
+def test_held_out_records_are_known_by_their_parts_and_not_the_hardest_driven(data):
+    chosen = held_out(data.records)
+    assert len(chosen) == 2
+    rest = [r for k, r in enumerate(data.records) if k not in chosen]
+    for k in chosen:
+        record = data.records[k]
+        alike = [r for r in rest if r.excitation == record.excitation]
+        assert alike
+        current = np.abs(record.measured["current_A"]).max()
+        assert max(np.abs(r.measured["current_A"]).max() for r in alike) >= current
+        assert any(r.outer_end_mass == record.outer_end_mass for r in rest)
+        assert all(r.condition != record.condition for r in rest)
+
+
+def test_a_replicate_is_not_held_out(data):
+    one = only(data, ("disturbance_large",)).records[0]
+    assert held_out((one, replace(one, name="again"))) == ()
+    assert held_out((one,)) == ()
