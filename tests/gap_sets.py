@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdesign.gap.dataset import Dataset, TimeRecord
+from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.paper.rig import paper_prototype
 from beamdesign.prototype import Lag, Proportional, Prototype, Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord

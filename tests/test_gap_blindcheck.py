@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.gap import blindcheck, outcome, scoring
-from beamdesign.gap.blind_diagnosis import begin_blind
-from beamdesign.gap.bounds import bootstrap, clopper_pearson
-from beamdesign.gap.case_plan import SHARES, Planned, counts, plan
-from beamdesign.gap.lasso import lasso, lasso_path
-from beamdesign.gap.outcome import Outcome
-from beamdesign.gap.program import program_digest, sources
-from beamdesign.gap.seal import broken, canonical, folder_digest, read_seal, sealed, write_seal
+from beamdesign.gap.blind import blindcheck, outcome, scoring
+from beamdesign.gap.blind.bounds import bootstrap, clopper_pearson
+from beamdesign.gap.blind.case_plan import SHARES, Planned, counts, plan
+from beamdesign.gap.blind.diagnosis import begin_blind
+from beamdesign.gap.blind.lasso import lasso, lasso_path
+from beamdesign.gap.blind.outcome import Outcome
+from beamdesign.gap.blind.program import program_digest, sources
+from beamdesign.gap.blind.seal import broken, canonical, folder_digest, read_seal, sealed, write_seal
 from beamdesign.gap.truth.effects import LISTED, OUTSIDE
 from beamdesign.records import InputError
 from beamdesign.report.blindcheck_result import markdown, result_fields, result_text
@@ -134,11 +134,11 @@ def test_the_digest_of_a_folder_sees_names_and_bytes(tmp_path):
 
 
 def test_the_digest_of_a_program_covers_what_it_imports_and_no_more():
-    fits = {path.name for path in sources("beamdesign.gap.search")}
+    fits = {path.name for path in sources("beamdesign.gap.fitting.search")}
     assert {"search.py", "fit.py", "seal_friction.py", "prototype.py"} <= fits
     assert not {"judgement.py", "diagnose.py", "drawing.py"} & fits
     assert "judgement.py" in {path.name for path in sources("beamdesign.gap.diagnose")}
-    assert program_digest("beamdesign.gap.search") != program_digest("beamdesign.gap.diagnose")
+    assert program_digest("beamdesign.gap.fitting.search") != program_digest("beamdesign.gap.diagnose")
     with pytest.raises(ValueError, match="no module"):
         sources("beamdesign.nowhere")
 
@@ -366,9 +366,9 @@ FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
 def checked(tmp_path_factory):
     """Twelve short cases, drawn, sealed and diagnosed with few candidates."""
     from beamdesign.gap import diagnose as diagnosing
-    from beamdesign.gap import search as searching
-    from beamdesign.gap.blind_diagnosis import diagnose_blind, program
-    from beamdesign.gap.hypothesis import Hypothesis
+    from beamdesign.gap.blind.diagnosis import diagnose_blind, program
+    from beamdesign.gap.fitting import search as searching
+    from beamdesign.gap.fitting.hypothesis import Hypothesis
 
     folder = tmp_path_factory.mktemp("check")
     check = blindcheck.begin_check(folder, len(TWELVE), 0, True, TWELVE)
@@ -423,7 +423,7 @@ def test_twelve_cases_from_drawing_to_scores(checked):
 
 
 def test_what_is_finished_is_not_done_again(checked):
-    from beamdesign.gap.blind_diagnosis import diagnose_blind
+    from beamdesign.gap.blind.diagnosis import diagnose_blind
 
     check, now = checked
     place = check.place("0001")

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import beamdesign.gap.search as searching
+import beamdesign.gap.fitting.search as searching
 from beamdesign.cli import app
-from beamdesign.gap.dataset import Dataset, read_dataset
-from beamdesign.gap.hypothesis import Hypothesis
-from beamdesign.gap.kept_fits import digest, kept_fits
+from beamdesign.gap.data.dataset import Dataset, read_dataset
+from beamdesign.gap.fitting.hypothesis import Hypothesis
+from beamdesign.gap.fitting.kept_fits import digest, kept_fits
 from beamdesign.gap.predict import predict_set
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
@@ -241,7 +241,7 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
     """Seen on a set that is quick to diagnose."""
     gains = SLOW_SENSOR.parent / "paper_gains"
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("beamdesign.gap.gain_classes.search_few", _few)
+    monkeypatch.setattr("beamdesign.gap.gains.classes.search_few", _few)
     ran = CliRunner().invoke(app, ["gap", "diagnose", str(gains)])
     assert ran.exit_code == 0, ran.output
     names = {path.name for path in (tmp_path / "paper_gains.diagnosis").iterdir()}
@@ -249,7 +249,7 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
 
 
 def _few(evidence, prototype, progress, among):
-    from beamdesign.gap.gain_search import search_few
+    from beamdesign.gap.gains.search import search_few
 
     return search_few(evidence, prototype, progress, ("sensor_lag", "unequal_piston_areas"))
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from recorded_rig import Recorded, as_csv, recorded
 
-from beamdesign.gap.columns import read_columns, uniform_times
-from beamdesign.gap.dataset import read_dataset
-from beamdesign.gap.dataset_index import kind_of
-from beamdesign.gap.plausibility import examine
-from beamdesign.gap.sound_responses import check_responses
+from beamdesign.gap.data.columns import read_columns, uniform_times
+from beamdesign.gap.data.dataset import read_dataset
+from beamdesign.gap.data.dataset_index import kind_of
+from beamdesign.gap.examination.plausibility import examine
+from beamdesign.gap.examination.sound_responses import check_responses
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.records import InputError

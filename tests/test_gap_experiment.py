@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.evidence import evidence_of
 from beamdesign.gap.experiment import _distance, next_experiment
-from beamdesign.gap.fit import fit
-from beamdesign.gap.hypothesis import together
-from beamdesign.gap.starts import starts
+from beamdesign.gap.fitting.evidence import evidence_of
+from beamdesign.gap.fitting.fit import fit
+from beamdesign.gap.fitting.hypothesis import together
+from beamdesign.gap.fitting.starts import starts
 from beamdesign.records import parse
 from beamdesign.scenario import Measurement, Scenario
 

@@ -7,12 +7,12 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 
 from beamdesign.gap.amended import amended
-from beamdesign.gap.evidence import evidence_of
-from beamdesign.gap.fit import Fit, Share, fit
-from beamdesign.gap.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
-from beamdesign.gap.inputs import without_noise
-from beamdesign.gap.unknowns import Placement, tolerated
-from beamdesign.gap.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.gap.data.inputs import without_noise
+from beamdesign.gap.fitting.evidence import evidence_of
+from beamdesign.gap.fitting.fit import Fit, Share, fit
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
+from beamdesign.gap.fitting.unknowns import Placement, tolerated
+from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.lumped import figures
 
 

@@ -8,12 +8,12 @@ from gap_sets import believed, measured, only
 
 from beamdesign.gap.causes import causes, classes
 from beamdesign.gap.diagnose import verdict_of
-from beamdesign.gap.evidence import record_evidence
-from beamdesign.gap.fit import Fit, Share, fit
-from beamdesign.gap.hypothesis import NOTHING, Hypothesis
+from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.fit import Fit, Share, fit
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.fitting.starts import resonances, starts
 from beamdesign.gap.judgement import STRAINED, evidence, judge
-from beamdesign.gap.search import Search
-from beamdesign.gap.starts import resonances, starts
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.conditions import lines_of, setting
 from beamdesign.gap.diagnosis import Cause
-from beamdesign.gap.evidence import evidence_of
-from beamdesign.gap.fit import Fit, fit
-from beamdesign.gap.hypothesis import NOTHING, together
-from beamdesign.gap.innovations import kalman, multiplicative, sampled
-from beamdesign.gap.kind import kind_of_effect
-from beamdesign.gap.local_laws import stop
-from beamdesign.gap.locate import laws_of, locate
-from beamdesign.gap.residuals import residuals
-from beamdesign.gap.search import Search
+from beamdesign.gap.fitting.evidence import evidence_of
+from beamdesign.gap.fitting.fit import Fit, fit
+from beamdesign.gap.fitting.hypothesis import NOTHING, together
+from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.where.conditions import lines_of, setting
+from beamdesign.gap.where.innovations import kalman, multiplicative, sampled
+from beamdesign.gap.where.kind import kind_of_effect
+from beamdesign.gap.where.local_laws import stop
+from beamdesign.gap.where.locate import laws_of, locate
+from beamdesign.gap.where.residuals import residuals
 from beamdesign.prototype import Prototype
 
 

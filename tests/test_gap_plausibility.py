@@ -11,10 +11,10 @@ import pytest
 from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
-from beamdesign.gap.believed_loop import believed_loop
-from beamdesign.gap.controller_equation import controller_fit, demanded
-from beamdesign.gap.dataset import read_dataset
-from beamdesign.gap.plausibility import examine
+from beamdesign.gap.data.dataset import read_dataset
+from beamdesign.gap.examination.believed_loop import believed_loop
+from beamdesign.gap.examination.controller_equation import controller_fit, demanded
+from beamdesign.gap.examination.plausibility import examine
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.records import InputError
 
@@ -346,7 +346,7 @@ def test_the_controller_equation_agrees_with_an_independent_filter():
     """A lag through scipy's bilinear transform at 10 times the sampling rate, on a signal known in closed form."""
     from scipy.signal import bilinear
 
-    from beamdesign.gap.dataset import TimeRecord
+    from beamdesign.gap.data.dataset import TimeRecord
 
     fine = np.arange(0, 50_001) * 2e-5
     volts = np.sin(2 * np.pi * 7 * fine) ** 3 * fine

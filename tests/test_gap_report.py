@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
-from beamdesign.gap.bench_diagnosis import BenchDiagnosis, ConditionRow
-from beamdesign.gap.bench_diagnosis import Cause as BenchCause
-from beamdesign.gap.bench_diagnosis import Gap as BenchGap
-from beamdesign.gap.bench_diagnosis import NextExperiment as BenchNext
-from beamdesign.gap.bench_presented import presented
-from beamdesign.gap.bench_replay import ReplayError
-from beamdesign.gap.dataset import Dataset, read_dataset
+from beamdesign.gap.bench.diagnosis import BenchDiagnosis, ConditionRow
+from beamdesign.gap.bench.diagnosis import Cause as BenchCause
+from beamdesign.gap.bench.diagnosis import Gap as BenchGap
+from beamdesign.gap.bench.diagnosis import NextExperiment as BenchNext
+from beamdesign.gap.bench.presented import presented
+from beamdesign.gap.bench.replay import ReplayError
+from beamdesign.gap.data.dataset import Dataset, read_dataset
 from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range, terms
 from beamdesign.gap.diagnosis import Cause, Diagnosis, Estimate, NextExperiment, Where, Witness
 from beamdesign.gap.diagnosis_fields import diagnosis_fields
-from beamdesign.gap.evidence import record_evidence
-from beamdesign.gap.fit import Fit, Share
-from beamdesign.gap.hypothesis import Hypothesis
-from beamdesign.gap.search import Search
+from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.fit import Fit, Share
+from beamdesign.gap.fitting.hypothesis import Hypothesis
+from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.shrink import Errors, errors, gap
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import write_gap_folder

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.evidence import evidence_of
-from beamdesign.gap.hypothesis import together
+from beamdesign.gap.fitting.evidence import evidence_of
+from beamdesign.gap.fitting.hypothesis import together
 from beamdesign.gap.separability import _judged, indistinguishable
 
 

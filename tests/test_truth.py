@@ -8,7 +8,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from beamdesign.gap.dataset import read_dataset
+from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.truth import LISTED, OUTSIDE, answer, draw_case, laws, noise_free, take, write_case
 from beamdesign.gap.truth.beam_modes import cantilever_modes, outer_modes
 from beamdesign.gap.truth.believed import assembled, believed_figures, rig_figures

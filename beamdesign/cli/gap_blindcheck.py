@@ -10,9 +10,9 @@ import typer
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
-    from beamdesign.gap.blindcheck import Check
-    from beamdesign.gap.outcome import Outcome
-    from beamdesign.gap.seal import Seal
+    from beamdesign.gap.blind.blindcheck import Check
+    from beamdesign.gap.blind.outcome import Outcome
+    from beamdesign.gap.blind.seal import Seal
 
 INTERRUPTED = 130
 """Exit status of a run that was interrupted, as shells have it."""
@@ -67,21 +67,21 @@ def blindcheck(
 def _sealed(
     out: Path, cases: int, seed: int, short: bool, workers: int, update: Callable[[float, str], None]
 ) -> tuple["Check", "Seal"]:
-    from beamdesign.gap.blindcheck import begin_check, draw_and_seal
+    from beamdesign.gap.blind.blindcheck import begin_check, draw_and_seal
 
     check = begin_check(out, cases, seed, short)
     return check, draw_and_seal(check, workers, update)
 
 
 def _diagnose(check: "Check", workers: int, update: Callable[[float, str], None], rejudge: bool) -> None:
-    from beamdesign.gap.blindcheck import diagnose_all
+    from beamdesign.gap.blind.blindcheck import diagnose_all
 
     diagnose_all(check, workers, update, rejudge)
 
 
 def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) -> None:
-    from beamdesign.gap.blindcheck import open_all
-    from beamdesign.gap.outcome import outcome
+    from beamdesign.gap.blind.blindcheck import open_all
+    from beamdesign.gap.blind.outcome import outcome
     from beamdesign.report.blindcheck_picture import blindcheck_picture
     from beamdesign.report.blindcheck_result import markdown, result_fields, result_text
     from beamdesign.report.canvas import save
@@ -124,7 +124,7 @@ def _all(digests: Iterable[Any]) -> str:
 
 def say_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
-    from beamdesign.gap.scoring import confusion, scores, split
+    from beamdesign.gap.blind.scoring import confusion, scores, split
     from beamdesign.report.blindcheck_result import BASELINE_COLUMNS, TARGET_COLUMNS, baseline_rows, target_rows
 
     large, small = split(found)

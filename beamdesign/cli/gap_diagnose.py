@@ -44,7 +44,7 @@ def diagnose(
     verdict is judged on records that no fit has seen. Exit status 0 whatever the verdict is. An interrupted run is
     taken up where it stopped by the same command: finished fits are kept in the folder `fits` of the results.
     """
-    from beamdesign.gap.dataset_index import index_of, kind_of
+    from beamdesign.gap.data.dataset_index import index_of, kind_of
 
     folder = out or Path(f"{index_of(dataset).resolve().parent.name}.diagnosis")
     if kind_of(dataset) == "actuator_bench":
@@ -53,13 +53,13 @@ def diagnose(
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path | None) -> None:
-    from beamdesign.gap.dataset import read_dataset
+    from beamdesign.gap.data.dataset import read_dataset
     from beamdesign.gap.designer_terms import designer_terms, loop_terms
     from beamdesign.gap.diagnose import diagnose as engine
     from beamdesign.gap.diagnosis import Diagnosis
-    from beamdesign.gap.gain_classes import explain_gains
-    from beamdesign.gap.kept_fits import kept_fits
-    from beamdesign.gap.plausibility import examine
+    from beamdesign.gap.examination.plausibility import examine
+    from beamdesign.gap.fitting.kept_fits import kept_fits
+    from beamdesign.gap.gains.classes import explain_gains
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.study.redesign import redesign
 
@@ -102,9 +102,9 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
 
 
 def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None) -> None:
-    from beamdesign.gap.bench import diagnose_bench_set
-    from beamdesign.gap.bench_data import read_bench_set
-    from beamdesign.gap.bench_presented import presented
+    from beamdesign.gap.bench.data import read_bench_set
+    from beamdesign.gap.bench.diagnose import diagnose_bench_set
+    from beamdesign.gap.bench.presented import presented
     from beamdesign.records import InputError
     from beamdesign.report.gap_folder import write_gap_folder
 

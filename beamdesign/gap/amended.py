@@ -4,8 +4,8 @@ from math import pi, sqrt
 from typing import Any
 
 from beamdesign import lumped
-from beamdesign.gap.fit import Fit
-from beamdesign.gap.unknowns import SUPPLY
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.unknowns import SUPPLY
 from beamdesign.prototype import Beam, Prototype
 
 

@@ -3,10 +3,10 @@
 from math import inf
 
 from beamdesign.gap.diagnosis import Cause, Estimate
-from beamdesign.gap.fit import Fit
-from beamdesign.gap.hypothesis import NOTHING, TOLERANCE_OF, WRONG, Hypothesis, subsystem
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.hypothesis import NOTHING, TOLERANCE_OF, WRONG, Hypothesis, subsystem
+from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.judgement import Judgement
-from beamdesign.gap.search import Search
 
 LEAST_PROBABILITY = 0.01
 SUSPICIOUS = 2.0

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 from beamdesign.gap.amended import amended
 from beamdesign.gap.causes import causes, classes
-from beamdesign.gap.dataset import Dataset
+from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.diagnosis import Diagnosis, Verdict
-from beamdesign.gap.evidence import evidence_of, record_evidence
+from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
-from beamdesign.gap.fit import Fit
-from beamdesign.gap.holdout import held_out
+from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.holdout import held_out
+from beamdesign.gap.fitting.kept_fits import KeptFits
+from beamdesign.gap.fitting.search import Progress, Search, search
 from beamdesign.gap.judgement import Judgement, judge
-from beamdesign.gap.kept_fits import KeptFits
-from beamdesign.gap.locate import locate
-from beamdesign.gap.plausibility import examine
-from beamdesign.gap.search import Progress, Search, search
 from beamdesign.gap.shrink import errors, gap
+from beamdesign.gap.where.locate import locate
 from beamdesign.gap.wording import sentences
 
 CONFIDENT = 0.7
@@ -37,7 +37,7 @@ def diagnose(
         kept: fits of an earlier run, where those of this one are kept as well.
 
     Raises:
-        InputError: where the data cannot be what they say they are; see `beamdesign.gap.plausibility`.
+        InputError: where the data cannot be what they say they are; see `beamdesign.gap.examination.plausibility`.
     """
     examined = examine(data)
     data = examined.data

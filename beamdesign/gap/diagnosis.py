@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from beamdesign.gap.search import Search
+from beamdesign.gap.fitting.search import Search
 from beamdesign.prototype import Prototype
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]

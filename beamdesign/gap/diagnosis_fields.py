@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.gap.diagnosis import Cause, Diagnosis
-from beamdesign.gap.gain_classes import GainDiagnosis
+from beamdesign.gap.gains.classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
 
 _LISTED = 12

@@ -12,13 +12,13 @@ from math import inf
 
 import numpy as np
 
-from beamdesign.gap.dataset import Dataset, TimeRecord
+from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.diagnosis import NextExperiment
 from beamdesign.gap.experiment_menu import SAMPLE_S, Experiment, menu, scenario_of
-from beamdesign.gap.fit import Fit
-from beamdesign.gap.replay import Replay, replay, simulated, simulated_with_slopes, steps
-from beamdesign.gap.unknowns import Placement
-from beamdesign.gap.weighting import weighting
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.replay import Replay, replay, simulated, simulated_with_slopes, steps
+from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.gap.fitting.weighting import weighting
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import inputs_of
 

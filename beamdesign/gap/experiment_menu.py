@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.gap.dataset import Dataset, TimeRecord
-from beamdesign.gap.inputs import without_noise
+from beamdesign.gap.data.dataset import Dataset, TimeRecord
+from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine
 

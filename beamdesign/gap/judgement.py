@@ -6,9 +6,9 @@ from math import log
 
 import numpy as np
 
-from beamdesign.gap.fit import Fit
-from beamdesign.gap.hypothesis import NOTHING, WRONG, Hypothesis
-from beamdesign.gap.search import Search
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis
+from beamdesign.gap.fitting.search import Search
 
 EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
 """Prior odds of one more effect, and of one more plainly wrong figure, against none."""

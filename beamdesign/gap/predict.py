@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
-from beamdesign.gap.columns import read_columns, uniform_times
-from beamdesign.gap.dataset_index import index_of, kind_of, read_index
-from beamdesign.gap.inputs import without_noise
+from beamdesign.gap.data.columns import read_columns, uniform_times
+from beamdesign.gap.data.dataset_index import index_of, kind_of, read_index
+from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.rig.assembly import OUTPUTS, assemble

@@ -11,10 +11,10 @@ from itertools import combinations
 
 import numpy as np
 
-from beamdesign.gap.dataset import Dataset
-from beamdesign.gap.fit import Evidence
-from beamdesign.gap.hypothesis import NOTHING, Hypothesis, singles
-from beamdesign.gap.unknowns import Placement, Unknown
+from beamdesign.gap.data.dataset import Dataset
+from beamdesign.gap.fitting.fit import Evidence
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, singles
+from beamdesign.gap.fitting.unknowns import Placement, Unknown
 
 ALIKE = 0.98
 """Cosine between signatures from which two causes are called close."""

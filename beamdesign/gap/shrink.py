@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from beamdesign.gap.diagnosis import BandGap, Gap, RecordGap
-from beamdesign.gap.evidence import RecordEvidence
-from beamdesign.gap.fit import Fit
-from beamdesign.gap.hypothesis import NOTHING
+from beamdesign.gap.fitting.evidence import RecordEvidence
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.hypothesis import NOTHING
 from beamdesign.prototype import Prototype
 
 CHANNEL = "displacement_m"

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.gap.bounds import clopper_pearson
-from beamdesign.gap.outcome import Outcome
-from beamdesign.gap.scoring import Bin, calibration, confusion, split
+from beamdesign.gap.blind.bounds import clopper_pearson
+from beamdesign.gap.blind.outcome import Outcome
+from beamdesign.gap.blind.scoring import Bin, calibration, confusion, split
 from beamdesign.report.canvas import new_figure
 
 

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from beamdesign.gap.baselines import NAMES
-from beamdesign.gap.outcome import Outcome
-from beamdesign.gap.scoring import SMALL, Bin, Score, baseline_scores, calibration, confusion, scores, split
+from beamdesign.gap.blind.baselines import NAMES
+from beamdesign.gap.blind.outcome import Outcome
+from beamdesign.gap.blind.scoring import SMALL, Bin, Score, baseline_scores, calibration, confusion, scores, split
 
 TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
 BASELINE_COLUMNS = ("", "diagnosis", *NAMES)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from beamdesign.bench_prototype import write_any_prototype
-from beamdesign.gap.dataset import Dataset
+from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.diagnosis_fields import diagnosis_fields, plain

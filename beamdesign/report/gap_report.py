@@ -6,14 +6,14 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from beamdesign.gap.bench_presented import PresentedBench
-from beamdesign.gap.dataset import Dataset
+from beamdesign.gap.bench.presented import PresentedBench
+from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.evidence import record_evidence
-from beamdesign.gap.gain_classes import GainDiagnosis
+from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.gains.classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
-from beamdesign.gap.search import Search
 from beamdesign.gap.shrink import Errors, errors
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype

@@ -7,10 +7,10 @@ from math import isfinite, log10, tau
 
 import numpy as np
 
-from beamdesign.gap.dataset import TimeRecord
+from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.designer_terms import LoopTerms, Terms
 from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.fit import Fit
+from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.shrink import BANDS_HZ, Errors
 from beamdesign.prototype import Controller, Lag
 from beamdesign.report.gap_pictures import in_bands

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.gap.bench import BenchDiagnosis, diagnose_bench
-from beamdesign.gap.bench_data import read_bench_set
-from beamdesign.gap.bench_hypothesis import BenchHypothesis
-from beamdesign.gap.bench_replay import simulated
+from beamdesign.gap.bench.data import read_bench_set
+from beamdesign.gap.bench.diagnose import BenchDiagnosis, diagnose_bench
+from beamdesign.gap.bench.hypothesis import BenchHypothesis
+from beamdesign.gap.bench.replay import simulated
 
 SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 FOLDER = SHARED / "real" / "servo-cylinder"

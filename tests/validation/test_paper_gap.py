@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.gap.dataset import read_dataset
-from beamdesign.gap.gain_classes import GainDiagnosis, explain_gains
+from beamdesign.gap.data.dataset import read_dataset
+from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
 from beamdesign.paper.gains import gain_rows
 from beamdesign.paper.rig import CASES
 

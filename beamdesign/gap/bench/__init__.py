@@ -1,0 +1,1 @@
+"""Diagnosis of the actuator on a bench."""

@@ -1,0 +1,1 @@
+"""The blind check: cases sealed, diagnosed, opened and scored."""

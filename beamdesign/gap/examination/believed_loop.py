@@ -1,0 +1,121 @@
+"""What the believed rig would do, as a linear loop: quick enough to try many readings of a record against it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import pi
+
+import numpy as np
+
+from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.linear import linear_rig
+from beamdesign.prototype import Controller, Lag, Prototype
+from beamdesign.rig.twin_beam import STATES
+
+CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
+_FADE = 0.05  # of a record, at its end
+
+
+@dataclass(frozen=True)
+class BelievedLoop:
+    """The closed loop x' = A x + B (force, command) of a prototype without effects.
+
+    Attributes:
+        a: (n, n).
+        b: (n, 2).
+        c: (4, n) to `CHANNELS`.
+        d: (4, 2).
+        poles: (n,) rad/s.
+    """
+
+    a: np.ndarray = field(repr=False)
+    b: np.ndarray = field(repr=False)
+    c: np.ndarray = field(repr=False)
+    d: np.ndarray = field(repr=False)
+    poles: np.ndarray = field(repr=False)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every pole is in the left half-plane."""
+        return bool(np.all(self.poles.real < 0))
+
+    @property
+    def slowest_Hz(self) -> float:
+        """Of the modes that swing."""
+        swinging = np.abs(self.poles[np.abs(self.poles.imag) > 0.2 * np.abs(self.poles)])
+        return float(swinging.min()) / (2 * pi) if len(swinging) else float(np.abs(self.poles).min()) / (2 * pi)
+
+    def responses(self, frequencies_Hz: np.ndarray) -> np.ndarray:
+        """(N, 4, 2) from force (N) and command (V) to `CHANNELS`."""
+        values, vectors = np.linalg.eig(self.a)
+        left, right = self.c @ vectors, np.linalg.solve(vectors, self.b.astype(complex))
+        s = 2j * pi * np.asarray(frequencies_Hz)[:, None]
+        residues = (left[:, None, :] * right.T[None, :, :]).reshape(8, -1)
+        return ((1 / (s - values)) @ residues.T).reshape(-1, 4, 2) + self.d
+
+    def driven(self, inputs: np.ndarray, step_s: float) -> np.ndarray:
+        """(N, 4, 2) shares of force and of command in each of `CHANNELS`, from rest.
+
+        Args:
+            inputs: (N, 2) force and command, band-limited between samples.
+            step_s: sampling interval.
+        """
+        count = len(inputs)
+        padded = 2 * count
+        shares = self.responses(np.fft.rfftfreq(padded, step_s))
+        spectra = np.fft.rfft(inputs * _faded(count)[:, None], padded, axis=0)
+        return np.fft.irfft(shares * spectra[:, None, :], padded, axis=0)[:count]
+
+
+def _faded(count: int) -> np.ndarray:
+    fade, last = np.ones(count), max(2, round(_FADE * count))
+    fade[-last:] = 0.5 * (1 + np.cos(np.pi * np.arange(last) / last))
+    return fade
+
+
+def believed_loop(
+    prototype: Prototype, controller: Controller, outer_end_mass: float, inner_end_mass: float
+) -> BelievedLoop:
+    """Close the loop around a prototype's linear plant, its effects left out.
+
+    Args:
+        prototype: believed.
+        controller: of the record.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg.
+    """
+    plant = linear_rig(prototype.but(effects={}))
+    a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
+    force, current, volts = b[:, 0], b[:, 1], c[1]
+    gain, pole, zero = controller.gain_A_per_V, 1.0, 1.0
+    if isinstance(controller, Lag):
+        pole, zero = 2 * pi * controller.pole_Hz, 2 * pi * controller.zero_Hz
+    # current = gain (slow + (error - slow) pole / zero), slow' = pole (error - slow), error = command - volts
+    straight, lagging = gain * pole / zero, gain * (1 - pole / zero)
+    n = len(a)
+    closed = np.zeros((n + 1, n + 1))
+    closed[:n, :n] = a - straight * np.outer(current, volts)
+    closed[:n, n] = lagging * current
+    closed[n, :n], closed[n, n] = -pole * volts, -pole
+    driven = np.zeros((n + 1, 2))
+    driven[:n, 0], driven[:n, 1], driven[n, 1] = force, straight * current, pole
+    seen, through = np.zeros((4, n + 1)), np.zeros((4, 2))
+    seen[0, :n], seen[0, n], through[0, 1] = -straight * volts, lagging, straight
+    seen[1, :n] = volts / prototype.sensor.gain_V_per_m
+    stretch = plant.figures["oil_stiffness"] / plant.figures["piston_area"]
+    seen[2, STATES.index("cylinder_m")], seen[2, STATES.index("displacement_m")] = stretch, -stretch
+    seen[3, STATES.index("inner_displacement_m")] = 1.0
+    return BelievedLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
+
+
+def loop_of(record: TimeRecord, prototype: Prototype) -> BelievedLoop:
+    """The believed loop of a record."""
+    return believed_loop(prototype, record.controller, record.outer_end_mass, record.inner_end_mass)
+
+
+def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarray] | None:
+    """(N, 2) shares of force and command by channel of a record; None where the believed loop is unstable."""
+    loop = loop_of(record, prototype)
+    if not loop.stable:
+        return None
+    shares = loop.driven(record.inputs, record.step)
+    return {name: shares[:, k] for k, name in enumerate(CHANNELS)}

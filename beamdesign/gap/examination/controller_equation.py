@@ -1,0 +1,261 @@
+"""The one equation that measured channels can check alone: i = K C(s) (command - F x).
+
+Whatever the rig does, command, displacement as the controller saw it and current must obey it. Where they do not,
+either the record is not what it says it is, or the amplifier does something of its own: saturate, lag, have another
+gain.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from math import exp, pi
+
+import numpy as np
+from scipy.optimize import least_squares, minimize_scalar
+from scipy.signal import lfilter
+
+from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.prototype import Controller, Lag
+
+_TOP = 0.8  # of the Nyquist frequency: above it there is only noise
+_LONGEST_LAG_S = 0.02
+_KNEES = (3.0, 6.0, 12.0, 40.0)
+_SATURATION_LEVELS = 24
+_TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
+_UNSEEN = 1e-6  # of the largest power of a line
+_BREAKS_HZ = (0.05, 2000.0)
+_LEFT = 0.05  # residual that saturation may leave and be believed
+_SEEN = 0.01  # residual from which it is worth explaining
+
+
+@dataclass(frozen=True)
+class ControllerFit:
+    """How well a record obeys the controller it is said to have been taken with.
+
+    Every residual is relative to the rms of the current and has the recorder's white noise taken out; `noise` is what
+    was taken out.
+
+    Attributes:
+        record: its name.
+        residual: of the equation as stated.
+        noise: of current and displacement together, white.
+        gain: current over what the controller would give, best in the mean square; 1 where all is well.
+        with_gain: residual once that factor is allowed.
+        delay_s: best dead time between the equation's current and the measured one, together with a gain.
+        with_delay: residual once it is allowed.
+        lag_s: best time constant of a first-order lag there, together with a gain.
+        with_lag: residual once it is allowed.
+        limit_A: level at which the current saturates; None where it does not.
+        with_limit: residual once saturation is allowed; `residual` where there is none.
+        offset_A: mean of the residual.
+    """
+
+    record: str
+    residual: float
+    noise: float
+    gain: float
+    with_gain: float
+    delay_s: float
+    with_delay: float
+    lag_s: float
+    with_lag: float
+    limit_A: float | None
+    with_limit: float
+    offset_A: float
+
+    @property
+    def explained(self) -> float:
+        """Least residual of all of these."""
+        return min(self.residual, self.with_gain, self.with_delay, self.with_lag, self.with_limit)
+
+
+def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray:
+    """(N,) current that a controller makes of a record's command and displacement, A.
+
+    Where the slow part of a lag stands at the beginning is not known of a record that was cut out of a longer one: it
+    starts where it fits the measured current best, an offset of that apart.
+
+    Args:
+        record: measured.
+        controller: any.
+        sensor_gain: believed, V/m.
+    """
+    error = record.inputs[:, 1] - sensor_gain * record.measured["displacement_m"]
+    if not isinstance(controller, Lag):
+        return controller.gain_A_per_V * error
+    # Exact for an error that goes straight from sample to sample.
+    reach = 2 * pi * controller.pole_Hz * record.step
+    kept = exp(-reach)
+    mean = (1 - kept) / reach
+    slow, _ = lfilter([1 - mean, mean - kept], [1.0, -kept], error[1:], zi=[(mean - kept) * error[0]])
+    slow = np.concatenate([[0.0], slow])
+    asked = controller.gain_A_per_V * (slow + (error - slow) * controller.pole_Hz / controller.zero_Hz)
+    fading = np.exp(-reach * np.arange(len(error)))
+    columns = np.column_stack([fading, np.ones(len(error))])
+    share, _ = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]
+    return np.asarray(asked + share * fading)
+
+
+def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+    """Rms of what differs over the rms of what was measured: without its white noise, and that noise."""
+    rms = float(np.std(measured))
+    if rms == 0:
+        return np.inf, 0.0
+    difference = measured - predicted
+    power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2
+    white = float(np.median(power[round(_TOP * len(power)) :])) / np.log(2) / len(difference)
+    total = float(np.var(difference))
+    return float(np.sqrt(max(total - white, 0.0))) / rms, float(np.sqrt(white)) / rms
+
+
+def controller_fit(record: TimeRecord, sensor_gain: float, controller: Controller | None = None) -> ControllerFit:
+    """Hold a record against its controller's equation.
+
+    Args:
+        record: measured.
+        sensor_gain: believed, V/m.
+        controller: instead of the record's.
+    """
+    current = record.measured["current_A"]
+    asked = demanded(record, controller or record.controller, sensor_gain)
+    residual, noise = mismatch(current, asked)
+    gain = _gain(current, asked)
+    delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
+    lag, with_lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
+    limit, with_limit = _saturated(current, asked)
+    if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, noise):
+        limit, with_limit = None, residual
+    return ControllerFit(
+        record.name,
+        residual,
+        noise,
+        gain,
+        mismatch(current, gain * asked)[0],
+        delay,
+        with_delay,
+        lag,
+        with_lag,
+        limit,
+        with_limit,
+        float(np.mean(current - asked)),
+    )
+
+
+def _gain(current: np.ndarray, asked: np.ndarray) -> float:
+    power = float(asked @ asked)
+    return float(current @ asked) / power if power > 0 else 0.0
+
+
+def _shifted(
+    current: np.ndarray, asked: np.ndarray, step: float, law: Callable[[np.ndarray, float], np.ndarray], both_ways: bool
+) -> tuple[float, float]:
+    """Best time of a law of delay, and the residual with it and a gain."""
+    count = len(asked)
+    spectrum, given = np.fft.rfft(asked, 2 * count), np.fft.rfft(current, 2 * count)
+    rates = 2 * pi * np.fft.rfftfreq(2 * count, step)
+    power = np.abs(spectrum) ** 2
+    kept = power > _UNSEEN * power.max()  # what is nothing but noise says nothing of times
+    rate, source, target = rates[kept], spectrum[kept], given[kept]
+
+    def left(time: float) -> float:
+        found = source * law(rate, time)
+        size = float(np.vdot(found, found).real)
+        return -(float(np.vdot(found, target).real) ** 2) / size if size > 0 else 0.0
+
+    longest = min(_LONGEST_LAG_S, 0.1 * count * step)
+    grid = np.concatenate([[0.0], np.geomspace(0.05 * step, longest, 14)])
+    if both_ways:
+        grid = np.concatenate([-grid[:0:-1], grid])
+    values = [left(float(t)) for t in grid]
+    k = int(np.argmin(values))
+    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
+    best = float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step}).x)
+    if left(best) > values[k]:
+        best = float(grid[k])
+    # What passes the end of the record has nowhere to go.
+    inside = slice(0, count - max(2, round(0.02 * count)))
+    found = np.fft.irfft(spectrum * law(rates, best), 2 * count)[inside]
+    return best, mismatch(current[inside], _gain(current[inside], found) * found)[0]
+
+
+def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
+    return np.asarray(asked / (1 + np.abs(asked / limit) ** sharpness) ** (1 / sharpness))
+
+
+def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, float]:
+    """Level of a symmetric limit, sharp or rounded, and the residual with it."""
+    largest = float(np.abs(asked).max())
+    if largest == 0:
+        return None, np.inf
+    levels = np.abs(current).max() * np.geomspace(0.7, 1.6, _SATURATION_LEVELS)
+    trials = [(limit, sharpness) for limit in levels[levels < largest] for sharpness in _KNEES]
+    errors = [float(np.sum((current - _knee(asked, *trial)) ** 2)) for trial in trials]
+    if not errors:
+        return None, np.inf
+    level, sharpness = trials[int(np.argmin(errors))]
+
+    def left(limit: float) -> float:
+        return float(np.sum((current - _knee(asked, limit, sharpness)) ** 2))
+
+    bounds = (level / 1.05, level * 1.05)
+    best = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-4 * level}).x)
+    return best, mismatch(current, _knee(asked, best, sharpness))[0]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another controller that a record obeys.
+
+    Attributes:
+        controller: that one.
+        residual: of its equation, as in `ControllerFit`.
+        words: where it comes from.
+    """
+
+    controller: Controller
+    residual: float
+    words: str = field(default="")
+
+
+def rivals(record: TimeRecord, sensor_gain: float, others: Iterable[tuple[str, Controller]]) -> tuple[Rival, ...]:
+    """Hold a record against other controllers; best first.
+
+    Args:
+        record: measured.
+        sensor_gain: believed, V/m.
+        others: words and controllers.
+    """
+    current = record.measured["current_A"]
+    found = [
+        Rival(controller, mismatch(current, demanded(record, controller, sensor_gain))[0], words)
+        for words, controller in others
+        if controller != record.controller
+    ]
+    return tuple(sorted(found, key=lambda rival: rival.residual))
+
+
+def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
+    """The lag controller that a record obeys best.
+
+    Args:
+        record: measured.
+        sensor_gain: believed, V/m.
+    """
+    current = record.measured["current_A"]
+    size = float(np.std(current)) or 1.0
+
+    def lag(z: np.ndarray) -> Lag:
+        gain = np.exp(np.clip(z[0], -16, 12))
+        pole, zero = np.exp(np.clip(z[1:], *np.log(_BREAKS_HZ)))
+        return Lag(gain_A_per_V=float(gain), pole_Hz=float(pole), zero_Hz=float(zero))
+
+    def off(z: np.ndarray) -> np.ndarray:
+        return np.asarray((current - demanded(record, lag(z), sensor_gain)) / size)
+
+    own = record.controller
+    starts = [(own.gain_A_per_V, 1.0, 1.5), (own.gain_A_per_V, 2.0, 20.0)]
+    if isinstance(own, Lag):
+        starts.append((own.gain_A_per_V, own.pole_Hz, own.zero_Hz))
+    found = min((least_squares(off, np.log(s), method="lm", max_nfev=60) for s in starts), key=lambda f: f.cost)
+    best = lag(found.x)
+    residual = mismatch(current, demanded(record, best, sensor_gain))[0]
+    return Rival(best, residual, "the one that fits best")

@@ -1,0 +1,176 @@
+"""Whether time records are fit to be evidence: whole, long enough, excited where it matters, begun at rest."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.gap.examination.believed_loop import BelievedLoop, believed_loop, loop_of
+from beamdesign.gap.examination.blemishes import clipped, finest_step, holes, noise_std, share_between, stuck
+from beamdesign.gap.examination.caution import Caution
+from beamdesign.gap.examination.controller_equation import mismatch
+from beamdesign.lumped import figures
+from beamdesign.prototype import Prototype
+
+Check = Callable[[TimeRecord], list[Caution]]
+
+LOW_HZ, HIGH_HZ = 0.5, 300.0
+"""Band in which a record must say something."""
+_SHORTEST_S = 0.3
+_PERIODS = 10
+_FEWEST_SAMPLES = 32
+_SAMPLES_PER_PERIOD = 5.0
+_LEAST_SHARE = 0.02
+_LEAST_SIGNAL = 3.0  # over its noise
+_RESTLESS = 8.0  # in standard deviations of the noise
+_MOVED = 0.1  # of the rms
+_HEAVIEST = 50.0  # times the outer beam's own mass
+
+
+def signals(record: TimeRecord) -> list[Caution]:
+    """What the signals show on their own."""
+    found = []
+    if len(record.times) < _FEWEST_SAMPLES:
+        return [_out(record, "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}", False)]
+    for name, signal in record.measured.items():
+        if float(np.ptp(signal)) == 0:
+            found.append(_out(record, "dead_channel", f"{name} never changes (is the sensor connected?)"))
+        elif plateau := clipped(signal):
+            found += _clipped(record, name, plateau.side, plateau.level, plateau.samples)
+        elif gaps := stuck(signal):
+            at = record.times[gaps.first]
+            text = f"{name} stands still for {gaps.samples} samples and jumps, first at {at:.4g} s: samples were lost"
+            found.append(Caution("stuck", record.name, text, limits_confidence=True))
+        elif lost := holes(signal):
+            places = "1 place" if lost == 1 else f"{lost} places"
+            text = f"{name} is exactly zero in mid-motion, in {places}: samples were lost"
+            found.append(Caution("stuck", record.name, text, limits_confidence=True))
+    return found
+
+
+def _clipped(record: TimeRecord, name: str, side: str, level: float, samples: int) -> list[Caution]:
+    where = {"top": f"at {level:.4g}", "bottom": f"at {level:.4g}", "both": f"at {level:.4g} and its opposite"}[side]
+    text = f"{name} is cut off {where}, {samples} samples long"
+    if name == "current_A" and _symmetric(record.measured[name], side):
+        return []  # an amplifier at its limit does this too; its equation tells more
+    text += ": widen the recorder's range, or drive less"
+    return [_out(record, "clipped", text)]
+
+
+def _symmetric(current: np.ndarray, side: str) -> bool:
+    high, low = float(current.max()), -float(current.min())
+    if side == "both":
+        return abs(high - low) < 0.05 * max(high, low)
+    # One side only is an amplifier's doing where the other never came as far.
+    return (low if side == "top" else high) <= 1.02 * (high if side == "top" else low)
+
+
+def suitability(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+    """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
+    loop = loop_of(record, prototype)
+    return _settings(record, prototype) or _length(record, loop) or _content(record, prototype)
+
+
+def _length(record: TimeRecord, loop: BelievedLoop) -> list[Caution]:
+    length = float(record.times[-1] - record.times[0])
+    least = max(_SHORTEST_S, _PERIODS / loop.slowest_Hz)
+    if length < least:
+        needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
+        text = f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
+        return [_out(record, "short", text, False)]
+    if 1 / record.step < _SAMPLES_PER_PERIOD * loop.slowest_Hz:
+        text = (
+            f"sampled too coarsely: {1 / record.step:.4g} Hz, for a mode at {loop.slowest_Hz:.3g} Hz at least "
+            f"{_SAMPLES_PER_PERIOD * loop.slowest_Hz:.3g} Hz is needed (are the times in seconds?)"
+        )
+        return [_out(record, "coarse_sampling", text)]
+    return []
+
+
+def _content(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+    moved = record.measured["displacement_m"]
+    noise = max(noise_std(moved), finest_step(moved) / np.sqrt(12))
+    size = float(np.std(moved))
+    band = f"between {LOW_HZ:g} and {HIGH_HZ:g} Hz"
+    # What each input would move the tip by, if slowly.
+    sizes = np.array([figures(prototype)["outer_stiffness"], prototype.sensor.gain_V_per_m])
+    given = record.inputs / sizes
+    if not np.any(np.ptp(record.inputs, axis=0) > 0):
+        return [_out(record, "no_content", f"both inputs are constant: excite the rig {band}", False)]
+    share = share_between(given, record.step, LOW_HZ, HIGH_HZ)
+    answer = share_between(moved[:, None], record.step, LOW_HZ, HIGH_HZ)
+    if share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE:
+        text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
+        return [_out(record, "no_content", text, False)]
+    if size < _LEAST_SIGNAL * noise:
+        text = f"displacement_m is {size:.2g} m rms with a noise of {noise:.2g} m: nothing is to be seen, drive harder"
+        return [_out(record, "no_content", text, False)]
+    return []
+
+
+def _settings(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+    own = figures(prototype)["outer_mass"]
+    heaviest = max(record.outer_end_mass, record.inner_end_mass)
+    if heaviest <= _HEAVIEST * own:
+        return []
+    text = f"an end mass of {heaviest:g} kg on a beam of {own:.3g} kg is not credible (is it in grams?)"
+    return [_out(record, "units", text)]
+
+
+def remarks(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+    """What is worth saying of a record that is used."""
+    moved = record.measured["displacement_m"]
+    noise, size = max(noise_std(moved), finest_step(moved)), float(np.std(moved))
+    start = float(np.mean(moved[:3]))
+    if abs(start) > max(_RESTLESS * noise, _MOVED * size):
+        text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
+        return [Caution("not_at_rest", record.name, text, limits_confidence=True)]
+    return []
+
+
+def twins(records: Sequence[TimeRecord]) -> list[Caution]:
+    """Records that hold the same measurement twice."""
+    found = []
+    for k, record in enumerate(records):
+        for other in records[:k]:
+            if len(other.times) != len(record.times) or not all(
+                np.array_equal(other.measured[name], record.measured[name]) for name in ("current_A", "displacement_m")
+            ):
+                continue
+            setting = (record.outer_end_mass, record.inner_end_mass, record.controller)
+            same = setting == (other.outer_end_mass, other.inner_end_mass, other.controller)
+            more = "" if same else ", though masses or controller are said to differ: one of them is not what it says"
+            text = f"holds the same measurement as {other.name}{more}"
+            found.append(Caution("duplicate", record.name, text, left_out=True, limits_confidence=not same))
+            break
+    return found
+
+
+def masses(records: Sequence[TimeRecord], prototype: Prototype) -> list[Caution]:
+    """Records that fit the believed loop badly with their own end masses, and well with those of another record."""
+    pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in records))
+    found = []
+    for record in records if len(pairs) > 1 else ():
+        own = _misfit(record, prototype, record.outer_end_mass, record.inner_end_mass)
+        if own < 0.6:
+            continue
+        others = [(_misfit(record, prototype, *pair), pair) for pair in pairs]
+        best, (outer, inner) = min(others)
+        if best < 0.4 * own and best < 0.35:
+            text = (
+                f"does not fit its end masses ({record.outer_end_mass:g} and {record.inner_end_mass:g} kg), but those "
+                f"of another record ({outer:g} and {inner:g} kg): correct dataset.toml"
+            )
+            found.append(_out(record, "masses", text))
+    return found
+
+
+def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
+    loop = believed_loop(prototype, record.controller, outer, inner)
+    if not loop.stable:
+        return np.inf
+    return mismatch(record.measured["displacement_m"], loop.driven(record.inputs, record.step)[:, 1].sum(axis=1))[0]
+
+
+def _out(record: TimeRecord, name: str, text: str, limits: bool = True) -> Caution:
+    return Caution(name, record.name, text, left_out=True, limits_confidence=limits)

@@ -1,0 +1,1 @@
+"""Hypotheses about a gap, fitted to records, responses and critical gains."""

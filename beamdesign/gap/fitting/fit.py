@@ -1,0 +1,204 @@
+"""The most probable figures under a hypothesis, by Gauss and Newton with the model's own derivatives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from beamdesign.gap.fitting.hypothesis import Hypothesis
+from beamdesign.gap.fitting.unknowns import Placement, Unknown
+
+ITERATIONS = 12
+_SETTLED = 1e-3  # relative fall of the cost at which a fit has settled
+_FURTHEST = 2.0  # in z, per iteration
+_HUGE = 1e9
+_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
+
+
+class Evidence(Protocol):
+    """A piece of what was measured, in units of misfit."""
+
+    @property
+    def name(self) -> str:
+        """Of the record or the figure measured."""
+        ...
+
+    @property
+    def condition(self) -> object:
+        """Under which it was measured; pieces of one condition are held out together."""
+        ...
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves."""
+        ...
+
+    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(M,) measured less predicted; None where the model cannot say (its loop diverges)."""
+        ...
+
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual, and (M, K) its derivative by z."""
+        ...
+
+
+@dataclass(frozen=True)
+class Share:
+    """A quadratic in z that stands for one piece of evidence about a fit: c + 2 g'(z - z0) + (z - z0)' A (z - z0)."""
+
+    c: float
+    g: np.ndarray = field(repr=False)
+    a: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis with its most probable figures.
+
+    Attributes:
+        hypothesis: fitted.
+        unknowns: in the order of z.
+        z: (K,) in prior standard deviations.
+        cost: misfit of all evidence, and z'z of the priors.
+        shares: one per piece of evidence, at z.
+        reason: why there is no fit (the model's loop diverges wherever it was tried); empty otherwise.
+    """
+
+    hypothesis: Hypothesis
+    unknowns: tuple[Unknown, ...] = ()
+    z: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    cost: float = np.inf
+    shares: tuple[Share, ...] = field(default=(), repr=False)
+    reason: str = ""
+
+    @property
+    def misfit(self) -> float:
+        """Of the evidence alone."""
+        return float(sum(share.c for share in self.shares)) if not self.reason else np.inf
+
+    @property
+    def values(self) -> dict[str, float]:
+        """SI value of every unknown by name; none without a fit."""
+        return {u.name: u.value(z) for u, z in zip(self.unknowns, self.z, strict=not self.reason)}
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(K, K) of z, from the curvature at the fit."""
+        return np.linalg.inv(np.eye(len(self.z)) + sum(share.a for share in self.shares))
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """SI, by name."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        return {u.name: abs(u.slope(z)) * float(s) for u, z, s in zip(self.unknowns, self.z, deviation, strict=True)}
+
+    def left_out(self, positions: Sequence[int]) -> float:
+        """Misfit of some of the evidence as predicted from all the rest, by one Newton step on the quadratics."""
+        out = [self.shares[k] for k in positions]
+        a = np.eye(len(self.z)) + sum(s.a for k, s in enumerate(self.shares) if k not in positions)
+        move = np.clip(np.linalg.solve(a, sum(s.g for s in out)), -_FURTHEST, _FURTHEST)
+        return float(sum(s.c + 2 * s.g @ move + move @ s.a @ move for s in out))
+
+
+def fit(
+    hypothesis: Hypothesis,
+    placement: Placement,
+    evidence: Sequence[Evidence],
+    start: np.ndarray,
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """Minimise misfit plus z'z from a start.
+
+    Args:
+        hypothesis: being fitted.
+        placement: its unknowns in the equations.
+        evidence: what it has to explain.
+        start: (K,) z.
+        iterations: at most.
+    """
+    low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
+    z = np.clip(start, low, high)
+    shares = _shares(evidence, placement, z)
+    if shares is None:
+        return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable where the fit begins")
+    cost, damping = _cost(shares, z), 1e-3
+    for _ in range(iterations):
+        curvature = np.eye(len(z)) + sum(s.a for s in shares)
+        slope = z + sum(s.g for s in shares)
+        before = cost
+        while damping <= _MOST_DAMPING:
+            trial = _step(z, slope, curvature, damping, low, high)
+            value = _value(evidence, placement, trial, cost)
+            if value < cost:
+                z, cost = trial, value
+                damping = max(damping / 10, _LEAST_DAMPING)
+                break
+            damping *= 10
+        else:
+            break
+        found = _shares(evidence, placement, z)
+        if found is None:
+            break
+        shares, cost = found, _cost(found, z)
+        if before - cost < _SETTLED * before:
+            break
+    return Fit(hypothesis, placement.unknowns, z, cost, tuple(shares))
+
+
+def _step(
+    z: np.ndarray, slope: np.ndarray, curvature: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """A damped Newton step within bounds: what a bound stops is held there, the rest is solved again."""
+    held = ((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0))
+    move = np.zeros_like(z)
+    for _ in range(len(z)):
+        free = ~held
+        if not free.any():
+            break
+        damped = curvature + damping * np.diag(np.diag(curvature))
+        move = np.zeros_like(z)
+        move[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        out = free & ((z + move < low - 1e-12) | (z + move > high + 1e-12))
+        if not out.any():
+            break
+        at = np.where(z + move < low, low, high)
+        z = np.where(out, at, z)
+        held = held | out
+    largest = float(np.abs(move).max(initial=0.0))
+    return np.clip(z + move * min(1.0, _FURTHEST / max(largest, 1e-12)), low, high)
+
+
+def _shares(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -> list[Share] | None:
+    shares = []
+    for piece in evidence:
+        found = piece.linearised(placement, z)
+        if found is None:
+            return None
+        r, j = found
+        if not (np.abs(r).max() < _HUGE and np.abs(j).max() < _HUGE):  # a loop on the way to diverge
+            return None
+        shares.append(Share(float(r @ r), j.T @ r, j.T @ j))
+    return shares
+
+
+def _cost(shares: Sequence[Share], z: np.ndarray) -> float:
+    return float(sum(s.c for s in shares) + z @ z)
+
+
+def _value(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, enough: float) -> float:
+    """The cost at z, or infinity as soon as it is known to be more than enough."""
+    total = float(z @ z)
+    for piece in evidence:
+        r = piece.residual(placement, z)
+        if r is None or not np.all(np.isfinite(r)):
+            return np.inf
+        total += float(r @ r)
+        if total >= enough:
+            return np.inf
+    return total
+
+
+def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -> float:
+    """Cost at z without a fit."""
+    return _value(evidence, placement, z, np.inf)

@@ -1,0 +1,142 @@
+"""Records of a data set, simulated with given figures, and their derivatives."""
+
+from dataclasses import dataclass, field
+from functools import cache
+from math import ceil
+
+import numpy as np
+
+from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.rig.assembly import OUTPUTS, Structure, assemble
+from beamdesign.rig.compiled import integrate
+from beamdesign.rig.equilibrium import equilibrium, linearise
+from beamdesign.rig.parameters import parameters_of
+from beamdesign.rig.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
+from beamdesign.simulate import half_steps
+
+FURTHEST_M = 0.5
+_RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7
+_LONGEST_S = 0.25e-3
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One record, ready to be simulated with any figures and any effects.
+
+    Attributes:
+        record: measured.
+        prototype: that was believed, with the record's controller as a lag.
+        finest: integration steps per sample for which the inputs have been interpolated so far.
+    """
+
+    record: TimeRecord
+    prototype: Prototype
+    _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+
+    def base(self, placement: Placement) -> np.ndarray:
+        """(P,) parameters of the believed rig in the order of a placement's assembly."""
+        rig = self.prototype.but(effects={name: {} for name in placement.assembly.kinds.effects})
+        figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
+        return np.array(list(figures.values()))
+
+    def inputs(self, substeps: int) -> np.ndarray:
+        """Inputs at every half integration step."""
+        if substeps not in self._inputs:
+            self._inputs[substeps] = half_steps(self.record.inputs, substeps)
+        return self._inputs[substeps]
+
+
+def replay(record: TimeRecord, prototype: Prototype) -> Replay:
+    """Prepare a record."""
+    controller = record.controller
+    if isinstance(controller, Proportional):
+        controller = Lag(gain_A_per_V=controller.gain_A_per_V, pole_Hz=1.0, zero_Hz=1.0)
+    return Replay(record, prototype.but(controller=controller))
+
+
+def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
+    """Equilibrium without load, which masses and the controller have no part in: found once for all records.
+
+    Raises:
+        ValueError: where there is none.
+    """
+    assembly = placement.assembly
+    key = (assembly.kinds, parameters[_rigs_own(assembly.kinds)].tobytes())
+    if key not in _found:
+        if len(_found) > _KEPT:
+            _found.clear()
+        _found[key] = equilibrium(assembly, np.zeros(3), parameters)
+    return _found[key]
+
+
+_KEPT = 64
+_found: dict[tuple[Structure, bytes], np.ndarray] = {}
+_NO_PART = ("outer_end_mass", "inner_end_mass", "gain", "pole", "zero")
+
+
+@cache
+def _rigs_own(kinds: Structure) -> list[int]:
+    return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
+
+
+def steps(placement: Placement, parameters: np.ndarray, sample_s: float) -> int:
+    """Integration steps per sample: enough for the fastest pole at rest."""
+    try:
+        x = at_rest(placement, parameters)
+        poles = np.linalg.eigvals(linearise(placement.assembly, x, np.zeros(3), parameters).a)
+        fastest = float(np.abs(poles).max())
+    except ValueError:
+        fastest = 1e4
+    return max(1, ceil(sample_s / min(_LONGEST_S, _RADIANS / fastest) - 1e-9))
+
+
+def simulated(
+    job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
+) -> np.ndarray | None:
+    """(N, C) channels of a record with the unknowns at z; None where the simulated loop diverges."""
+    base = job.base(placement)
+    parameters = placement.parameters(base, z)
+    try:
+        start = at_rest(placement, parameters)
+    except ValueError:
+        return None
+    kinds = placement.assembly.kinds
+    y = integrate(kinds, job.record.times, job.inputs(substeps), start, parameters, substeps, FURTHEST_M)
+    return y[:, _columns(channels)] if len(y) == len(job.record.times) else None
+
+
+def simulated_with_slopes(
+    job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
+    base = job.base(placement)
+    parameters = placement.parameters(base, z)
+    assembly = placement.assembly
+    names = tuple(assembly.parameters[k] for k in placement.moved)
+    try:
+        start = at_rest(placement, parameters)
+    except ValueError:
+        return None
+    columns = _columns(channels)
+    y, dy = integrate_with_sensitivities(
+        assembly.kinds,
+        job.record.times,
+        job.inputs(substeps),
+        start,
+        equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names),
+        parameters,
+        names,
+        substeps,
+        FURTHEST_M,
+        columns,
+    )
+    if len(y) < len(job.record.times) or not np.all(np.isfinite(dy)):
+        return None
+    slopes = placement.slopes(parameters, z)[list(placement.moved)]
+    return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
+
+
+def _columns(channels: tuple[str, ...]) -> list[int]:
+    return [OUTPUTS.index(name) for name in channels]

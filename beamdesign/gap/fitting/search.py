@@ -1,0 +1,243 @@
+"""All hypotheses about a gap, fitted: nulls first, every single cause, then pairs."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from multiprocessing import active_children
+from signal import SIG_IGN, SIGINT, signal
+
+import numpy as np
+
+from beamdesign.gap.data.dataset import Dataset
+from beamdesign.gap.fitting.evidence import evidence_of
+from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles
+from beamdesign.gap.fitting.kept_fits import KeptFits
+from beamdesign.gap.fitting.starts import resonances, starts
+from beamdesign.prototype import Prototype
+
+_BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
+"""How many singles to pair, by the share of the excess misfit that the best of them leaves."""
+_BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
+_SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
+_LARGE = 4.0  # times: what is worth every pair
+_QUICK = 2  # iterations that show whether a pair is worth fitting
+_EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
+_TAKEN_APART = 2  # of the best pairs
+_HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
+_DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Search:
+    """All fits.
+
+    Attributes:
+        null: tolerances only.
+        fits: all others, best first.
+        expected: misfit that noise alone would leave.
+        evidence: names of its pieces, in the order of `Fit.shares`.
+        conditions: of each.
+    """
+
+    null: Fit
+    fits: tuple[Fit, ...]
+    expected: float
+    evidence: tuple[str, ...]
+    conditions: tuple[object, ...] = field(repr=False)
+
+    def excess(self, found: Fit) -> float:
+        """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
+        return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
+
+    def held_out(self, found: Fit) -> float:
+        """Misfit of every condition as predicted from all the others."""
+        if found.reason:
+            return np.inf
+        groups: dict[object, list[int]] = {}
+        for k, condition in enumerate(self.conditions):
+            groups.setdefault(condition, []).append(k)
+        return sum(found.left_out(group) for group in groups.values())
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One fit to be made.
+
+    Attributes:
+        hypothesis: to be fitted.
+        known: SI values from simpler fits.
+        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
+    """
+
+    hypothesis: Hypothesis
+    known: dict[str, float]
+    on: tuple[int, ...] = ()
+
+
+def search(
+    data: Dataset,
+    workers: int = 1,
+    progress: Progress = lambda share, words: None,
+    kept: KeptFits | None = None,
+) -> Search:
+    """Fit all hypotheses to a data set.
+
+    Args:
+        data: what to explain.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+        kept: fits of an earlier run, where those of this one are kept as well.
+    """
+    with _Fitters(data, workers, kept) as fitters:
+        progress(0.0, "tolerances")
+        (null,) = fitters([_Task(NOTHING, {})])
+        alone = singles(data.prototype)
+        found = list(
+            fitters(
+                (_Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
+            )
+        )
+        expected = sum(piece.expected for piece in fitters.evidence)
+        state = Search(
+            null,
+            tuple(_sorted(found)),
+            expected,
+            tuple(e.name for e in fitters.evidence),
+            tuple(e.condition for e in fitters.evidence),
+        )
+        if null.misfit > _SMALL * expected and state.excess(state.fits[0]) > _DONE:
+            values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
+            tried = _promising(state, alone)
+            hardest = _hardest(state.fits[0])
+            tasks = [_Task(h, _merged(h, values), hardest) for h in tried]
+            quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
+            leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
+            ranked = [f for f in _sorted(quick) if not f.reason]
+            best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
+            final = fitters(_Task(f.hypothesis, f.values) for f in best)
+            found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
+        progress(1.0, "done")
+        return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.conditions)
+
+
+def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all.
+
+    One of a pair is an effect: two wrong figures at once are rarer than anything they would imitate.
+    """
+    left = state.excess(state.fits[0])
+    count = next(n for bound, n in _BEST_SINGLES if left <= bound)
+    best = [f.hypothesis for f in state.fits if not f.reason][:count]
+    tried = dict.fromkeys(best[0] | other for other in alone if other != best[0])
+    tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects and other != one)
+    if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
+        tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
+    return tuple(pair for pair in tried if pair.effects)
+
+
+def _parts(fits: Sequence[Fit]) -> list[_Task]:
+    """The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that."""
+    return [_Task(Hypothesis((name,)), one.values) for one in fits if not one.reason for name in one.hypothesis.names]
+
+
+def _better(*found: Sequence[Fit]) -> list[Fit]:
+    """Of all fits, the best one of every hypothesis."""
+    best: dict[Hypothesis, Fit] = {}
+    for one in (f for fits in found for f in fits):
+        if one.hypothesis not in best or one.cost < best[one.hypothesis].cost:
+            best[one.hypothesis] = one
+    return list(best.values())
+
+
+def _hardest(best: Fit) -> tuple[int, ...]:
+    """The half of the evidence that the best single cause leaves most of."""
+    count = max(1, round(_HALF * len(best.shares)))
+    ranked = sorted(range(len(best.shares)), key=lambda k: -best.shares[k].c)
+    return tuple(sorted(ranked[:count]))
+
+
+def _merged(of: Hypothesis, values: dict[Hypothesis, dict[str, float]]) -> dict[str, float]:
+    """Values to start a pair from: parameters of both, tolerated figures of the better single, which comes last."""
+    merged: dict[str, float] = {}
+    for alone, found in values.items():
+        if set(alone.names) <= set(of.names):
+            merged |= found
+    return merged
+
+
+def _sorted(fits: Iterable[Fit]) -> list[Fit]:
+    return sorted(fits, key=lambda f: f.cost)
+
+
+class _Fitters:
+    """Processes that make fits, or this one where one worker is enough."""
+
+    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None):
+        self.data, self.evidence, self._kept = data, evidence_of(data), kept
+        self._others = active_children()
+        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data,)) if workers > 1 else None
+
+    def __enter__(self) -> "_Fitters":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=error[0] is None, cancel_futures=True)
+        if error[0] is not None:  # whoever interrupts does not want to wait for the fits that are being made
+            for child in active_children():
+                if child not in self._others:
+                    child.terminate()
+
+    def __call__(self, tasks: Iterable[_Task], told: Callable[[int], None] = lambda k: None) -> list[Fit]:
+        """Fits in the order of the tasks."""
+        given = list(tasks)
+        results: dict[int, Fit] = {}
+        for k, task in enumerate(given):
+            if self._kept is not None and (before := self._kept.recall(task)) is not None:
+                results[k] = before
+        for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
+            results[k] = found
+            if self._kept is not None:
+                self._kept.keep(given[k], found)
+            told(len(results))
+        return [results[k] for k in range(len(given))]
+
+    def _made(self, tasks: dict[int, _Task]) -> Iterator[tuple[int, Fit]]:
+        """Fits as they come, each with its position."""
+        if self._pool is None:
+            for k, task in tasks.items():
+                yield k, _fitted(task, self.data.prototype, self.evidence)
+            return
+        futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+_here: tuple[Prototype, tuple[Evidence, ...]] | None = None
+
+
+def _begin(data: Dataset) -> None:
+    global _here
+    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
+    _here = data.prototype, evidence_of(data)
+
+
+def _fitted_here(task: _Task) -> Fit:
+    assert _here is not None
+    return _fitted(task, *_here)
+
+
+def _fitted(task: _Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
+    """The best of fits from the most promising starts."""
+    placement = task.hypothesis.placement(prototype)
+    evidence = [evidence[k] for k in task.on] or evidence
+    peaks = resonances(evidence, prototype, task.known) if not task.on else ()
+    begun = starts(placement, task.known, evidence, peaks, 1 if task.on else 2)
+    if not begun:
+        reason = "the model's loop is unstable wherever a fit was begun"
+        return Fit(task.hypothesis, placement.unknowns, reason=reason)
+    iterations = _QUICK if task.on else ITERATIONS
+    return min((fit(task.hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)

@@ -1,0 +1,132 @@
+"""Where fits begin: the figures of a simpler fit, with the new effect as strong as suits the records best."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.stats import qmc
+
+from beamdesign.gap.fitting.evidence import RecordEvidence
+from beamdesign.gap.fitting.fit import Evidence, misfit_at
+from beamdesign.gap.fitting.hypothesis import NOTHING
+from beamdesign.gap.fitting.unknowns import Placement, Unknown
+from beamdesign.prototype import Prototype
+
+_DRAWS, _WIDTH = 8, 1.5  # of several new unknowns; in prior standard deviations
+_ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
+_PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
+_STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
+_WEAK = 0.1  # of the default
+
+
+def starts(
+    placement: Placement,
+    known: Mapping[str, float],
+    evidence: Sequence[Evidence],
+    peaks: Sequence[float] = (),
+    most: int = 2,
+) -> list[np.ndarray]:
+    """The most promising starts, best first.
+
+    Args:
+        placement: the unknowns of the hypothesis.
+        known: SI values of unknowns that simpler fits have found.
+        evidence: by which starts are compared; no fit is made.
+        peaks: frequencies (Hz) at which an effect with a resonance may have it.
+        most: how many at most.
+
+    Returns:
+        (K,) z each; none where the model's loop is unstable at all of them.
+    """
+    low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
+    base = np.array([_at(u, known) for u in placement.unknowns])
+    new = [k for k, u in enumerate(placement.unknowns) if u.name not in known]
+    trials = _trials(placement.unknowns, base, new, low, high)
+    trials += [np.clip(z, low, high) for z in _resonant(placement.unknowns, base, new, peaks)]
+    tried = [(misfit_at(evidence, placement, z), z) for z in trials]
+    stable = sorted((pair for pair in tried if np.isfinite(pair[0])), key=lambda pair: pair[0])
+    return [z for _, z in stable[:most]]
+
+
+def _at(unknown: Unknown, known: Mapping[str, float]) -> float:
+    return unknown.z(known[unknown.name]) if unknown.name in known else 0.0
+
+
+def _trials(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], low: np.ndarray, high: np.ndarray
+) -> list[np.ndarray]:
+    """The base, also with tolerated figures as believed, draws of the new unknowns, and each new effect nearly absent.
+
+    A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not.
+    """
+    straight = np.where([u.kind == "figure" for u in unknowns], 0.0, base)
+    trials = [np.clip(base, low, high), np.clip(straight, low, high)]
+    if not new:
+        return trials
+    weak = base.copy()
+    for k in new:
+        u = unknowns[k]
+        if u.linear:
+            weak[k] = u.z(_WEAK * u.nominal)
+    trials.append(np.clip(weak, low, high))
+    if len(new) == 1:
+        draws = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
+    else:
+        draws = _WIDTH * (2 * qmc.Sobol(len(new), scramble=True, seed=0).random(_DRAWS) - 1)
+    for row in draws:
+        z = base.copy()
+        z[list(new)] = row
+        trials.append(np.clip(z, low, high))
+    return trials
+
+
+def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mapping[str, float]) -> tuple[float, ...]:
+    """Frequencies (Hz) at which the records stand out most from what the tolerances alone explain.
+
+    A narrow resonance is found by no descent that begins beside it, and shows in the residual at once.
+    """
+    placement = NOTHING.placement(prototype)
+    z = np.array([_at(u, known) for u in placement.unknowns])
+    frequencies, power = [], []
+    for piece in evidence:
+        if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
+            lines = residual.reshape(2, -1, len(piece.weight.channels))
+            frequencies.append(piece.weight.frequencies_Hz)
+            power.append(np.sum(lines**2, axis=(0, 2)))
+    if not power:
+        return ()
+    edges = np.geomspace(_LEAST_HZ, _MOST_HZ, _BANDS + 1)
+    total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    found: list[float] = []
+    for k in np.argsort(-total):
+        if all(max(middle[k] / f, f / middle[k]) > _APART for f in found):
+            found.append(float(middle[k]))
+        if len(found) == _PEAKS:
+            break
+    return tuple(found)
+
+
+_LEAST_HZ, _MOST_HZ, _BANDS = 10.0, 400.0, 180
+
+
+def _resonant(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], peaks: Sequence[float]
+) -> list[np.ndarray]:
+    """Every peak with every strength, and with figures from 0 to 1 at either end."""
+    at = [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]
+    if not at:
+        return []
+    others = [k for k in new if k not in at]
+    strength = others[0]
+    switches = [k for k in others if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]
+    trials = []
+    for peak in peaks:
+        for z_strength in _STRENGTHS:
+            for end in (0.0, 1.0) if switches else (0.0,):
+                z = base.copy()
+                z[at] = [unknowns[k].z(peak) for k in at]
+                z[strength] = z_strength
+                for k in switches:
+                    z[k] = unknowns[k].z(end)
+                trials.append(z)
+    return trials

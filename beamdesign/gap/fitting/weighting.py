@@ -1,0 +1,97 @@
+"""What one unit of misfit is: the noise of a channel plus a small share of what the channel does at that frequency.
+
+A model is never exact. Weighing residuals by noise alone would let the third digit of the largest record decide
+everything, and call every difference significant. So a residual counts in units of sqrt(noise + (share of the signal
+about that frequency)^2), band by band, and a record as a whole counts as `INDEPENDENT` such units per channel, not as
+thousands of independent samples: what a model lacks is the same from one sample to the next.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beamdesign.gap.data.dataset import TimeRecord
+
+SHARE = 0.02
+"""Relative error of a model, line by line, that counts as one unit."""
+INDEPENDENT = 40.0
+LOWEST_HZ, HIGHEST_HZ = 0.2, 400.0
+_FADE = 0.05  # of the record, at its end
+_HALF_BAND = 2 ** (1 / 6)
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """Of one record.
+
+    Attributes:
+        channels: names, in order.
+        scale: (C, F) factor from a channel's spectrum to units of misfit.
+        frequencies_Hz: (F,).
+        noise_std: (C,) white measurement noise of each channel, in its unit.
+        fade: (N,) taper.
+        kept: (N//2 + 1,) which lines count.
+        expected: misfit that noise alone leaves behind.
+    """
+
+    channels: tuple[str, ...]
+    scale: np.ndarray = field(repr=False)
+    frequencies_Hz: np.ndarray = field(repr=False)
+    noise_std: np.ndarray
+    fade: np.ndarray = field(repr=False)
+    kept: np.ndarray = field(repr=False)
+    expected: float
+
+    def __call__(self, signals: np.ndarray) -> np.ndarray:
+        """Residuals (N, C) or (N, C, K) in units of misfit: (2 C F,) or (2 C F, K)."""
+        shaped = signals.reshape(*signals.shape[:2], -1) * self.fade[:, None, None]
+        lines = np.fft.rfft(shaped, axis=0)[self.kept] * self.scale.T[:, :, None]
+        flat = np.concatenate([lines.real, lines.imag]).reshape(-1, shaped.shape[2])
+        return flat[:, 0] if signals.ndim == 2 else flat
+
+
+def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHARE) -> Weighting:
+    """Weigh a record.
+
+    Noise is taken to be white and read off the top fifth of the spectrum, where a rig of this kind moves no more.
+
+    Args:
+        record: measured.
+        channels: those of `record.measured` that count.
+        share: relative error of a model that counts as one unit.
+    """
+    count = len(record.times)
+    frequencies = np.fft.rfftfreq(count, record.step)
+    fade = np.ones(count)
+    last = max(2, round(_FADE * count))
+    fade[-last:] = 0.5 * (1 + np.cos(np.pi * np.arange(last) / last))
+    kept = (frequencies > LOWEST_HZ) & (frequencies < HIGHEST_HZ)
+    low = np.searchsorted(frequencies, frequencies / _HALF_BAND)
+    high = np.maximum(np.searchsorted(frequencies, frequencies * _HALF_BAND, side="right"), low + 1)
+    top = frequencies > 0.8 * frequencies[-1]
+    scales, noises, expected = [], [], 0.0
+    lines = int(kept.sum())
+    per_line = INDEPENDENT / (2 * lines)
+    for name in channels:
+        power = np.abs(np.fft.rfft(record.measured[name] * fade)) ** 2
+        noise = float(np.median(power[top])) / np.log(2)  # the median of an exponential distribution
+        total = np.concatenate([[0.0], np.cumsum(power)])
+        around = (total[high] - total[low]) / (high - low)
+        unit = noise + share**2 * around + 1e-300
+        scales.append(np.sqrt(2 * per_line / unit[kept]))
+        noises.append(np.sqrt(noise / count))
+        expected += float(np.sum(2 * per_line * noise / unit[kept]))
+    return Weighting(channels, np.array(scales), frequencies[kept], np.array(noises), fade, kept, expected)
+
+
+def floor(record: TimeRecord, weight: Weighting, channel: str = "displacement_m") -> float:
+    """Noise of a channel over its rms."""
+    rms = float(np.std(record.measured[channel]))
+    return float(weight.noise_std[weight.channels.index(channel)]) / rms if rms > 0 else np.inf
+
+
+def normalised(record: TimeRecord, predicted: Mapping[str, np.ndarray], channel: str = "displacement_m") -> float:
+    """Rms of a prediction's error over the rms of what was measured."""
+    measured = record.measured[channel]
+    return float(np.sqrt(np.mean((measured - predicted[channel]) ** 2)) / np.std(measured))

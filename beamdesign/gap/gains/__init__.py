@@ -1,0 +1,1 @@
+"""Diagnosis from critical gains and frequency responses alone."""

@@ -1,0 +1,244 @@
+"""What critical gains and frequency responses alone can say about a gap: mostly a class of causes, with shares."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import exp, log, tau
+
+import numpy as np
+
+from beamdesign.gap import causes as listing
+from beamdesign.gap.amended import amended
+from beamdesign.gap.data.dataset import Dataset
+from beamdesign.gap.diagnosis import Diagnosis, Verdict, Where
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.gain_evidence import GainEvidence
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, subsystem
+from beamdesign.gap.fitting.unknowns import FREE
+from beamdesign.gap.gains.common_factor import CommonFactor, common_factor
+from beamdesign.gap.gains.next_gain import another_size, next_experiment
+from beamdesign.gap.gains.search import Figure, Progress, figures_of, log_posterior, search_few
+from beamdesign.gap.gains.shares import GainShares, gain_shares
+from beamdesign.gap.gains.shrink import figures_of_gap, left_out
+from beamdesign.gap.gains.wording import notes_of, notes_on_predictions, sentences
+from beamdesign.gap.judgement import EFFECT_ODDS, Judgement, judge, odds
+from beamdesign.records import InputError
+
+SEPARATE = 3.0
+"""Difference in the logarithm of the probability from which data are said to tell two hypotheses apart: 20 to 1."""
+
+CONFIDENT = 0.8
+"""Probability of causes, whatever else may be at work beside them, from which they are said to be behind the gap."""
+OUTSIDE = "unknown"
+"""Stands in a class for something that the library does not hold."""
+_CERTAIN = 50.0  # in the logarithm of odds: more is no more
+
+
+@dataclass(frozen=True)
+class GainDiagnosis(Diagnosis):
+    """A diagnosis from figures of the loop instead of time records; errors of its gap are relative ones.
+
+    Attributes:
+        ranked: hypotheses with 1 % of the probability or more, best first, with that probability; the null among them.
+        silent: effects that leave no trace in such data, whatever their size.
+        shares: what the sensor's filter and the piston's smaller side of the published rig would carry of the mean
+            distance, and what is left to one common factor; None without critical gains.
+        factor: one common factor on the model's gains.
+        on_predictions: the same from another starting point, where the data set holds what the designers predicted: the
+            gap between measurement and these predictions, of which the model tells the changes only.
+        notes: what else has to be said.
+    """
+
+    ranked: tuple[tuple[str, float], ...] = ()
+    silent: tuple[str, ...] = ()
+    shares: GainShares | None = None
+    factor: CommonFactor | None = None
+    on_predictions: "GainDiagnosis | None" = None
+    notes: tuple[str, ...] = field(default=())
+
+
+def explain_gains(
+    data: Dataset, progress: Progress = lambda share, words: None, among: Sequence[str] = ()
+) -> GainDiagnosis:
+    """Diagnose from critical gains and frequency responses.
+
+    Nulls first (tolerances alone, one common factor), then every cause, then pairs, weighed by Laplace's marginal
+    likelihood under the same odds as elsewhere. Explanations whose probabilities differ by less than 20 to 1 make a
+    class. Where none is sure, `chosen` holds only what all members of the class share.
+
+    Args:
+        data: with critical gains or frequency responses; its time records are left aside.
+        progress: told the share done and what is being done.
+        among: names of the causes that come into question; all where empty.
+
+    Raises:
+        InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
+            taken, whatever its figures within their tolerances.
+    """
+    evidence = figures_of(data)
+    if not evidence:
+        raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
+    if not any(taken.predicted_gain for taken in data.gains):
+        return _explained(data, evidence, progress, among)
+    placement = NOTHING.placement(data.prototype)
+    nominal = np.zeros(len(placement.unknowns))
+    moved = tuple(
+        replace(piece, offset=log(told / at.gain))
+        if isinstance(piece, GainEvidence)
+        and (told := piece.measured.predicted_gain) is not None
+        and (at := piece.predicted(placement, nominal)) is not None
+        else piece
+        for piece in evidence
+    )
+    own = _explained(data, evidence, lambda share, words: progress(share / 2, words), among)
+    other = _explained(data, moved, lambda share, words: progress(0.5 + share / 2, words), among)
+    more = notes_on_predictions(evidence, other.factor, other.sentences)
+    return replace(own, on_predictions=other, notes=(*own.notes, *more))
+
+
+def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, among: Sequence[str]) -> GainDiagnosis:
+    found, silent = search_few(evidence, data.prototype, progress, among)
+    if found.null.reason:
+        key = "frequency_response" if data.responses else "critical_gain"
+        raise InputError(data.folder, [(key, found.null.reason)])
+    fits = [f for f in (found.null, *found.fits) if not f.reason]
+    spread = max(1.0, min(f.misfit for f in fits) / found.expected)
+    logs = [log_posterior(f, spread) for f in fits]
+    outside = log_outside(evidence, found.null, spread)
+    leading = max(logs)
+    weights = [exp(value - leading) for value in logs]
+    order = sorted(range(len(fits)), key=lambda k: -logs[k])
+    # What the best explanation leaves of a gap speaks for something else as well, as with time records.
+    margin = float(np.clip(outside - leading - log(sum(weights)), -_CERTAIN, _CERTAIN))
+    unknown = max(1 / (1 + exp(-margin)), judge(found).unknown)
+    of = {fits[k].hypothesis: weights[k] / sum(weights) * (1 - unknown) for k in order}
+    judged = Judgement(of, unknown, fits[order[0]])
+    rivals = rivals_of([fits[k] for k in order], [logs[k] for k in order], silent)
+    verdict = verdict_of(judged, rivals, silent)
+    chosen = chosen_of(verdict, rivals)
+    holder = next((f for f in fits if f.hypothesis == Hypothesis(tuple(sorted(chosen)))), found.null)
+    after = rivals[0] if verdict in ("effect", "ambiguous") else found.null
+    listed = tuple(c for c in listing.causes(found, judged) if c.name not in silent)
+    names = [str(f.hypothesis) for f in rivals]
+    if unknown > of[judged.best.hypothesis] * exp(-SEPARATE):
+        names.append(OUTSIDE)
+    classes = (tuple(names),) if verdict in ("effect", "ambiguous") and len(names) > 1 else ()
+    gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
+    factor = factor_of(gains)
+    shares = gain_shares(gains)
+    gap = figures_of_gap(evidence, found.null, after)
+    asked = None
+    if verdict == "ambiguous":
+        asked = next_experiment(data, rivals, [of[f.hypothesis] for f in rivals])
+    asked = another_size(data) if verdict == "unknown" or (asked is None and verdict == "ambiguous") else asked
+    progress(1.0, "done")
+    return GainDiagnosis(
+        data.name,
+        verdict,
+        sentences(verdict, names, chosen, gap),
+        listed,
+        chosen,
+        unknown,
+        where_of(verdict, rivals, evidence, found.null),
+        gap,
+        classes,
+        asked,
+        amended(data.prototype, holder),
+        data.warnings,
+        found,
+        tuple((str(h), p) for h, p in of.items() if p >= listing.LEAST_PROBABILITY),
+        silent,
+        shares,
+        factor,
+        notes=notes_of(silent, shares, factor),
+    )
+
+
+def log_outside(evidence: Sequence[Figure], null: Fit, spread: float = 1.0) -> float:
+    """Logarithm of the probability, on the scale of `log_posterior`, that something outside the library is at work.
+
+    It is taken to change every figure by a factor of its own, of the same spread as that of a plainly wrong figure.
+    """
+    nominal = np.zeros(len(null.z))
+    placement = NOTHING.placement(evidence[0].prototype)
+    rows = [(piece, piece.linearised(placement, nominal)) for piece in evidence]
+    r = np.concatenate([row[0] for _, row in rows if row is not None])
+    j = np.vstack([row[1] for _, row in rows if row is not None])
+    units = np.concatenate([piece.units for piece, row in rows if row is not None])
+    r, j, units = r / np.sqrt(spread), j / np.sqrt(spread), units * np.sqrt(spread)
+    covariance = np.eye(len(r)) + j @ j.T + np.diag((FREE / units) ** 2)
+    _, volume = np.linalg.slogdet(covariance)
+    return -0.5 * (float(r @ np.linalg.solve(covariance, r)) + float(volume)) + EFFECT_ODDS
+
+
+def rivals_of(ranked: Sequence[Fit], logs: Sequence[float], silent: Sequence[str]) -> list[Fit]:
+    """Hypotheses that the data cannot tell from the best, without those that hold one of the others and are no better.
+
+    An effect that leaves no trace is no rival. The null is one where it comes near enough; a cause is a rival beside it
+    where the data speak for it at all, whatever the odds were before.
+    """
+    near = [
+        (f, value)
+        for f, value in zip(ranked, logs, strict=True)
+        if value > logs[0] - SEPARATE and not set(silent) & set(f.hypothesis.names)
+    ]
+
+    def spared(simple: Fit, simple_log: float, f: Fit, value: float) -> bool:
+        if simple.hypothesis == NOTHING:
+            return simple_log < value - odds(f.hypothesis)
+        return not set(simple.hypothesis.names) < set(f.hypothesis.names) or simple_log < value
+
+    return [f for f, value in near if all(g is f or spared(g, better, f, value) for g, better in near)]
+
+
+def verdict_of(judged: Judgement, rivals: Sequence[Fit], silent: Sequence[str]) -> Verdict:
+    """What the probabilities come to; an effect that leaves no trace counts as none."""
+    if judged.unknown > 0.5:
+        return "unknown"
+    if sum(p for h, p in judged.of.items() if set(h.names) <= set(silent)) > 0.5:
+        return "no_gap"
+    named = set(rivals[0].hypothesis.names)
+    sure = sum(p for h, p in judged.of.items() if named <= set(h.names)) >= CONFIDENT
+    return "effect" if named and sure else "ambiguous"
+
+
+def chosen_of(verdict: Verdict, rivals: Sequence[Fit]) -> tuple[str, ...]:
+    """The causes that are sure, or what all rivals share."""
+    if verdict in ("no_gap", "unknown"):
+        return ()
+    if verdict == "effect":
+        return rivals[0].hypothesis.names
+    common = set.intersection(*(set(f.hypothesis.names) for f in rivals))
+    return tuple(name for name in rivals[0].hypothesis.names if name in common)
+
+
+def where_of(verdict: Verdict, rivals: Sequence[Fit], evidence: Sequence[Figure], null: Fit) -> Where:
+    """The subsystem that all rivals share, and the band of the oscillations or the lines."""
+    at = []
+    for piece in evidence:
+        if isinstance(piece, GainEvidence):
+            onset = piece.predicted(NOTHING.placement(piece.prototype), null.z)
+            at += [onset.frequency / tau] if onset else []
+        else:
+            at += list(piece.measured.frequencies_Hz[[0, -1]])
+    band = (float(f"{min(at):.3g}"), float(f"{max(at):.3g}")) if at else (0.0, 0.0)
+    if verdict not in ("effect", "ambiguous"):
+        return Where("", band, "", "linear")
+    places = {
+        subsystem(name) for f in (rivals if verdict == "ambiguous" else rivals[:1]) for name in f.hypothesis.names
+    }
+    worst = max(evidence, key=lambda piece: left_out(piece, NOTHING, np.zeros(len(null.z))))
+    return Where(places.pop() if len(places) == 1 else "", band, f"most in: {worst.name}", "linear")
+
+
+def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
+    """One common factor on the believed gains; None without gains, or where the model oscillates at none."""
+    if not gains:
+        return None
+    placement = NOTHING.placement(gains[0].prototype)
+    model = [piece.predicted(placement, np.zeros(len(placement.unknowns))) for piece in gains]
+    if any(at is None for at in model):
+        return None
+    believed = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True) if at is not None]
+    return common_factor(
+        [piece.measured.gain for piece in gains], believed, [piece.measured.relative_std for piece in gains]
+    )

@@ -1,0 +1,116 @@
+"""How much of the distance between measured and predicted critical gains known causes carry, each at a stated size."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from math import log
+
+import numpy as np
+
+from beamdesign.gap.fitting.gain_evidence import GainEvidence
+from beamdesign.gap.fitting.hypothesis import NOTHING, together
+from beamdesign.rig.effects import library
+
+SUSPECTS = ("sensor_lag", "unequal_piston_areas")
+"""What Zalucky and Hardt (1984) had in their rig and not in their model: the sensor's filter, the smaller side."""
+
+
+@dataclass(frozen=True)
+class GainShare:
+    """What one cause carries of the mean of ln(measured/predicted).
+
+    Attributes:
+        name: of the effect, or `common_factor` for what is left to one factor on all gains.
+        parameters: the size it is taken at.
+        alone: mean change of ln(gain) by it alone.
+        share: mean, over all orders in which the causes may be added, of what it adds (L. S. Shapley, Contributions to
+            the Theory of Games II (1953) 307); for the factor, what the others leave.
+    """
+
+    name: str
+    parameters: Mapping[str, float]
+    alone: float
+    share: float
+
+
+@dataclass(frozen=True)
+class GainShares:
+    """Of all causes; their shares add up to the total.
+
+    Attributes:
+        total: mean of ln(measured/predicted).
+        together: mean change of ln(gain) by all stated causes at once.
+        shares: one per cause, the common factor last.
+        left: rms of ln(measured/predicted) that is left with all of them, the factor included.
+    """
+
+    total: float
+    together: float
+    shares: tuple[GainShare, ...]
+    left: float
+
+    def fraction(self, name: str) -> float:
+        """Share of a cause in the total."""
+        return next(s.share for s in self.shares if s.name == name) / self.total
+
+
+def gain_shares(
+    gains: Sequence[GainEvidence],
+    suspects: Sequence[str] = SUSPECTS,
+    given: Mapping[str, Mapping[str, float]] | None = None,
+) -> GainShares | None:
+    """Share out the distance between measured and predicted gains, all figures of the rig as believed.
+
+    Args:
+        gains: measured.
+        suspects: effects of the library.
+        given: figures that stand for the defaults, by effect.
+
+    Returns:
+        None without gains, or where the model with some of the suspects oscillates at no gain.
+    """
+    if not gains:
+        return None
+    logs: dict[frozenset[str], np.ndarray] = {}
+    for order in permutations(suspects):
+        for count in range(len(order) + 1):
+            chosen = frozenset(order[:count])
+            if chosen not in logs:
+                found = _log_gains(gains, tuple(chosen), given or {})
+                if found is None:
+                    return None
+                logs[chosen] = found
+    base, everything = logs[frozenset()], logs[frozenset(suspects)]
+    measured = np.array([log(piece.measured.gain) - piece.offset for piece in gains])
+    total, carried = float(np.mean(measured - base)), float(np.mean(everything - base))
+    shares = []
+    for name in suspects:
+        steps = []
+        for order in permutations(suspects):
+            before = frozenset(order[: order.index(name)])
+            steps.append(float(np.mean(logs[before | {name}] - logs[before])))
+        alone = float(np.mean(logs[frozenset({name})] - base))
+        shares.append(GainShare(name, _sizes(name, given or {}), alone, float(np.mean(steps))))
+    shares.append(GainShare("common_factor", {"factor": float(np.exp(total - carried))}, total, total - carried))
+    return GainShares(total, carried, tuple(shares), float(np.std(measured - everything)))
+
+
+def _sizes(name: str, given: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    return {q.name: float(given.get(name, {}).get(q.name, q.default)) for q in library()[name].parameters}
+
+
+def _log_gains(
+    gains: Sequence[GainEvidence], effects: tuple[str, ...], given: Mapping[str, Mapping[str, float]]
+) -> np.ndarray | None:
+    """(G,) ln of predicted gains with effects at their sizes and everything else as believed."""
+    found = []
+    for piece in gains:
+        hypothesis = together(*effects) if effects else NOTHING
+        placement = hypothesis.placement(piece.prototype)
+        sizes = {f"{name}.{key}": value for name in effects for key, value in _sizes(name, given).items()}
+        z = np.array([u.z(sizes[u.name]) if u.name in sizes else 0.0 for u in placement.unknowns])
+        at = piece.predicted(placement, z)
+        if at is None:
+            return None
+        found.append(log(at.gain))
+    return np.array(found)

@@ -1,0 +1,1 @@
+"""Witnesses of where a gap lies."""

@@ -1,0 +1,167 @@
+"""The linear rig in its loop with an unknown signal let in at any port, and what that does to every other port.
+
+A missing law is an unknown signal at the port where it should act. In the linear model the signal that would explain a
+residual follows from the residual by division, frequency by frequency.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.gap.fitting.replay import Replay
+from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.rig.assembly import PORTS, Structure, assemble
+from beamdesign.rig.beams_rig import TWIN_BEAM
+from beamdesign.rig.equilibrium import equilibrium
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A way in for an unknown signal.
+
+    Attributes:
+        name: of the equation that it enters.
+        unit: of the signal.
+        ports: where it is added: port, factor, and how often it is differentiated first.
+    """
+
+    name: str
+    unit: str
+    ports: tuple[tuple[str, float, int], ...]
+
+
+ENTRIES = {
+    entry.name: entry
+    for entry in (
+        Entry("amplifier", "A", (("current_A", 1.0, 0),)),
+        Entry("spool", "A", (("spool_A", 1.0, 0),)),
+        Entry("oil continuity", "m3/s", (("linear_a_m3_per_s", 1.0, 0), ("linear_b_m3_per_s", 1.0, 0))),
+        Entry("piston force", "N", (("friction_N", 1.0, 0),)),
+        Entry("outer beam", "N", (("outer_reaction_N", 1.0, 0),)),
+        Entry("inner beam", "N", (("inner_reaction_N", 1.0, 0),)),
+        Entry("mount", "m", (("mount_m", 1.0, 0), ("mount_m_per_s", 1.0, 1))),
+        Entry("joint", "m", (("rod_m_per_s", 1.0, 1),)),
+        Entry("sensor", "V", (("sensor_V", 1.0, 0),)),
+    )
+}
+"""Equations of the rig and where what they lack comes in."""
+
+_PROBED = tuple(dict.fromkeys(port for entry in ENTRIES.values() for port, _, _ in entry.ports))
+SIGNALS = (
+    *(name for name in PORTS if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))),
+    "load_pressure_Pa",
+    "displacement_m",
+    "inner_m",
+    "outer_m",
+)
+"""Local variables: signals of ports, and what is recorded of them."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Linear responses of one rig in its loop.
+
+    Attributes:
+        count: samples of a record.
+        step: s.
+        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to `SIGNALS`, on the grid of
+            a record padded to twice its length.
+    """
+
+    count: int
+    step: float
+    response: np.ndarray = field(repr=False)
+
+    @property
+    def laplace(self) -> np.ndarray:
+        """(F,) s on the imaginary axis."""
+        return laplace(self.count, self.step)
+
+    def entry(self, name: str, signals: Sequence[str]) -> np.ndarray:
+        """(F, len(signals)) from an unknown signal at an entry."""
+        rows, s = [SIGNALS.index(k) for k in signals], self.laplace
+        total = np.zeros((len(s), len(rows)), dtype=complex)
+        for port, factor, order in ENTRIES[name].ports:
+            total += self.response[:, rows, 2 + _PROBED.index(port)] * (factor * s**order)[:, None]
+        return total
+
+    def driven(self, inputs: np.ndarray, signals: Sequence[str] = SIGNALS) -> np.ndarray:
+        """(F, len(signals)) spectra of signals under the inputs (N, 2) of a record."""
+        rows = [SIGNALS.index(k) for k in signals]
+        return np.einsum("fsi,fi->fs", self.response[:, rows, :2], self.spectrum(inputs))
+
+    def spectrum(self, signals: np.ndarray) -> np.ndarray:
+        """Spectra of (N, ...) signals padded with zeros to twice their length."""
+        return np.fft.rfft(signals, 2 * self.count, axis=0)
+
+    def signal(self, spectra: np.ndarray) -> np.ndarray:
+        """(N, ...) from spectra, the padding cut off."""
+        return np.fft.irfft(spectra, 2 * self.count, axis=0)[: self.count]
+
+
+def laplace(count: int, step: float) -> np.ndarray:
+    """(F,) s on the imaginary axis, on the grid of `count` samples padded to twice their number."""
+    return np.asarray(2j * np.pi * np.fft.rfftfreq(2 * count, step))
+
+
+def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
+    """Linearise the rig of a record at rest, with the unknowns at z.
+
+    Args:
+        job: the record.
+        placement: of a hypothesis without effects.
+        z: of its unknowns.
+
+    Raises:
+        ValueError: where the rig has no equilibrium, or the placement has effects.
+    """
+    if placement.assembly.kinds.effects:
+        raise ValueError("a probe is that of the linear rig")
+    parameters = placement.parameters(job.base(placement), z)
+    x = equilibrium(placement.assembly, np.zeros(3), parameters)
+    a, b, c, d = (np.asarray(m) for m in _linear(placement.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters))
+    count, step = len(job.record.times), job.record.step
+    return Probe(count, step, frequency_response(a, b, c, d, laplace(count, step)))
+
+
+def frequency_response(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """C (s - A)^-1 B + D at every s: (F, outputs, inputs)."""
+    inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
+    return np.asarray(c @ inner + d)
+
+
+def state_space(placement: Placement, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C and D of the linear rig: inputs are disturbance, command and the probed ports; outputs are `SIGNALS`."""
+    x = equilibrium(placement.assembly, np.zeros(3), parameters)
+    found = _linear(placement.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters)
+    a, b, c, d = (np.asarray(m) for m in found)
+    return a, b, c, d
+
+
+def entry_columns(name: str) -> tuple[tuple[int, float, int], ...]:
+    """Of `state_space`: input column, factor and order of derivative of an entry."""
+    return tuple((2 + _PROBED.index(port), factor, order) for port, factor, order in ENTRIES[name].ports)
+
+
+@cache
+def _linear(kinds: Structure) -> ca.Function:
+    """States, inputs (disturbance, command, probed ports) and parameters to A, B, C, D."""
+    assembly = assemble(kinds)
+    x, p = ca.SX.sym("x", len(assembly.states)), ca.SX.sym("p", len(assembly.parameters))
+    u = ca.SX.sym("u", 2 + len(_PROBED))
+    state = dict(zip(assembly.states, ca.vertsplit(x), strict=True))
+    figure = dict(zip(assembly.parameters, ca.vertsplit(p), strict=True))
+    added = dict(zip(_PROBED, ca.vertsplit(u)[2:], strict=True))
+    port: dict[str, Any] = state | {"disturbance_N": u[0], "command_V": u[1]}
+    for name, law in PORTS.items():
+        port[name] = law(port, figure, state) + added.get(name, 0.0)
+    rate = TWIN_BEAM.rates(port, figure, state)
+    seen: Mapping[str, Any] = port | TWIN_BEAM.outputs(port, figure, state)
+    rates = ca.vertcat(*(rate[name] for name in assembly.states))
+    y = ca.vertcat(*(seen[name] for name in SIGNALS))
+    matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]
+    return ca.Function("linear", [x, u, p], matrices)

@@ -1,0 +1,204 @@
+"""Witnesses to the place of a gap, each with its own way of looking."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from beamdesign.gap.diagnosis import Cause
+from beamdesign.gap.examination.controller_equation import controller_fit
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.hypothesis import TOLERANCE_OF, WRONG, subsystem
+from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.where.innovations import likelihood, multiplicative
+from beamdesign.gap.where.missing import Explanation
+from beamdesign.gap.where.opinion import Opinion
+from beamdesign.gap.where.probe import ENTRIES
+from beamdesign.gap.where.residuals import OWN, Residual, sizes
+from beamdesign.prototype import Prototype
+
+SUBSYSTEMS_OF_ENTRY = {
+    "amplifier": ("servovalve", "amplifier"),
+    "spool": ("servovalve", "amplifier"),
+    "oil continuity": ("oil", "actuator", "servovalve"),
+    "piston force": ("actuator",),
+    "outer beam": ("structure",),
+    "inner beam": ("structure",),
+    "mount": ("structure",),
+    "joint": ("structure",),
+    "sensor": ("sensor", "controller"),
+}
+"""What may be behind a signal that an equation lacks: current and spool come in at one place, as do sensor and
+controller, and the continuity of the oil takes what valve and piston get wrong as well."""
+_POSTERIOR, _CONTROLLER, _LAWS, _FIGURES = 4.0, 2.0, 1.5, 0.8
+# These three can be explained by nearly any equation, and seldom point to the right one.
+_SIZES, _INNOVATIONS, _RANDOM = 0.05, 0.05, 0.15
+_SEEN = 0.03  # residual of the controller's equation that is worth a word
+_STRAINED = 3.0  # tolerances
+_FIRST = 1.05  # what the first place counts for more, where two share alike
+_TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
+
+
+def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: float) -> Opinion:
+    """Subsystems of the causes found, by their probability; of several at once the dominant one counts.
+
+    Args:
+        search: all fits.
+        chosen: held responsible.
+        causes: with probabilities, dominant first; none: from `search`.
+        unknown: probability that the cause is not in the library.
+    """
+    votes: dict[str, float] = {}
+    if causes:
+        inside = [c for c in causes if c.name in chosen.hypothesis.names] or list(causes[:1])
+        lead = inside[0]
+        votes[lead.subsystem] = lead.probability
+        for c in causes:
+            if c not in inside:
+                votes[c.subsystem] = votes.get(c.subsystem, 0.0) + c.probability * (1 - lead.probability)
+    else:
+        names = _by_share(search, chosen)
+        if names:
+            votes[subsystem(names[0])] = 1.0
+    total = max(sum(votes.values()), 1.0)
+    votes = {name: value / total * (1 - unknown) for name, value in votes.items()}
+    named = ", ".join(chosen.hypothesis.names) or "no cause of the library"
+    text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
+    return Opinion("the fits", votes, _POSTERIOR, text)
+
+
+def _by_share(search: Search, chosen: Fit) -> list[str]:
+    """Names of a fit, first the one without which most of the gap comes back."""
+    alone = {f.hypothesis.names: search.excess(f) for f in search.fits if not f.reason}
+
+    def without(name: str) -> float:
+        rest = tuple(n for n in chosen.hypothesis.names if n != name)
+        return alone.get(rest, 1.0)
+
+    return sorted(chosen.hypothesis.names, key=lambda name: -without(name))
+
+
+def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion:
+    """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
+    fits = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
+    # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
+    worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
+    table: dict[str, tuple[object, ...]] = {
+        "record": tuple(f.record for f in fits),
+        "residual": tuple(f.residual for f in fits),
+        "gain": tuple(f.gain for f in fits),
+        "delay_s": tuple(f.delay_s for f in fits),
+        "limit_A": tuple(f.limit_A for f in fits),
+    }
+    if worst.residual < max(_SEEN, worst.noise):
+        text = "Every record obeys its controller's equation."
+        return Opinion("the controller's equation", {}, _CONTROLLER, text, table)
+    if worst.limit_A is not None:
+        place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
+    elif worst.with_delay < 0.5 * worst.with_gain:
+        place, why = "controller", f"the current comes {worst.delay_s * 1e3:.2g} ms late"
+    elif worst.with_gain < 0.5 * worst.residual:
+        place, why = "amplifier", f"the current is {worst.gain:.3g} times what the controller asks for"
+    else:
+        place, why = "controller", "no gain, delay or limit explains it"
+    strength = float(np.clip(worst.residual / 0.1, 0.0, 1.0))
+    text = f"Record {worst.record} misses its controller's equation by {worst.residual:.1%} of the current: {why}."
+    return Opinion("the controller's equation", {place: strength}, _CONTROLLER, text, table)
+
+
+def about_equations(laws: Sequence[Explanation]) -> Opinion:
+    """Which subsystem's own laws, of its own local variables, explain the residual in conditions held out."""
+    shares = {e.subsystem: float(np.clip(e.share, 0.0, 1.0)) for e in laws}
+    cubes = {name: share**3 for name, share in shares.items()}
+    lead = laws[0]
+    cubes[lead.subsystem] = _FIRST * max(cubes.values())
+    total = sum(cubes.values())
+    best = max(shares.values(), default=0.0)
+    votes = {name: best * value / total for name, value in cubes.items()} if total > 0 else {}
+    text = (
+        f"Laws of the {lead.subsystem} explain {lead.share:.0%} of the gap in held-out conditions"
+        + (f" ({', '.join(lead.terms)})" if lead.terms else "")
+        + "; next "
+        + ", ".join(f"{e.subsystem} {max(e.share, 0.0):.0%}" for e in laws[1:3])
+        + "."
+    )
+    table: dict[str, tuple[object, ...]] = {
+        "subsystem": tuple(e.subsystem for e in laws),
+        "share": tuple(e.share for e in laws),
+        "terms": tuple(", ".join(e.terms) for e in laws),
+    }
+    return Opinion("the laws of each equation", votes, _LAWS, text, table)
+
+
+def about_sizes(found: Sequence[Residual]) -> Opinion:
+    """How large the signal would be that each equation lacks, against the equation's own terms."""
+    table = sizes(found)
+    worst = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in table.items()}
+    spread = {name: float(np.std(np.log(values))) for name, values in table.items()}
+    best = min(worst, key=lambda name: worst[name])
+    text = (
+        f"The least that would have to be missing is {worst[best]:.0%} of the {best} equation's own term "
+        f"({OWN[best]}); the steadiest over all records is that of the {min(spread, key=lambda n: spread[n])}."
+    )
+    rows: dict[str, tuple[object, ...]] = {"record": tuple(item.evidence.name for item in found)}
+    rows |= {name: tuple(values) for name, values in table.items()}
+    return Opinion("the size of what is missing", _ranked({n: -w for n, w in worst.items()}), _SIZES, text, rows)
+
+
+def about_innovations(prototype: Prototype, null: Fit, found: Sequence[Residual]) -> Opinion:
+    """Kalman innovations of the nominal rig, and the equation whose random input explains them best."""
+    made = likelihood(prototype, null.z, found)
+    ranked = sorted(made.ratio, key=lambda name: -made.ratio[name])
+    text = (
+        f"A random input to the {ranked[0]} equation explains the innovations best: its log-likelihood is "
+        f"{made.ratio[ranked[0]]:.3g} over none, that of the {ranked[1]} {made.ratio[ranked[1]]:.3g}."
+    )
+    table: dict[str, tuple[object, ...]] = {
+        "equation": tuple(ranked),
+        "log_likelihood_ratio": tuple(made.ratio[n] for n in ranked),
+        "autocorrelation": tuple(made.whiteness[n] for n in ranked),
+    }
+    return Opinion("the filter's innovations", _ranked(made.ratio), _INNOVATIONS, text, table)
+
+
+def about_random_error(found: Sequence[Residual]) -> Opinion:
+    """Which equation, wrong by a random share of its own variable, gives such a spectrum of errors."""
+    ratio = multiplicative(found)
+    ranked = sorted(ratio, key=lambda name: -ratio[name])
+    text = (
+        f"Errors in proportion to its own variable suit the {ranked[0]} equation best: log-likelihood "
+        f"{ratio[ranked[0]]:.3g} over none, {ranked[1]} {ratio[ranked[1]]:.3g}."
+    )
+    table: dict[str, tuple[object, ...]] = {
+        "equation": tuple(ranked),
+        "log_likelihood_ratio": tuple(ratio[n] for n in ranked),
+    }
+    return Opinion("proportional random error", _ranked(ratio), _RANDOM, text, table)
+
+
+def _ranked(score: Mapping[str, float]) -> dict[str, float]:
+    """The vote to whatever may be behind the best entry, in equal parts."""
+    places = SUBSYSTEMS_OF_ENTRY[max(ENTRIES, key=lambda name: score[name])]
+    return dict.fromkeys(places, 1.0 / len(places))
+
+
+def about_figures(null: Fit, expected: float) -> Opinion:
+    """Which tolerated figure had to move furthest when only tolerances were fitted.
+
+    It counts where tolerances alone explain most: then a figure that moved too far did the work.
+
+    Args:
+        null: that fit.
+        expected: misfit that noise alone leaves.
+    """
+    if null.reason or not len(null.z):
+        return Opinion("the tolerated figures", {}, _FIGURES, "No tolerated figure could be fitted.")
+    moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
+    furthest = max(moved, key=lambda name: abs(moved[name]))
+    text = f"Fitted alone, {furthest} moves furthest: {moved[furthest]:+.1f} tolerances."
+    table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
+    if abs(moved[furthest]) < _STRAINED:
+        return Opinion("the tolerated figures", {}, _FIGURES, text, table)
+    place = subsystem(WRONG + TOLERANCE_OF[furthest])
+    strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
+    strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
+    return Opinion("the tolerated figures", {place: strength}, _FIGURES, text, table)
