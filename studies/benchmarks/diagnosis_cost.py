@@ -8,6 +8,7 @@ Then a whole diagnosis is timed. Run:
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 
@@ -54,11 +55,12 @@ def integrated(piece: RecordEvidence, placement: Placement, z: np.ndarray, toler
     return np.array(rows)[:, [OUTPUTS.index(name) for name in piece.weight.channels]]
 
 
-def main() -> None:
+def main(given: Sequence[str] | None = None) -> tuple[float, tuple[float, float]]:
+    """Print the table; give the ratio of times, and the errors of steps and integrator."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--samples", type=int, default=1000, help="of the record that scipy integrates")
     arguments.add_argument("--no-diagnosis", action="store_true", help="leave the whole diagnosis out")
-    chosen = arguments.parse_args()
+    chosen = arguments.parse_args(given)
     data = read_dataset(SET)
     piece = record_evidence(data)[0]
     hypothesis = Hypothesis(("sensor_lag",))
@@ -78,10 +80,10 @@ def main() -> None:
     tight = integrated(piece, placement, z, TIGHT, end)
     steps = piece.predicted(placement, z)
     assert steps is not None
-    error = [float(np.abs(y - tight)[:, 1].max() / np.abs(tight[:, 1]).max()) for y in (steps[:end], single)]
+    ours, theirs = (float(np.abs(y - tight)[:, 1].max() / np.abs(tight[:, 1]).max()) for y in (steps[:end], single))
     print(f"one record of {piece.record.times[-1]:.3g} s, {len(z)} unknowns, residual and all derivatives")
-    print(f"  generated code and its tangent   {tangent * 1e3:9.1f} ms   error {error[0]:.1e}")
-    print(f"  solve_ivp, forward differences   {differences * 1e3:9.0f} ms   error {error[1]:.1e} (from {end} samples)")
+    print(f"  generated code and its tangent   {tangent * 1e3:9.1f} ms   error {ours:.1e}")
+    print(f"  solve_ivp, forward differences   {differences * 1e3:9.0f} ms   error {theirs:.1e} (from {end} samples)")
     print(f"  ratio {differences / tangent:.0f}")
     if not chosen.no_diagnosis:
         begun = perf_counter()
@@ -90,6 +92,7 @@ def main() -> None:
         print(
             f"whole diagnosis, {len(data.records)} records, 2 processes: {whole:.1f} s, {found.verdict} {found.chosen}"
         )
+    return differences / tangent, (ours, theirs)
 
 
 if __name__ == "__main__":
