@@ -1,4 +1,4 @@
-"""The cost of a diagnosis beside differences of scipy's integrator, on a short piece: both agree; no time is asserted."""
+"""Cost of a diagnosis beside differences of scipy's integrator, on a short piece: both agree; no time is asserted."""
 
 import sys
 from contextlib import redirect_stdout
