@@ -11,9 +11,11 @@ from beamdesign.gap.data.inputs import without_noise
 from beamdesign.gap.fitting.evidence import evidence_of
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
+from beamdesign.gap.fitting.search import search
 from beamdesign.gap.fitting.unknowns import Placement, tolerated
 from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.lumped import figures
+from beamdesign.records import InputError
 
 
 @pytest.fixture(scope="module")
@@ -131,17 +133,6 @@ def test_linear_evidence_gives_the_posterior_mean():
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9)
 
 
-def test_left_out_evidence_is_predicted_as_if_it_had_never_been_fitted():
-    random = np.random.default_rng(2)
-    placement = NOTHING.placement(believed())
-    count = len(placement.unknowns)
-    pieces = [Straight(random.standard_normal((30, count)), 0.3 * random.standard_normal(30)) for _ in range(3)]
-    whole = fit(NOTHING, placement, pieces, np.zeros(count), 60)
-    rest = fit(NOTHING, placement, pieces[1:], np.zeros(count), 60)
-    missed = pieces[0].residual(placement, rest.z)
-    assert whole.left_out([0]) == pytest.approx(float(missed @ missed), rel=1e-2)
-
-
 def test_bounds_hold():
     """An effect that the evidence would like negative stays at zero, and the other unknowns are solved for that."""
     placement = Hypothesis(("valve_deadband",)).placement(believed())
@@ -172,6 +163,13 @@ def test_an_unstable_start_is_said(lagged):
     found = fit(NOTHING, placement, evidence_of(lagged), z)
     assert found.reason == "the model's loop is unstable where the fit begins"
     assert found.misfit == np.inf
+
+
+def test_a_believed_loop_that_is_unstable_is_refused(lagged):
+    valve = lagged.prototype.servovalve
+    wild = lagged.prototype.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=8 * valve.flow_gain_m3_per_s_per_A))
+    with pytest.raises(InputError, match="prototype: its loop is unstable with the controllers and masses"):
+        search(replace(lagged, prototype=wild))
 
 
 def test_amended_prototype_simulates_as_the_fit_does(lagged):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gap_sets import TOLERANCE
 
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
@@ -32,7 +33,6 @@ from beamdesign.prototype import (
     Proportional,
     Prototype,
     Servovalve,
-    Tolerance,
 )
 from beamdesign.records import InputError
 
@@ -43,18 +43,6 @@ SETTINGS: tuple[tuple[Controller, float, float], ...] = (
     (LAG, 0.0, 0.0),
     (LAG, 6.8, 0.0),
     (LAG, 6.8, 4.4),
-)
-TOLERANCE = Tolerance(
-    stiffness=0.03,
-    effective_mass=0.02,
-    beam_damping_ratio=0.2,
-    oil_stiffness=0.1,
-    piston_area=0.005,
-    flow_gain=0.05,
-    leakage=0.2,
-    valve_natural_frequency=0.05,
-    valve_damping_ratio=0.1,
-    sensor_gain=0.005,
 )
 LINES = np.geomspace(1.0, 300.0, 40)
 SHARED = Path(__file__).parents[2] / "shared" / "rig" / "open-2-sensor-lag"

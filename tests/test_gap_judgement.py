@@ -48,14 +48,14 @@ def test_marginal_likelihood_of_a_linear_model():
 
 def test_a_fit_at_the_noise_is_no_gap():
     judged = judge(found(made((), 1.1 * EXPECTED), made((LAG,), 1.05 * EXPECTED), made((AREAS,), 1.09 * EXPECTED)))
-    assert judged.named == ()
+    assert judged.best.hypothesis.names == ()
     assert verdict_of(judged) == "no_gap"
     assert judged.unknown < 0.1
 
 
 def test_one_cause_that_explains_all():
     judged = judge(found(made((), 20 * EXPECTED), made((LAG,), 1.1 * EXPECTED), made((AREAS,), 12 * EXPECTED)))
-    assert judged.named == (LAG,)
+    assert judged.best.hypothesis.names == (LAG,)
     assert verdict_of(judged) == "effect"
     assert verdict_of(judged, doubtful=True) == "ambiguous"
 
@@ -72,10 +72,10 @@ def test_a_second_cause_needs_a_share_of_its_own():
     """Every rig has a little of everything: what explains a hundredth of the gap is not named beside the rest."""
     alone, other = made((LAG,), 1.9 * EXPECTED), made((AREAS,), 90 * EXPECTED)
     minor = judge(found(made((), 100 * EXPECTED), alone, other, made((LAG, AREAS), 1.1 * EXPECTED)))
-    assert minor.named == (LAG,)
+    assert minor.best.hypothesis.names == (LAG,)
     alone = made((LAG,), 40 * EXPECTED)
     major = judge(found(made((), 100 * EXPECTED), alone, other, made((LAG, AREAS), 1.1 * EXPECTED)))
-    assert major.named == (LAG, AREAS)
+    assert major.best.hypothesis.names == (LAG, AREAS)
 
 
 def test_what_nothing_explains_is_unknown():
@@ -88,11 +88,11 @@ def test_what_nothing_explains_is_unknown():
 def test_a_plainly_wrong_figure_is_told_by_its_tolerance():
     """The records are explained with the flow gain six tolerances off: it is wrong, not unlucky."""
     off = made((), 1.1 * EXPECTED, flow_gain=6.0)
-    assert judge(found(off, made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=0.6))).named == (
+    assert judge(found(off, made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=0.6))).best.hypothesis.names == (
         "parameter:flow_gain",
     )
     near = made((), 1.1 * EXPECTED, flow_gain=2.0)
-    assert judge(found(near, made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=0.2))).named == ()
+    assert judge(found(near, made(("parameter:flow_gain",), 1.1 * EXPECTED, flow_gain=0.2))).best.hypothesis.names == ()
 
 
 def test_strained_figures_leave_doubt():
@@ -131,7 +131,7 @@ def test_a_missing_resonance_is_not_called_a_delay():
     names, conditions = tuple(p.name for p in pieces), tuple(p.condition for p in pieces)
     search = Search(null, tuple(sorted(others, key=lambda f: f.cost)), expected, names, conditions)
     judged = judge(search)
-    assert judged.named == ("second_beam_mode",)
+    assert judged.best.hypothesis.names == ("second_beam_mode",)
     values = search.fits[0].values
     assert values["second_beam_mode.frequency_Hz"] == pytest.approx(190.0, rel=0.02)
     blind = replace(search, fits=tuple(f for f in search.fits if "second_beam_mode" not in f.hypothesis.names))

@@ -41,7 +41,7 @@ def diagnose(
     """Diagnose the gap between a prototype and its rig.
 
     Every cause that is known, alone and in pairs, is fitted to the records with the tolerances of the prototype; the
-    verdict is judged on records that no fit has seen. Exit status 0 whatever the verdict is. An interrupted run is
+    gap is measured on records that no fit has seen. Exit status 0 whatever the verdict is. An interrupted run is
     taken up where it stopped by the same command: finished fits are kept in the folder `fits` of the results.
     """
     from beamdesign.gap.data.dataset_index import index_of, kind_of

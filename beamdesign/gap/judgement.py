@@ -37,21 +37,10 @@ class Judgement:
     best: Fit
 
     @property
-    def named(self) -> tuple[str, ...]:
-        """Causes that are more probable than not, else those of the best fit."""
-        likely = tuple(name for name in self.names if self.cause(name) > 0.5 * (1 - self.unknown))
-        return likely if self.best.hypothesis.names and likely else self.best.hypothesis.names
-
-    @property
     def strained(self) -> tuple[str, ...]:
         """Tolerated figures that the best fit has moved further than anyone would believe: it may stand for another."""
         pairs = zip(self.best.unknowns, self.best.z, strict=True)
         return tuple(u.name for u, z in pairs if u.kind == "figure" and abs(z) > STRAINED)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All causes that are in some hypothesis."""
-        return tuple(sorted({name for h in self.of for name in h.names}))
 
     def cause(self, name: str) -> float:
         """Probability that a cause is at work, alone or with others."""

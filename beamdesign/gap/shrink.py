@@ -9,6 +9,7 @@ from beamdesign.gap.diagnosis import BandGap, Gap, RecordGap
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.hypothesis import NOTHING
+from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.prototype import Prototype
 
 CHANNEL = "displacement_m"
@@ -51,8 +52,8 @@ def errors(piece: RecordEvidence, prototype: Prototype, null: Fit, chosen: Fit) 
     rms = float(np.std(measured))
     plain = NOTHING.placement(prototype)
 
-    def error(placement: object, z: np.ndarray) -> np.ndarray:
-        found = piece.predicted(placement, z)  # type: ignore[arg-type]
+    def error(placement: Placement, z: np.ndarray) -> np.ndarray:
+        found = piece.predicted(placement, z)
         return (measured if found is None else measured - found[:, column]) / rms
 
     return Errors(

@@ -93,13 +93,6 @@ class Fit:
         deviation = np.sqrt(np.diag(self.covariance))
         return {u.name: abs(u.slope(z)) * float(s) for u, z, s in zip(self.unknowns, self.z, deviation, strict=True)}
 
-    def left_out(self, positions: Sequence[int]) -> float:
-        """Misfit of some of the evidence as predicted from all the rest, by one Newton step on the quadratics."""
-        out = [self.shares[k] for k in positions]
-        a = np.eye(len(self.z)) + sum(s.a for k, s in enumerate(self.shares) if k not in positions)
-        move = np.clip(np.linalg.solve(a, sum(s.g for s in out)), -_FURTHEST, _FURTHEST)
-        return float(sum(s.c + 2 * s.g @ move + move @ s.a @ move for s in out))
-
 
 def fit(
     hypothesis: Hypothesis,

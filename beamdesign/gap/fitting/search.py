@@ -15,6 +15,7 @@ from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, single
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.starts import resonances, starts
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
@@ -52,15 +53,6 @@ class Search:
         """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
         return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
 
-    def held_out(self, found: Fit) -> float:
-        """Misfit of every condition as predicted from all the others."""
-        if found.reason:
-            return np.inf
-        groups: dict[object, list[int]] = {}
-        for k, condition in enumerate(self.conditions):
-            groups.setdefault(condition, []).append(k)
-        return sum(found.left_out(group) for group in groups.values())
-
 
 @dataclass(frozen=True)
 class _Task:
@@ -90,10 +82,16 @@ def search(
         workers: processes.
         progress: told the share done and what is being fitted.
         kept: fits of an earlier run, where those of this one are kept as well.
+
+    Raises:
+        InputError: where the believed prototype's own loop is unstable as the records were taken.
     """
     with _Fitters(data, workers, kept) as fitters:
         progress(0.0, "tolerances")
         (null,) = fitters([_Task(NOTHING, {})])
+        if null.reason:
+            words = "its loop is unstable with the controllers and masses of the records, so that none can be simulated"
+            raise InputError(data.folder, [("prototype", words)])
         alone = singles(data.prototype)
         found = list(
             fitters(
