@@ -90,21 +90,30 @@ class BenchSensors(Record):
 class BenchTolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
-    flow_gain: NonNegative = 0.0
-    piston_area: NonNegative = 0.0
-    supply_pressure: NonNegative = 0.0
+    flow_gain: Annotated[
+        NonNegative, Field(description="relative standard deviation of the flow gain of the valve")
+    ] = 0.0
+    piston_area: Annotated[NonNegative, Field(description="relative standard deviation of the piston area")] = 0.0
+    supply_pressure: Annotated[NonNegative, Field(description="relative standard deviation of the supply pressure")] = (
+        0.0
+    )
 
 
 class BenchPrototype(Record):
     """An actuator on a test bench, in SI: what is built, measured and diagnosed without the beams."""
 
-    name: Annotated[str, Field(min_length=1)]
-    kind: Literal["actuator_bench"]
+    name: Annotated[str, Field(min_length=1, description="what the bench is called in tables and reports")]
+    kind: Annotated[
+        Literal["actuator_bench"], Field(description="kind of rig: a servovalve and its cylinder alone, in open loop")
+    ]
     actuator: BenchActuator
     servovalve: BenchServovalve
     sensors: BenchSensors = BenchSensors()
     tolerance: BenchTolerance = BenchTolerance()
-    effects: dict[str, dict[str, FiniteFloat]] = Field(default_factory=dict)
+    effects: dict[str, dict[str, FiniteFloat]] = Field(
+        default_factory=dict,
+        description="effects beyond the linear rig, [effects.NAME] each; see `beamdesign explain NAME`",
+    )
 
 
 KINDS: dict[str, type[Prototype] | type[BenchPrototype]] = {"twin_beam": Prototype, "actuator_bench": BenchPrototype}

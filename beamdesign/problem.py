@@ -85,14 +85,14 @@ class Safety(Record):
 class ControllerKind(Record):
     """Which controller the tuner is to find."""
 
-    kind: Literal["proportional", "lag"] = "lag"
+    kind: Annotated[Literal["proportional", "lag"], Field(description="law that the tuner works with")] = "lag"
     largest_inner_end_mass_kg: Annotated[NonNegative, Field(description="most mass the tuner may add inside")] = 6.0
 
 
 class DesignProblem(Record):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, Field(min_length=1, description="what the design is called in tables and reports")]
     load: Load
     sections: Sections = Sections()
     outer_beam: BeamProblem

@@ -19,7 +19,10 @@ FIT_M = 1e-9
 
 
 class Beam(Record):
-    """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
+    """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins.
+
+    Source: Zalucky and Hardt (1984), equation (5) for the effective mass.
+    """
 
     stiffness_N_per_m: Annotated[Positive | None, Field(description="tip stiffness K on the free length")] = None
     effective_mass_kg: Annotated[
@@ -71,7 +74,10 @@ class Actuator(Record):
 
 
 class Servovalve(Record):
-    """Second-order servovalve with leakage, equations (13) and (14)."""
+    """Second-order servovalve with leakage.
+
+    Source: Zalucky and Hardt (1984), equations (13) and (14).
+    """
 
     flow_gain_m3_per_s_per_A: Annotated[Positive, Field(lt=10, description="K_q, no-load flow gain")]
     leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-8, description="K_pq = K_q / K_p")]
@@ -103,14 +109,14 @@ class Sensor(Record):
 class Proportional(Record):
     """C(s) = 1."""
 
-    kind: Literal["proportional"] = "proportional"
+    kind: Annotated[Literal["proportional"], Field(description="which law, with its own figures")] = "proportional"
     gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain")]
 
 
 class Lag(Record):
     """C(s) = (1 + s / zero) / (1 + s / pole)."""
 
-    kind: Literal["lag"] = "lag"
+    kind: Annotated[Literal["lag"], Field(description="which law, with its own figures")] = "lag"
     gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain at zero frequency")]
     pole_Hz: Annotated[Positive, Field(description="lower break frequency")]
     zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
@@ -145,23 +151,42 @@ class Payload(Record):
 class Tolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
-    stiffness: NonNegative = 0.0
-    effective_mass: NonNegative = 0.0
-    beam_damping_ratio: NonNegative = 0.0
-    oil_stiffness: NonNegative = 0.0
-    piston_area: NonNegative = 0.0
-    flow_gain: NonNegative = 0.0
-    leakage: NonNegative = 0.0
-    valve_natural_frequency: NonNegative = 0.0
-    valve_damping_ratio: NonNegative = 0.0
-    sensor_gain: NonNegative = 0.0
-    sensor_filter: NonNegative = 0.0
-    outer_end_mass: NonNegative = 0.0
-    inner_end_mass: NonNegative = 0.0
+    stiffness: Annotated[
+        NonNegative, Field(description="relative standard deviation of the tip stiffness of either beam")
+    ] = 0.0
+    effective_mass: Annotated[
+        NonNegative, Field(description="relative standard deviation of the effective mass of either beam")
+    ] = 0.0
+    beam_damping_ratio: Annotated[
+        NonNegative, Field(description="relative standard deviation of the damping ratio of either beam")
+    ] = 0.0
+    oil_stiffness: Annotated[NonNegative, Field(description="relative standard deviation of the oil spring")] = 0.0
+    piston_area: Annotated[NonNegative, Field(description="relative standard deviation of the piston area")] = 0.0
+    flow_gain: Annotated[
+        NonNegative, Field(description="relative standard deviation of the flow gain of the valve")
+    ] = 0.0
+    leakage: Annotated[NonNegative, Field(description="relative standard deviation of the leakage of the valve")] = 0.0
+    valve_natural_frequency: Annotated[
+        NonNegative, Field(description="relative standard deviation of the valve's natural frequency")
+    ] = 0.0
+    valve_damping_ratio: Annotated[
+        NonNegative, Field(description="relative standard deviation of the valve's damping ratio")
+    ] = 0.0
+    sensor_gain: Annotated[NonNegative, Field(description="relative standard deviation of the gain of the sensor")] = (
+        0.0
+    )
+    sensor_filter: Annotated[
+        NonNegative, Field(description="relative standard deviation of the break frequency of the sensor's filter")
+    ] = 0.0
+    outer_end_mass: Annotated[NonNegative, Field(description="relative standard deviation of the outer end mass")] = 0.0
+    inner_end_mass: Annotated[NonNegative, Field(description="relative standard deviation of the inner end mass")] = 0.0
 
 
 class Goal(Record):
-    """What the closed loop is asked to do."""
+    """What the closed loop is asked to do.
+
+    Source: Zalucky and Hardt (1984), whose goal is -100 dB of inch per pound-force.
+    """
 
     compliance_m_per_N: Annotated[Positive, Field(description="limit of |x / F_d|")] = COMPLIANCE_LIMIT_M_PER_N
     peak_sensitivity: Annotated[Positive, Field(gt=1, description="limit of max |1 / (1 + L)|")] = 2.0
@@ -170,18 +195,23 @@ class Goal(Record):
 class Guarantee(Record):
     """What a certificate proves of this prototype."""
 
-    bandwidth_Hz: NonNegative
-    peak_sensitivity: Positive
-    outer_end_mass_kg: tuple[NonNegative, NonNegative]
-    certificate: str
-    certificate_sha256: str
+    bandwidth_Hz: Annotated[NonNegative, Field(description="up to which the compliance is proved to keep to its goal")]
+    peak_sensitivity: Annotated[Positive, Field(description="proved bound of max |1 / (1 + L)|")]
+    outer_end_mass_kg: Annotated[
+        tuple[NonNegative, NonNegative],
+        Field(description="range [least, most] of mass on the outer tip that it holds for"),
+    ]
+    certificate: Annotated[str, Field(description="file of the proof, beside the prototype")]
+    certificate_sha256: Annotated[str, Field(description="SHA-256 digest of that file")]
 
 
 class Prototype(Record):
     """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
 
-    name: Annotated[str, Field(min_length=1)]
-    kind: Literal["twin_beam"] = "twin_beam"
+    name: Annotated[str, Field(min_length=1, description="what the rig is called in tables and reports")]
+    kind: Annotated[
+        Literal["twin_beam"], Field(description="kind of rig: two beams with an actuator between their tips")
+    ] = "twin_beam"
     outer_beam: Beam
     inner_beam: Beam
     actuator: Actuator
@@ -193,7 +223,10 @@ class Prototype(Record):
     goal: Goal = Goal()
     tolerance: Tolerance = Tolerance()
     guarantee: Guarantee | None = None
-    effects: dict[str, dict[str, FiniteFloat]] = Field(default_factory=dict)
+    effects: dict[str, dict[str, FiniteFloat]] = Field(
+        default_factory=dict,
+        description="effects beyond the linear rig, [effects.NAME] each; see `beamdesign explain NAME`",
+    )
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:

@@ -43,44 +43,46 @@ class _Amplitude(Record):
 class Step(_Amplitude):
     """From zero to the amplitude along half a cosine, and back where it has a length."""
 
-    kind: Literal["step"] = "step"
-    at_s: NonNegative = 0.1
-    rise_s: Positive = 0.002
+    kind: Annotated[Literal["step"], Field(description="shape of the signal")] = "step"
+    at_s: Annotated[NonNegative, Field(description="when it begins")] = 0.1
+    rise_s: Annotated[Positive, Field(description="how long it takes to rise")] = 0.002
     length_s: Annotated[Positive | None, Field(description="after which it goes back to zero; none: it stays")] = None
 
 
 class Sine(_Amplitude):
     """A sine from time zero, faded in over a given time."""
 
-    kind: Literal["sine"] = "sine"
-    frequency_Hz: Positive
-    fade_s: NonNegative = 0.1
+    kind: Annotated[Literal["sine"], Field(description="shape of the signal")] = "sine"
+    frequency_Hz: Annotated[Positive, Field(description="of the sine")]
+    fade_s: Annotated[NonNegative, Field(description="over which it fades in; 0: at once")] = 0.1
 
 
 class Multisine(_Amplitude):
     """Equal lines at multiples of 1/duration within a band, with random phases; scaled to the amplitude as its peak."""
 
-    kind: Literal["multisine"] = "multisine"
-    low_Hz: Positive = 1.0
-    high_Hz: Positive = 100.0
-    seed: Annotated[int, Field(ge=0)] = 0
-    fade_s: NonNegative = 0.1
+    kind: Annotated[Literal["multisine"], Field(description="shape of the signal")] = "multisine"
+    low_Hz: Annotated[Positive, Field(description="lower end of the band")] = 1.0
+    high_Hz: Annotated[Positive, Field(description="upper end of the band")] = 100.0
+    seed: Annotated[int, Field(ge=0, description="of the random phases; the same seed gives the same signal")] = 0
+    fade_s: Annotated[NonNegative, Field(description="over which it fades in; 0: at once")] = 0.1
 
 
 class LoadSteps(_Amplitude):
     """One level after another, as shares of the amplitude, each reached along half a cosine."""
 
-    kind: Literal["load_steps"] = "load_steps"
-    levels: Annotated[tuple[FiniteFloat, ...], Field(min_length=1)] = (1.0, 0.0, -1.0, 0.0)
-    dwell_s: Positive = 0.5
-    rise_s: Positive = 0.01
+    kind: Annotated[Literal["load_steps"], Field(description="shape of the signal")] = "load_steps"
+    levels: Annotated[
+        tuple[FiniteFloat, ...], Field(min_length=1, description="one after another, as shares of the amplitude")
+    ] = (1.0, 0.0, -1.0, 0.0)
+    dwell_s: Annotated[Positive, Field(description="how long each level lasts")] = 0.5
+    rise_s: Annotated[Positive, Field(description="how long each change takes")] = 0.01
 
 
 class FromCsv(Record):
     """Measured inputs: a CSV file with uniform `t_s` and `disturbance_N`, `command_V` or both."""
 
-    kind: Literal["csv"] = "csv"
-    file: str
+    kind: Annotated[Literal["csv"], Field(description="shape of the signal")] = "csv"
+    file: Annotated[str, Field(description="CSV file, looked for beside the scenario")]
 
 
 Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discriminator="kind")]
@@ -89,18 +91,24 @@ Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discrimin
 class Sampled(Record):
     """A controller that works at sample times instead of continuously."""
 
-    period_s: Positive
-    delay_periods: Annotated[int, Field(ge=0, le=100)] = 0
+    period_s: Annotated[Positive, Field(description="from sample to sample; a whole multiple of sample_s")]
+    delay_periods: Annotated[int, Field(ge=0, le=100, description="how many periods late its output is")] = 0
     least_volt_V: Annotated[NonNegative, Field(description="step of the converter that reads the sensor")] = 0.0
 
 
 class Measurement(Record):
     """What the instruments add to the written channels (not to what the controller sees)."""
 
-    seed: Annotated[int, Field(ge=0)] = 0
-    disturbance_std_N: NonNegative = 0.0
-    current_std_A: NonNegative = 0.0
-    displacement_std_m: NonNegative = 0.0
+    seed: Annotated[int, Field(ge=0, description="of the random noise; the same seed gives the same noise")] = 0
+    disturbance_std_N: Annotated[
+        NonNegative, Field(description="standard deviation of the noise on the force channel")
+    ] = 0.0
+    current_std_A: Annotated[
+        NonNegative, Field(description="standard deviation of the noise on the current channel")
+    ] = 0.0
+    displacement_std_m: Annotated[
+        NonNegative, Field(description="standard deviation of the noise on the displacement channels")
+    ] = 0.0
     displacement_step_m: Annotated[NonNegative, Field(description="resolution; 0 for none")] = 0.0
 
 
@@ -109,10 +117,14 @@ class ScenarioRecord(Record):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="also of its CSV file")]
     input: Annotated[tuple[Input, ...], Field(description="signals that add up; none: nothing is done to the rig")] = ()
-    outer_end_mass_kg: NonNegative = 0.0
-    inner_end_mass_kg: Annotated[NonNegative | None, Field(description="none: that of the prototype's payload")] = None
+    outer_end_mass_kg: Annotated[NonNegative, Field(description="mass on the outer tip")] = 0.0
+    inner_end_mass_kg: Annotated[
+        NonNegative | None, Field(description="mass added to the inner tip; none: that of the prototype's payload")
+    ] = None
     preload_N: Annotated[FiniteFloat, Field(description="constant force on the outer tip, on top of the inputs")] = 0.0
-    controller: Annotated[Controller | None, Field(description="none: the prototype's")] = None
+    controller: Annotated[Controller | None, Field(description="the law during this record; none: the prototype's")] = (
+        None
+    )
     start_m: Annotated[
         NonNegative | None, Field(description="actuator bench: where the piston starts; none: at the retracted stop")
     ] = None
@@ -121,9 +133,9 @@ class ScenarioRecord(Record):
 class Scenario(Record):
     """Records to be made of one rig."""
 
-    name: str
-    duration_s: Annotated[Positive, Field(le=600)]
-    sample_s: Annotated[Positive, Field(ge=1e-5, le=0.01)] = 0.5e-3
+    name: Annotated[str, Field(description="what the scenario is called in tables")]
+    duration_s: Annotated[Positive, Field(le=600, description="length of every record")]
+    sample_s: Annotated[Positive, Field(ge=1e-5, le=0.01, description="from row to row of the records")] = 0.5e-3
     start: Annotated[
         Literal["rest", "loaded"], Field(description="rest: before the preload comes on; loaded: at rest under it")
     ] = "loaded"

@@ -72,16 +72,23 @@ class BenchSet:
 
 
 class _Entry(Record):
-    file: str
-    condition: Annotated[str, Field(min_length=1)]
-    replicate: Annotated[int, Field(ge=0)] = 1
+    file: Annotated[
+        str,
+        Field(
+            description="CSV file beside dataset.toml: t_s, command_V, displacement_m and the pressure of one chamber"
+        ),
+    ]
+    condition: Annotated[str, Field(min_length=1, description="what the runs that belong together have in common")]
+    replicate: Annotated[int, Field(ge=0, description="number of the run within its condition")] = 1
 
 
 class _File(Record):
-    name: str = "data set"
-    rig: str
-    prototype: str = "prototype.toml"
-    record: Annotated[tuple[_Entry, ...], Field(min_length=1)]
+    name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
+    rig: Annotated[str, Field(description="kind of rig it came from: actuator_bench")]
+    prototype: Annotated[str, Field(description="file of the model that was believed, beside dataset.toml")] = (
+        "prototype.toml"
+    )
+    record: Annotated[tuple[_Entry, ...], Field(min_length=1, description="one run out or back each")]
 
 
 def read_bench_set(folder: str | Path) -> BenchSet:

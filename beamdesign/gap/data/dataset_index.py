@@ -16,41 +16,50 @@ _ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it m
 class Taken(Record):
     """What every entry of a data set says of the rig at that time."""
 
-    outer_end_mass_kg: NonNegative = 0.0
-    inner_end_mass_kg: NonNegative = 0.0
+    outer_end_mass_kg: Annotated[NonNegative, Field(description="mass on the outer tip while it was taken")] = 0.0
+    inner_end_mass_kg: Annotated[NonNegative, Field(description="mass on the inner tip while it was taken")] = 0.0
 
 
 class TimeEntry(Taken):
     """A time record."""
 
-    file: str
+    file: Annotated[
+        str, Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m")
+    ]
     controller: Controller | None = None
 
 
 class ResponseEntry(Taken):
     """A frequency response."""
 
-    file: str
+    file: Annotated[
+        str, Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg")
+    ]
     controller: Controller | None = None
-    amplitude_N: Positive = 1.0
+    amplitude_N: Annotated[Positive, Field(description="amplitude of the force it was taken with")] = 1.0
 
 
 class GainEntry(Taken):
     """A critical gain."""
 
-    controller: dict[str, Any] | None = None
-    gain_A_per_V: Positive
-    relative_std: Annotated[Positive, Field(le=1)] = 0.03
-    frequency_Hz: Positive | None = None
-    predicted_gain_A_per_V: Positive | None = None
+    controller: Annotated[
+        dict[str, Any] | None,
+        Field(description="the law whose gain was raised, without the gain; none: the prototype's"),
+    ] = None
+    gain_A_per_V: Annotated[Positive, Field(description="gain at which sustained oscillation set in")]
+    relative_std: Annotated[Positive, Field(le=1, description="relative standard deviation of that gain")] = 0.03
+    frequency_Hz: Annotated[Positive | None, Field(description="frequency of the oscillation")] = None
+    predicted_gain_A_per_V: Annotated[Positive | None, Field(description="what its builders had predicted")] = None
 
 
 class Index(Record):
     """The whole file."""
 
-    name: str = "data set"
-    rig: str = "twin_beam"
-    prototype: str = "prototype.toml"
+    name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
+    rig: Annotated[str, Field(description="kind of rig it came from: twin_beam or actuator_bench")] = "twin_beam"
+    prototype: Annotated[str, Field(description="file of the model that was believed, beside dataset.toml")] = (
+        "prototype.toml"
+    )
     record: tuple[TimeEntry, ...] = ()
     frequency_response: tuple[ResponseEntry, ...] = ()
     critical_gain: tuple[GainEntry, ...] = ()

@@ -1,0 +1,308 @@
+"""Every key that may stand in a file, as the records and effects themselves tell it."""
+
+import difflib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from beamdesign.records import Record
+
+FILES = {
+    "prototype": "beamdesign.prototype:Prototype",
+    "study": "beamdesign.problem:DesignProblem",
+    "scenario": "beamdesign.scenario:Scenario",
+    "data set": "beamdesign.gap.data.dataset_index:Index",
+    "bench prototype": "beamdesign.bench_prototype:BenchPrototype",
+    "bench data set": "beamdesign.gap.bench.data:_File",
+}
+"""Kinds of file, each with the record that it is read as."""
+
+_TOKEN = r"(?:N|m|m2|m3|m6|kg|s|s2|Pa|A|V|Hz)"
+_SUFFIX = re.compile(rf"_({_TOKEN}(?:_(?:per_)?{_TOKEN})*)$")
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of one kind of file.
+
+    Attributes:
+        path: with dots, as error messages name it; lists of tables have no numbers in it.
+        file: a key of `FILES`.
+        meaning: in words.
+        kind: what may stand there, in words.
+        unit: SI; empty for text and tables, "1" for a ratio.
+        bounds: in words, empty where there are none.
+        default: what holds where it is absent, in words.
+        table: what the table it stands in describes.
+        source: of the definition; empty where there is none beside the meaning.
+        only_for: kinds of the table that have it; empty where all do.
+        is_table: whether it is a table (or a list of them) rather than a figure.
+    """
+
+    path: str
+    file: str
+    meaning: str
+    kind: str
+    unit: str
+    bounds: str
+    default: str
+    table: str
+    source: str = ""
+    only_for: tuple[str, ...] = ()
+    is_table: bool = False
+
+    @property
+    def name(self) -> str:
+        """The key itself, without its table."""
+        return self.path.rpartition(".")[2]
+
+    @property
+    def facts(self) -> tuple[Any, ...]:
+        """All that is told of it but where it stands."""
+        return (self.name, self.meaning, self.kind, self.unit, self.bounds, self.default, self.source, self.only_for)
+
+
+@dataclass(frozen=True)
+class EffectEntry:
+    """One effect of the library.
+
+    Attributes:
+        name: as prototypes spell it.
+        subsystem: where it sits.
+        meaning: in words.
+        source: of its law.
+        linear: what stands for it in proofs; empty where nothing does.
+        leaves_out: what of it the proofs do not cover.
+        rigs: kinds of prototype that have the ports it needs.
+        parameters: its figures.
+    """
+
+    name: str
+    subsystem: str
+    meaning: str
+    source: str
+    linear: str
+    leaves_out: str
+    rigs: tuple[str, ...]
+    parameters: tuple[Key, ...]
+
+
+@cache
+def keys() -> tuple[Key, ...]:
+    """All keys of all kinds of file, tables before what stands in them, effects last."""
+    found = []
+    for file, place in FILES.items():
+        module, name = place.split(":")
+        found += list(_walk(getattr(import_module(module), name), file))
+    return (*found, *(key for effect in effects() for key in effect.parameters))
+
+
+@cache
+def effects() -> tuple[EffectEntry, ...]:
+    """All effects in alphabetical order."""
+    from beamdesign.rig.assembly import RIGS
+    from beamdesign.rig.effects import library
+
+    found = []
+    for name, effect in library().items():
+        words = import_module(f"beamdesign.rig.effects.{name}").__doc__ or ""
+        rigs = tuple(kind for kind, rig in RIGS.items() if all(port in rig.ports for port in effect.laws))
+        parameters = tuple(
+            Key(
+                path=f"effects.{name}.{q.name}",
+                file="prototype",
+                meaning=q.meaning,
+                kind="a number",
+                unit=unit_of(q.name) or "1",
+                bounds=f"from {q.low:g} to {q.high:g}",
+                default=f"{q.default:g}",
+                table=_first_sentence(words),
+                source=effect.source,
+            )
+            for q in effect.parameters
+        )
+        linear, leaves_out = (effect.linear.covers, effect.linear.leaves_out) if effect.linear else ("", "")
+        meaning = " ".join(words.split())
+        found.append(EffectEntry(name, effect.subsystem, meaning, effect.source, linear, leaves_out, rigs, parameters))
+    return tuple(found)
+
+
+def find(word: str) -> tuple[Key, ...]:
+    """The keys that a word names: a whole path, the end of one, or a table, which gives the keys in it as well."""
+    known = keys()
+    word = word.strip("[]")
+    exact = [key for key in known if key.path == word or key.path.endswith("." + word)]
+    tables = {key.path for key in exact if key.is_table}
+    inside = [key for key in known if key.path.rpartition(".")[0] in tables and key not in exact]
+    return (*exact, *inside)
+
+
+def effect_named(word: str) -> EffectEntry | None:
+    """The effect of that name, also given as `effects.NAME`."""
+    return next((effect for effect in effects() if word.strip("[]").removeprefix("effects.") == effect.name), None)
+
+
+def words() -> tuple[str, ...]:
+    """All that can be asked for, each once: keys, tables and effects by name."""
+    names = [key.name for key in keys()] + [effect.name for effect in effects()]
+    return tuple(sorted(dict.fromkeys(names)))
+
+
+def nearest(word: str) -> tuple[str, ...]:
+    """Up to three known words that look like one that is not known, best first; paths where it has a dot."""
+    word = word.strip("[]")
+    known = sorted({key.path for key in keys()}) if "." in word else list(words())
+    close = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
+    return tuple(close or difflib.get_close_matches(word.rpartition(".")[2], words(), n=3, cutoff=0.5))
+
+
+def unit_of(name: str) -> str:
+    """SI unit that the suffix of a key states, such as m³/s/A; empty where it has none."""
+    found = _SUFFIX.search(name)
+    if found is None:
+        return ""
+    over, *under = found[1].split("_per_")
+    parts = [over.replace("_", " "), *(step for part in under for step in part.split("_"))]
+    return "/".join(parts).translate(str.maketrans("236", "²³⁶"))
+
+
+def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
+    table, source = _described(record)
+    for name, field in record.model_fields.items():
+        path = f"{prefix}{name}"
+        nested = _records(field.annotation)
+        if not nested:
+            yield Key(
+                path, file, field.description or "", _kind(field.annotation), _unit(name, field), _bounds(field),
+                _default(field), table, source,
+            )  # fmt: skip
+            continue
+        yield _table(path, file, field, nested, source)
+        inside: dict[str, list[tuple[str, Key]]] = {}
+        for each in nested:
+            tag = str(each.model_fields["kind"].default) if len(nested) > 1 else ""
+            for key in _walk(each, file, path + "."):
+                inside.setdefault(key.path, []).append((tag, key))
+        for tagged in inside.values():
+            yield from _merged(tagged, len(nested))
+
+
+def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], source: str) -> Key:
+    listed = get_origin(field.annotation) is tuple
+    told = [_described(each)[0] for each in nested]
+    meaning = field.description or "; or ".join(told)
+    default = "needed" if field.is_required() else "may be left out"
+    kind = "a list of tables" if listed else "a table"
+    if len(nested) > 1:
+        kind += ", kind one of " + ", ".join(str(each.model_fields["kind"].default) for each in nested)
+    return Key(path, file, meaning, kind, "", "", default, meaning, source, is_table=True)
+
+
+def _merged(tagged: list[tuple[str, Key]], kinds: int) -> Iterator[Key]:
+    """Keys of one path from several kinds of table: one where all is alike, else one for each that differs."""
+    groups: dict[tuple[Any, ...], list[tuple[str, Key]]] = {}
+    for tag, key in tagged:
+        groups.setdefault(() if key.name == "kind" else key.facts, []).append((tag, key))
+    for alike in groups.values():
+        tags, key = tuple(tag for tag, _ in alike), alike[0][1]
+        facts = key.__dict__ | {"only_for": tags if len(tags) < kinds else key.only_for}
+        if key.name == "kind" and kinds > 1:
+            facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": "needed"}
+        yield Key(**facts)
+
+
+def _records(annotation: Any) -> list[type[Record]]:
+    if isinstance(annotation, type) and issubclass(annotation, Record):
+        return [annotation]
+    return [record for part in get_args(annotation) for record in _records(part)]
+
+
+def _described(record: type[Record]) -> tuple[str, str]:
+    """What a record is in its first sentence, and the `Source:` that its docstring states."""
+    text = record.__doc__ or ""
+    source = re.search(r"Source: (.*?)(?:\n\s*\n|$)", text, flags=re.DOTALL)
+    return _first_sentence(text), " ".join(source[1].split()).rstrip(".") if source else ""
+
+
+def _first_sentence(text: str) -> str:
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".")
+
+
+def _kind(annotation: Any) -> str:
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _kind(parts[0])
+    if origin in (Union, UnionType):
+        return " or ".join(_kind(part) for part in parts if part is not NoneType)
+    if origin is Literal:
+        return ("one of " if len(parts) > 1 else "") + ", ".join(f'"{part}"' for part in parts)
+    if origin is tuple and Ellipsis in parts:
+        return f"a list of {_kind(parts[0]).removeprefix('a ')}s"
+    if origin is tuple:
+        return f"a list of {len(parts)} {_kind(parts[0]).removeprefix('a ')}s"
+    if origin is dict or annotation is dict:
+        return "a table"
+    return {float: "a number", int: "a whole number", str: "text", bool: "true or false"}.get(annotation, "a value")
+
+
+def _numeric(annotation: Any) -> bool:
+    return annotation is float or any(_numeric(part) for part in get_args(annotation))
+
+
+def _unit(name: str, field: FieldInfo) -> str:
+    if get_origin(field.annotation) is dict or not _numeric(field.annotation):
+        return ""
+    return unit_of(name) or "1"
+
+
+def _limits(annotation: Any) -> Iterator[Any]:
+    """What a type's annotations demand, at any depth."""
+    for part in get_args(annotation):
+        if isinstance(part, FieldInfo):
+            yield from part.metadata
+        elif hasattr(part, "__dataclass_fields__") and not isinstance(part, type):
+            yield part
+        else:
+            yield from _limits(part)
+
+
+def _bounds(field: FieldInfo) -> str:
+    low: list[tuple[float, str]] = []
+    high: list[tuple[float, str]] = []
+    for limit in (*field.metadata, *_limits(field.annotation)):
+        for side, word, into in (
+            ("gt", "above", low), ("ge", "at least", low), ("lt", "below", high), ("le", "at most", high)
+        ):  # fmt: skip
+            if (value := getattr(limit, side, None)) is not None:
+                into.append((float(value), f"{word} {value:g}"))
+    # The narrowest of each side; of equal ones the strict.
+    narrow = [max(low, key=lambda at: (at[0], at[1] == f"above {at[0]:g}"))[1]] if low else []
+    narrow += [min(high, key=lambda at: at[0])[1]] if high else []
+    return ", ".join(narrow)
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "needed"
+    value = field.get_default(call_default_factory=True)
+    if value is PydanticUndefined or value is None or value == () or value == {}:
+        return "none"
+    return shown(value)
+
+
+def shown(value: Any) -> str:
+    """A value as it would stand in TOML."""
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(shown(item) for item in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
