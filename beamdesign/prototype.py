@@ -19,10 +19,7 @@ FIT_M = 1e-9
 
 
 class Beam(Record):
-    """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins.
-
-    Source: Zalucky and Hardt (1984), equation (5) for the effective mass.
-    """
+    """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
 
     stiffness_N_per_m: Annotated[Positive | None, Field(description="tip stiffness K on the free length")] = None
     effective_mass_kg: Annotated[

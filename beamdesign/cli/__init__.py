@@ -9,9 +9,12 @@ from beamdesign.cli.certify import certify
 from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.codesign import codesign
+from beamdesign.cli.explain import explain
 from beamdesign.cli.front import front
 from beamdesign.cli.gap import gap
+from beamdesign.cli.group import INTERRUPTED, Commands, program
 from beamdesign.cli.limits import limits
+from beamdesign.cli.new import new
 from beamdesign.cli.paper import paper
 from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
@@ -20,28 +23,26 @@ from beamdesign.cli.size import size
 from beamdesign.cli.tune import tune
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     rich_markup_mode=None,  # plain help: rich would cost a third of its time
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Design actively straightened robot links: sections, controller, end mass, and proofs that they hold.",
 )
-for command in (
-    run,
-    size,
-    tune,
-    certify,
-    certify_box,
-    certify_switching,
-    codesign,
-    front,
-    remedies,
-    simulate,
-    limits,
-    paper,
-):
-    app.command(command.__name__.replace("_", "-"))(command)
-app.add_typer(gap, name="gap")
+app.callback()(program)
+PANELS = {
+    "Begin": (new, explain),
+    "Design": (run, size, tune, codesign, front, remedies),
+    "Prove": (certify, certify_box, certify_switching),
+    "Foresee": (simulate, limits),
+    "Source": (paper,),
+}
+"""Commands by the heading of the help that they stand under, in the order of a newcomer's way."""
+for panel, commands in PANELS.items():
+    for command in commands:
+        app.command(command.__name__.replace("_", "-"), rich_help_panel=panel)(command)
+app.add_typer(gap, name="gap", rich_help_panel="Built rigs")
 
 
 FAULT = 3
@@ -52,6 +53,9 @@ def main() -> None:
     """Run the command line; bad input ends with exit status 2 and one line per problem on stderr."""
     try:
         app()
+    except KeyboardInterrupt:  # outside of any command
+        print("beamdesign: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
     except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
         print(f"{error.filename or 'beamdesign'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(2)

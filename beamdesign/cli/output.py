@@ -1,4 +1,4 @@
-"""What every command prints and writes: tables for people, JSON for programs, ranges as LO:HI."""
+"""What every command prints and writes: tables for people unless hushed, JSON for programs, ranges as LO:HI."""
 
 import csv
 import io
@@ -6,7 +6,8 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
+from contextvars import ContextVar
 from dataclasses import asdict, is_dataclass
 from math import isfinite
 from pathlib import Path
@@ -62,8 +63,23 @@ RangeOption = Annotated[
 ]
 
 
+_hushed = ContextVar("hushed", default=False)
+
+
+def hush() -> None:
+    """Print nothing for people from here on: `--quiet`. Errors are raised, not said."""
+    _hushed.set(True)
+
+
+def speak() -> None:
+    """Undo `hush`."""
+    _hushed.set(False)
+
+
 def say(text: str) -> None:
     """Print a line for people. Where nobody reads on (`| head`), the work goes on without a word."""
+    if _hushed.get():
+        return
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -77,12 +93,15 @@ def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     from rich.table import Table
     from rich.text import Text
 
+    if _hushed.get():
+        return
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD)
     for column in columns:
         table.add_column(Text(column))
     for row in rows:
         table.add_row(*(Text(f"{cell:.4g}" if isinstance(cell, float) else str(cell)) for cell in row))
-    console = Console(highlight=False, file=sys.stdout)
+    plain = "NO_COLOR" in os.environ or not sys.stdout.isatty()
+    console = Console(highlight=False, file=sys.stdout, color_system=None if plain else "auto")
     with console.capture() as captured:
         console.print(table)
     say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
@@ -149,6 +168,8 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
 
 def progress(description: str) -> AbstractContextManager[Any]:
     """A bar on stderr for as long as a `with` block runs, which is given `update(share_done, words)`."""
+    if _hushed.get() or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        return nullcontext(lambda fraction, text="": None)
     from beamdesign.cli.progress import display
 
     return display(description)

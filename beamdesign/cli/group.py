@@ -1,0 +1,74 @@
+"""The manner of all commands together: what `--quiet` and an interruption mean, and the order of the help."""
+
+import sys
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from beamdesign.cli.output import hush, speak
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
+
+
+class Commands(TyperGroup):
+    """The commands of the program.
+
+    Options of the program itself are accepted after the name of a command as well, which is where people type them.
+    """
+
+    def __init__(self, **attributes: Any):
+        super().__init__(**attributes)
+        own = [parameter for parameter in self.params if parameter.name == "quiet"]
+        _extend(self, own)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the program's own options; what an earlier call in this process said is forgotten."""
+        speak()
+        return super().parse_args(ctx, args)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands under their headings, in the order in which they were added."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        commands = [(name, self.commands[name]) for name in self.list_commands(ctx) if not self.commands[name].hidden]
+        width = max(len(name) for name, _ in commands)
+        for name, command in commands:
+            heading = getattr(command, "rich_help_panel", None)
+            heading = heading if isinstance(heading, str) else "Further commands"
+            words = command.get_short_help_str(formatter.width - 6 - width)
+            panels.setdefault(heading, []).append((name.ljust(width), words))
+        for heading, rows in panels.items():
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; from the keyboard it can be interrupted, which takes one line and no traceback."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            name = ctx.invoked_subcommand
+            print(f"\r{ctx.info_name}{f' {name}' if name else ''}: interrupted", file=sys.stderr)
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def _extend(group: Any, parameters: list[Any]) -> None:
+    for command in getattr(group, "commands", {}).values():
+        command.params.extend(parameters)
+        _extend(command, parameters)
+
+
+def _hear(quiet: bool) -> None:
+    if quiet:
+        hush()
+
+
+def program(
+    quiet: Annotated[
+        bool,
+        typer.Option(
+            "--quiet", "-q", callback=_hear, is_eager=True, expose_value=False, help="Print nothing but errors."
+        ),
+    ] = False,
+) -> None:
+    """The program's own options, which `Commands` gives to every command too; its help is that of the app."""
