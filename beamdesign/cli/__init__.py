@@ -20,6 +20,7 @@ from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
 from beamdesign.cli.simulate import simulate
 from beamdesign.cli.size import size
+from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune
 
 app = typer.Typer(
@@ -43,6 +44,7 @@ for panel, commands in PANELS.items():
     for command in commands:
         app.command(command.__name__.replace("_", "-"), rich_help_panel=panel)(command)
 app.add_typer(gap, name="gap", rich_help_panel="Built rigs")
+app.add_typer(study, name="study")
 
 
 FAULT = 3

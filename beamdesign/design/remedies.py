@@ -252,3 +252,17 @@ def remedies(
         found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg))
     told(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
     return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved))
+
+
+def one_remedy(
+    problem: DesignProblem, number: int, outer_end_mass_kg: tuple[float, float], added_mass_kg: float
+) -> Remedy:
+    """One entry of `remedies`, by its place there; the scheduled lag starts from the one with more phase.
+
+    Raises:
+        IndexError: where there is no such remedy.
+    """
+    if number == len(FREEDOMS):
+        near = _remedy(problem, FREEDOMS[-1], outer_end_mass_kg, added_mass_kg)
+        return _scheduled(problem, outer_end_mass_kg, near.proved)
+    return _remedy(problem, FREEDOMS[number], outer_end_mass_kg, added_mass_kg)

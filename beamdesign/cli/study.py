@@ -1,0 +1,16 @@
+"""`beamdesign study`: sweeps over a study file, kept, resumed, shown and compared."""
+
+import typer
+
+from beamdesign.cli.study_run import run
+from beamdesign.cli.study_show import show
+from beamdesign.cli.study_status import status
+
+study = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Sweep, sample or optimise over any key of a study; nothing is computed twice, and a killed run goes on.",
+)
+for command in (run, status, show):
+    study.command(command.__name__)(command)

@@ -1,0 +1,82 @@
+"""Which code a task rests on: a digest of the source files that it can reach by imports.
+
+Only those files count, so that a change of the command line or of a report leaves results valid. Imports inside
+functions count too. Data files of the package (alloys, stock sizes) always count.
+"""
+
+import ast
+import hashlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+_PACKAGE = "beamdesign"
+_ROOT = Path(__file__).parents[1]
+_LIBRARIES = ("casadi", "cvxpy", "numpy", "python-flint", "scipy")
+
+
+@cache
+def code_digest(module: str) -> str:
+    """SHA-256 over the package's source files that a module reaches, in the order of their names.
+
+    Args:
+        module: dotted name, inside the package.
+    """
+    digest = hashlib.sha256()
+    data = sorted(path for path in _ROOT.rglob("*.toml") if "__pycache__" not in path.parts)
+    for path in (*reached(module), *data):
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0")
+        digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def reached(module: str) -> list[Path]:
+    """Source files that a module reaches by imports inside the package, itself included, sorted.
+
+    The package's own `__init__` only passes names on and is left out.
+    """
+    found: set[Path] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = _file_of(name)
+        if path is None or path in found or path == _ROOT / "__init__.py":
+            continue
+        found.add(path)
+        waiting += _imported(path)
+        while "." in (name := name.rpartition(".")[0]):  # a package's __init__ runs before its modules
+            waiting.append(name)
+    return sorted(found)
+
+
+def _file_of(name: str) -> Path | None:
+    """The file of a module of this package; None for a name inside a module and for other packages."""
+    head, *steps = name.split(".")
+    if head != _PACKAGE:
+        return None
+    path = _ROOT.joinpath(*steps)
+    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _imported(path: Path) -> list[str]:
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return names
+
+
+def libraries() -> dict[str, str]:
+    """Versions of the libraries that do the arithmetic; told with each result, not part of its address."""
+    found = {}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

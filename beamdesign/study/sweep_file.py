@@ -1,0 +1,182 @@
+"""The file of a sweep: what is computed, from which base, over which values."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, FiniteFloat
+
+from beamdesign import records
+from beamdesign.records import InputError, NonNegative, Positive, Problem, Record
+from beamdesign.study.document_keys import known_keys, wrong_key
+from beamdesign.study.tasks import TASKS, Task
+
+SAMPLED = ("latin_hypercube", "sobol")
+METHODS = ("grid", *SAMPLED, "optimise", "tolerance", "worst_case", "sensitivity")
+Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "worst_case", "sensitivity"]
+
+
+class Work(Record):
+    """What every case is put through."""
+
+    task: Annotated[str, Field(description="what is computed per case, one of beamdesign.study.tasks")]
+    base: Annotated[str, Field(min_length=1, description="study or prototype file, from this file's folder")]
+    method: Annotated[Method, Field(description="how the cases are chosen")] = "grid"
+    cases: Annotated[int, Field(ge=1, le=1_000_000, description="how many samples; of grids every point is taken")] = 64
+    seed: Annotated[int, Field(ge=0, description="of the samples and of the optimiser")] = 0
+
+
+class Along(Record):
+    """Values of a key that goes along with the varied one."""
+
+    values: Annotated[tuple[Any, ...] | None, Field(description="as many as the varied key has")] = None
+    times: Annotated[FiniteFloat | None, Field(description="factor on the varied key's value")] = None
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """One of the two."""
+        if (table.get("values") is None) == (table.get("times") is None):
+            yield Problem("", "give either values or times")
+
+
+class Vary(Record):
+    """One axis: values of a key, and of those that go along with it."""
+
+    key: Annotated[str, Field(min_length=1, description="dotted key, such as payload.outer_end_mass_kg[1]")]
+    values: Annotated[tuple[Any, ...] | None, Field(min_length=1, description="every value")] = None
+    low: Annotated[FiniteFloat | None, Field(description="least value")] = None
+    high: Annotated[FiniteFloat | None, Field(description="largest value")] = None
+    count: Annotated[int, Field(ge=2, le=100_000, description="how many from low to high, in a grid")] = 5
+    spacing: Annotated[Literal["linear", "logarithmic"], Field(description="of the values from low to high")] = "linear"
+    along: Annotated[dict[str, Along], Field(description="keys that change together with this one")] = Field(
+        default_factory=dict
+    )
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Values or a range; as many values along as there are here."""
+        ends = table.get("low"), table.get("high")
+        if table.get("values") is None:
+            if None in ends:
+                yield Problem("", "give values, or low and high")
+            elif (pair := records.numbers(table, "low", "high")) and pair[0] >= pair[1]:
+                yield Problem("low", f"{pair[0]:g} is not below high, {pair[1]:g}")
+            elif pair and table.get("spacing") == "logarithmic" and pair[0] <= 0:
+                yield Problem("low", f"must be greater than 0 where the spacing is logarithmic, is {pair[0]:g}")
+        elif ends != (None, None):
+            yield Problem("", "give either values, or low and high")
+        own, along = table.get("values"), table.get("along")
+        for name, other in along.items() if isinstance(along, Mapping) else ():
+            listed = other.get("values") if isinstance(other, Mapping) else None
+            if isinstance(listed, tuple) and (not isinstance(own, tuple) or len(own) != len(listed)):
+                wanted = f"{len(own)} values" if isinstance(own, tuple) else "times: there are no values to go along"
+                yield Problem(f"along.{name}", f"holds {len(listed)} values, expected {wanted}")
+
+
+class Optimise(Record):
+    """What the method `optimise` is after; cases are found by differential evolution over the varied ranges."""
+
+    output: Annotated[str, Field(min_length=1, description="column of the table")]
+    goal: Annotated[Literal["minimise", "maximise"], Field(description="which way")] = "minimise"
+    generations: Annotated[int, Field(ge=1, le=10_000)] = 20
+    population: Annotated[int, Field(ge=5, le=10_000, description="cases per generation")] = 16
+
+
+class Demand(Record):
+    """A limit of an output column: together they are the specification whose yield is told."""
+
+    at_least: FiniteFloat | None = None
+    at_most: FiniteFloat | None = None
+    equals: bool | str | None = None
+
+
+class Spread(Record):
+    """How figures spread about those of the base: its [tolerance], as standard deviations."""
+
+    sigmas: Annotated[Positive, Field(le=10, description="half-width of the box of a worst case")] = 3.0
+    confidence: Annotated[Positive, Field(lt=1, description="of the bounds on the yield")] = 0.95
+    output: Annotated[str | None, Field(description="column whose worst case is sought")] = None
+    worst: Annotated[Literal["least", "largest"], Field(description="which end of it is the bad one")] = "least"
+    rounds: Annotated[int, Field(ge=1, le=100, description="of the search for the worst case")] = 8
+    outputs: Annotated[tuple[str, ...], Field(description="columns whose sensitivity is told")] = ()
+    tolerance: Annotated[
+        dict[str, NonNegative], Field(description="relative standard deviations in place of the base's")
+    ] = Field(default_factory=dict)
+
+
+class Picture(Record):
+    """What is drawn of the finished table."""
+
+    kind: Literal["lines", "bars", "map", "lag_breaks", "end_masses", "histogram"]
+    x: str | None = None
+    y: str | None = None
+    series: str | None = None
+    title: str = ""
+    x_label: str = ""
+    y_label: str = ""
+    limit: FiniteFloat | None = None
+
+
+class Sweep(Record):
+    """A whole sweep file."""
+
+    name: Annotated[str, Field(min_length=1, pattern=r"^[^/\\]+$")]
+    study: Work
+    vary: tuple[Vary, ...] = ()
+    options: dict[str, Any] = Field(default_factory=dict)
+    optimise: Optimise | None = None
+    spread: Spread = Spread()
+    specification: dict[str, Demand] = Field(default_factory=dict)
+    picture: tuple[Picture, ...] = ()
+
+
+def read_sweep(path: str | Path) -> Sweep:
+    """Read a sweep file and check task, method and every key that it varies.
+
+    Raises:
+        InputError: naming file, key and reason of everything wrong with it.
+    """
+    sweep = records.parse(Sweep, records.read_table(path), path)
+    if problems := list(_problems(sweep)):
+        raise InputError(path, problems)
+    return sweep
+
+
+def task_of(sweep: Sweep) -> Task:
+    """The task that a checked sweep names."""
+    return TASKS[sweep.study.task]
+
+
+def _problems(sweep: Sweep) -> Iterator[Problem]:
+    task, method = TASKS.get(sweep.study.task), sweep.study.method
+    if task is None:
+        yield Problem("study.task", f"unknown task {sweep.study.task!r}; there are {', '.join(TASKS)}")
+        return
+    known = known_keys(task.record) | {f"options.{key}": size for key, size in known_keys(task.options).items()}
+    seen: set[str] = set()
+    for number, vary in enumerate(sweep.vary, 1):
+        for key in (vary.key, *vary.along):
+            where = f"vary {number}: {key}"
+            if reason := wrong_key(key, known):
+                yield Problem(where, reason)
+            elif key in seen:
+                yield Problem(where, "is varied twice")
+            seen.add(key)
+        if method == "optimise" and vary.values is not None:
+            yield Problem(f"vary {number}: {vary.key}", "an optimiser needs low and high, not values")
+    for name in sweep.options:
+        if reason := wrong_key(f"options.{name}", known):
+            yield Problem(f"options.{name}", reason.replace("options.", ""))
+    if method == "optimise" and (sweep.optimise is None or not sweep.vary):
+        yield Problem("optimise", "missing: which output to minimise or maximise, and at least one [[vary]]")
+    if method in ("tolerance", "worst_case", "sensitivity"):
+        if task.of != "prototype":
+            yield Problem("study.method", f"{method} needs a task on prototypes, {sweep.study.task} works on studies")
+        if sweep.vary:
+            yield Problem("vary", f"{method} varies the figures of [tolerance]; leave [[vary]] out")
+    elif not sweep.vary and method in SAMPLED:
+        yield Problem("vary", f"missing: {method} needs at least one key to vary")
+    if method == "worst_case" and sweep.spread.output is None:
+        yield Problem("spread.output", "missing: the column whose worst case is sought")
+    if method == "sensitivity" and not sweep.spread.outputs:
+        yield Problem("spread.outputs", "missing: the columns whose sensitivity is told")

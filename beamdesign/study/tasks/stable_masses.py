@@ -1,0 +1,24 @@
+"""Task `stable_masses`: which masses on the outer tip are stable, exactly, with the frequencies at the crossings."""
+
+from beamdesign.proof.certificate import certify
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.study.answer import Answer
+from beamdesign.study.tasks import RangeOptions
+from beamdesign.study.tasks.certify import need_controller
+
+
+def compute(prototype: Prototype, options: RangeOptions) -> Answer:
+    """Exact stable ranges of outer end mass of one prototype; none at all is a no."""
+    need_controller(prototype)
+    if options.from_kg >= options.to_kg:
+        raise InputError("options", [("from_kg", f"{options.from_kg:g} is not below to_kg, {options.to_kg:g}")])
+    found = certify(prototype, options.from_kg, options.to_kg)
+    ranges = found.stable_ranges_kg
+    outputs = {
+        "stable_from_kg": [low for low, _ in ranges],
+        "stable_to_kg": [high for _, high in ranges],
+        "crossings_kg": [crossing.value for crossing in found.crossings],
+        "crossing_frequencies_Hz": [crossing.frequency_Hz for crossing in found.crossings],
+    }
+    return Answer(outputs, {"method": found.method}, "" if ranges else found.stability.reason)
