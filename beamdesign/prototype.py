@@ -142,7 +142,7 @@ class Payload(Record):
             return
         pair = numbers({"least": bounds[0], "most": bounds[1]}, "least", "most")
         if pair and pair[0] > pair[1] >= 0:
-            yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}")
+            yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}; write [least, most]")
 
 
 class Tolerance(Record):
@@ -242,7 +242,7 @@ def read_prototype(path: str | Path) -> Prototype:
         InputError: naming file, key and reason of everything wrong with it.
     """
     table = records.read_table(path)
-    if table.get("kind", "twin_beam") != "twin_beam":
+    if table.get("kind", "twin_beam") != "twin_beam" and not str(table["kind"]).startswith("beamdesign."):
         raise records.InputError(
             path, [("kind", f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'")]
         )

@@ -1,6 +1,7 @@
 """Frozen, validated records and their TOML files: every figure in SI, its unit in the key."""
 
 import difflib
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
@@ -18,6 +19,8 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from beamdesign import file_remedy
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -187,6 +190,12 @@ _NOUNS = {
 }
 
 
+def _meant(given: Any, expected: str) -> str:
+    """Which of the expected words, in quotes, a misspelt one may be."""
+    close = difflib.get_close_matches(str(given), re.findall(r"'([^']+)'", expected), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
 def _reason(item: Any) -> str:
     """One validation error in words."""
     kind, context, given = item["type"], item.get("ctx", {}), item["input"]
@@ -207,11 +216,12 @@ def _reason(item: Any) -> str:
         case "string_too_short":
             return "must not be empty"
         case "literal_error":
-            return f"must be {context['expected']}, is {_shown(given)}"
+            return f"must be {context['expected']}, is {_shown(given)}{_meant(given, context['expected'])}"
         case "union_tag_not_found":
             return "missing kind"
         case "union_tag_invalid":
-            return f"kind must be one of {context['expected_tags']}, is {context['tag']!r}"
+            tags, tag = context["expected_tags"], context["tag"]
+            return f"kind must be one of {tags}, is {tag!r}{_meant(tag, tags)}"
     return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {_shown(given)}"
 
 
@@ -238,6 +248,8 @@ def parse(record: type[R], table: dict[str, Any], source: str | Path) -> R:
     try:
         return record.model_validate(_as_tuples(table))
     except ValidationError as error:
+        if told := file_remedy.wrong_kind(table, record.__name__, str(source)):
+            raise InputError(source, [Problem("(whole file)", told)]) from error
         raise InputError(source, _problems(error, record)) from error
 
 
@@ -248,12 +260,13 @@ def read_table(path: str | Path) -> dict[str, Any]:
         InputError: where the file cannot be read or is not TOML.
     """
     try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
+        raw = Path(path).read_bytes()
     except OSError as error:
-        raise InputError(path, [Problem("(file)", error.strerror or str(error))]) from error
+        raise InputError(path, [Problem("(file)", file_remedy.unreadable(Path(path), error))]) from error
+    try:
+        return tomllib.loads(raw.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, [Problem("(file)", f"not valid TOML: {error}")]) from error
+        raise InputError(path, [Problem("(file)", file_remedy.not_toml(raw, error))]) from error
 
 
 def read(record: type[R], path: str | Path) -> R:

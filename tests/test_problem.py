@@ -100,7 +100,7 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
         ({"outer_beam__free_length_m": None}, "outer_beam.free_length_m", "missing"),
         ({"safety__strength": 0.9}, "safety.strength", "must be at least 1, is 0.9"),
         ({"clearance__assembly_m": nan}, "clearance.assembly_m", "must be a finite number, is nan"),
-        ({"payload__outer_end_mass_kg": [6.8, 0]}, "payload.outer_end_mass_kg", "empty mass range: 6.8 is above 0.0"),
+        ({"payload__outer_end_mass_kg": [6.8, 0]}, "payload.outer_end_mass_kg", "empty mass range: 6.8 is above 0.0; write [least, most]"),
         (
             {"payload__outer_end_mass_kg": None},
             "payload.outer_end_mass_kg",
@@ -153,8 +153,10 @@ def test_all_errors_come_at_once():
 
 
 def test_a_prototype_is_no_study():
-    """A prototype given where a study is wanted says which tables are missing."""
+    """A prototype given where a study is wanted is told by its kind, not by a list of tables it lacks."""
     path = STUDY.parent / "prototypes" / "paper_remedy.toml"
     with pytest.raises(InputError) as caught:
         read_problem(path)
-    assert ("load", "missing") in caught.value.problems
+    ((key, reason),) = caught.value.problems
+    assert key == "(whole file)"
+    assert reason.startswith("is a prototype, where a study is expected")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, say, say_table, write_json
 from beamdesign.whole_file import write_whole
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 
 
 def certify(
-    prototype: Annotated[Path | None, typer.Argument(help="The prototype.toml to certify.")] = None,
+    prototype: Annotated[
+        Path | None, typer.Argument(autocompletion=toml_files, help="The prototype.toml to certify.")
+    ] = None,
     outer_end_mass: RangeOption = None,
     bandwidth_Hz: Annotated[
         float | None, typer.Option("--bandwidth-Hz", help="Claim the goal's compliance up to this frequency.")

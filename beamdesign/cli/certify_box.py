@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def certify_box(
-    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to certify.")],
+    prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml to certify.")],
     outer_end_mass: RangeOption = None,
     sigmas: Annotated[float, typer.Option(help="Standard deviations to either side of every figure.")] = 3.0,
     only: Annotated[

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, progress, say, write_json
 from beamdesign.whole_file import write_whole
 
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def certify_switching(
-    prototype: Annotated[Path, typer.Argument(help="The prototype.toml, with its controller.")],
+    prototype: Annotated[
+        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with its controller.")
+    ],
     outer_end_mass: RangeOption = None,
     rate: Annotated[
         float | None,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
@@ -19,7 +20,7 @@ from beamdesign.whole_file import write_whole
 
 
 def codesign(
-    study: Annotated[Path, typer.Argument(help="The study file with the design problem.")],
+    study: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The study file with the design problem.")],
     bandwidth_Hz: Annotated[float, typer.Option("--bandwidth-Hz", help="Bandwidth to guarantee, Hz.")],
     outer_end_mass: RangeOption = None,
     out: Annotated[

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_csv, write_json
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def _row(design: "Codesign") -> dict[str, Any]:
 
 
 def front(
-    study: Annotated[Path, typer.Argument(help="The study file with the design problem.")],
+    study: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The study file with the design problem.")],
     out: Annotated[
         Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for front.csv and the picture.")
     ],

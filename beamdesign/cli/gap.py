@@ -10,7 +10,7 @@ gap = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="Compare a built rig with its model: where they differ, why, and how far the difference closes.",
+    help="Compare a built rig with its model. Where they differ, why, and how far the difference closes.",
 )
 for command in (diagnose, predict, blindcheck):
     gap.command(command.__name__)(command)

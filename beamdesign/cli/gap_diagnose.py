@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import data_sets
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
@@ -23,7 +24,12 @@ _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printe
 
 
 def diagnose(
-    dataset: Annotated[Path, typer.Argument(help="Folder with dataset.toml, the prototype believed and CSV files.")],
+    dataset: Annotated[
+        Path,
+        typer.Argument(
+            autocompletion=data_sets, help="Folder with dataset.toml, the prototype believed and CSV files."
+        ),
+    ],
     out: Annotated[
         Path | None,
         typer.Option(

@@ -5,12 +5,21 @@ from typing import Annotated
 
 import typer
 
+from beamdesign.cli.completion import data_sets, toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 
 def predict(
-    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to simulate, with the effects it names.")],
-    dataset: Annotated[Path, typer.Argument(help="Folder with dataset.toml, the prototype believed and CSV files.")],
+    prototype: Annotated[
+        Path,
+        typer.Argument(autocompletion=toml_files, help="The prototype.toml to simulate, with the effects it names."),
+    ],
+    dataset: Annotated[
+        Path,
+        typer.Argument(
+            autocompletion=data_sets, help="Folder with dataset.toml, the prototype believed and CSV files."
+        ),
+    ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for one CSV file per record.")
     ],

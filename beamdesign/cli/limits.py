@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
 
 _SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -13,7 +14,9 @@ _AMPLITUDES_M = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3)
 
 
 def limits(
-    prototype: Annotated[Path, typer.Argument(help="The prototype.toml, with a controller.")],
+    prototype: Annotated[
+        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
+    ],
     payload: Annotated[
         float | None,
         typer.Option(metavar="KG", min=0.0, help="Mass on the outer tip; the prototype's largest payload by default."),

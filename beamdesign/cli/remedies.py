@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
@@ -20,7 +21,10 @@ from beamdesign.cli.output import (
 
 
 def remedies(
-    study: Annotated[Path, typer.Argument(help="The study file; its given sections are the ones to remedy.")],
+    study: Annotated[
+        Path,
+        typer.Argument(autocompletion=toml_files, help="The study file; its given sections are the ones to remedy."),
+    ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for remedies.csv and the picture.")
     ],

@@ -5,11 +5,14 @@ from typing import Annotated
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 
 def run(
-    study: Annotated[Path, typer.Argument(help="The study file, such as studies/prototype.toml.")],
+    study: Annotated[
+        Path, typer.Argument(autocompletion=toml_files, help="The study file, such as studies/prototype.toml.")
+    ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for the results; made if need be.")
     ],

@@ -5,17 +5,28 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
+from beamdesign.cli.completion import toml_files
+from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 
 def simulate(
-    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to simulate, with the effects it names.")],
-    scenario: Annotated[Path, typer.Option(help="What is done to it: a scenario file.")],
-    out: Annotated[Path, typer.Option(help="Folder for one CSV file and one picture per record, and records.html.")],
+    prototype: Annotated[
+        Path,
+        typer.Argument(autocompletion=toml_files, help="The prototype.toml to simulate, with the effects it names."),
+    ],
+    scenario: Annotated[Path, typer.Option(autocompletion=toml_files, help="What is done to it: a scenario file.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            callback=folder_to_write, help="Folder for one CSV file and one picture per record, and records.html."
+        ),
+    ],
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether to draw the records.")] = True,
     json: JsonOption = None,
 ) -> None:
-    """Simulate time records of a prototype: a twin beam with its controller in the loop, an actuator bench without.
+    """Simulate time records of a prototype.
+
+    A twin beam moves with its controller in the loop, an actuator bench without.
 
     A loop that diverges is an answer: it is told when and at what frequency, its record ends there, and the exit status
     is 1.

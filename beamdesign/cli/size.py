@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
@@ -18,7 +19,12 @@ _STUDY_TABLES = ("load", "sections", "clearance", "safety")
 
 
 def size(
-    study: Annotated[Path, typer.Argument(metavar="STUDY-OR-PROTOTYPE", help="A study file or a prototype.toml.")],
+    study: Annotated[
+        Path,
+        typer.Argument(
+            autocompletion=toml_files, metavar="STUDY-OR-PROTOTYPE", help="A study file or a prototype.toml."
+        ),
+    ],
     tip_force_N: Annotated[
         float | None,
         typer.Option("--tip-force-N", help=f"Load to check a prototype for; {DEFAULT_TIP_FORCE_N:g} by default."),

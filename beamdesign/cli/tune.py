@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
@@ -22,7 +23,7 @@ KINDS = ("lag", "proportional")
 
 
 def tune(
-    prototype: Annotated[Path, typer.Argument(help="The prototype.toml to tune.")],
+    prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml to tune.")],
     outer_end_mass: RangeOption = None,
     controller: Annotated[str, typer.Option(help="Kind of controller: " + " or ".join(KINDS) + ".")] = "lag",
     largest_inner_end_mass_kg: Annotated[
