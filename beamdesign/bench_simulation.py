@@ -50,7 +50,7 @@ def bench_start(prototype: BenchPrototype, start_m: float | None = None) -> np.n
     x["pressure_a_Pa"] = x["seen_a_Pa"] = pressure_a
     x["pressure_b_Pa"] = x["seen_b_Pa"] = pressure_b
     volts = (x["piston_m"] + prototype.sensors.displacement_zero_m) * bench_parameters(prototype)["sensor_gain"]
-    for name in ("filtered_V", "sensor_lag.lagged_V", "transport_delay.smooth_V"):
+    for name in ("filtered_V", "sensor_lag.lagged_V", "sensor_lag_second_order.lagged_V", "transport_delay.smooth_V"):
         if name in x:
             x[name] = volts
     return np.array(list(x.values()))

@@ -19,18 +19,18 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
     The parameters of a cause are those of the most probable fit that holds it.
     """
     fits = {f.hypothesis: f for f in (found.null, *found.fits) if not f.reason}
-    names = {name for h in judged.of for name in h.names}
+    names = {name for h in judged.of for name in h.causes}
     listed = []
     for name in names:
         probability = judged.cause(name)
-        if probability < LEAST_PROBABILITY and name not in judged.best.hypothesis.names:
+        if probability < LEAST_PROBABILITY and name not in judged.best.hypothesis.causes:
             continue
-        holder = fits[max((h for h in judged.of if name in h.names), key=lambda h: judged.of[h])]
+        holder = fits[max((h for h in judged.of if name in h.causes), key=lambda h: judged.of[h])]
         share = share_of(name, holder, found, fits)
         listed.append(
             Cause(name, subsystem(name), probability, share, parameters(name, holder), tuple(flags(name, holder)))
         )
-    responsible = judged.best.hypothesis.names
+    responsible = judged.best.hypothesis.causes
     return tuple(
         sorted(
             listed, key=lambda c: (c.name not in responsible, -c.share if c.name in responsible else 0, -c.probability)
@@ -40,7 +40,7 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
 
 def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit]) -> float:
     """Part of the explainable misfit that goes with a cause: what comes back when it alone is taken away."""
-    rest = Hypothesis(tuple(n for n in holder.hypothesis.names if n != name))
+    rest = holder.hypothesis.without(name)
     without = fits.get(rest) if rest != NOTHING else found.null
     left = found.excess(without) if without is not None else inf
     return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder))))
@@ -52,7 +52,7 @@ def parameters(name: str, holder: Fit) -> dict[str, Estimate]:
     if name.startswith(WRONG):
         keys = [figure for figure, key in TOLERANCE_OF.items() if key == name.removeprefix(WRONG)]
         return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}
-    prefix = name + "."
+    prefix = holder.hypothesis.realisation(name) + "."
     return {
         key.removeprefix(prefix): Estimate(value, errors[key])
         for key, value in holder.values.items()
@@ -63,9 +63,10 @@ def parameters(name: str, holder: Fit) -> dict[str, Estimate]:
 def flags(name: str, holder: Fit) -> list[str]:
     """Parameters at a bound, and tolerated figures that had to move far to make it fit."""
     said = []
+    prefix = holder.hypothesis.realisation(name) + "."
     for unknown, z in zip(holder.unknowns, holder.z, strict=True):
         low, high = unknown.bounds
-        if unknown.kind == "effect" and unknown.name.startswith(name + "."):
+        if unknown.kind == "effect" and unknown.name.startswith(prefix):
             # A parameter that may be none, and is, is no bound reached.
             at_low = z <= low + 1e-6 and not (unknown.linear and unknown.low == 0.0)
             if at_low or z >= high - 1e-6:
@@ -84,6 +85,6 @@ def classes(judged: Judgement) -> tuple[tuple[str, ...], ...]:
         total += probability / max(1e-12, 1 - judged.unknown)
         if total > 0.95:
             break
-    common = set.intersection(*(set(h.names) for h in kept))
-    rivals = sorted({str(Hypothesis(tuple(n for n in h.names if n not in common))) for h in kept})
+    common = set.intersection(*(set(h.causes) for h in kept))
+    rivals = sorted({str(Hypothesis(tuple(n for n in h.causes if n not in common))) for h in kept})
     return (tuple(rivals),) if len(rivals) > 1 else ()

@@ -12,7 +12,7 @@ from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.gap.fitting.kept_fits import KeptFits
-from beamdesign.gap.fitting.search import Progress, Search, search
+from beamdesign.gap.fitting.search import Progress, Search, refit, search
 from beamdesign.gap.judgement import Judgement, judge
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.where.locate import locate
@@ -43,16 +43,18 @@ def diagnose(
     data = examined.data
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    found = search(seen, workers, progress, kept)
+    found = search(data, workers, progress, kept)
     judged = judge(found)
     verdict = verdict_of(judged, examined.limits_confidence)
     best = judged.best if verdict != "unknown" else found.null
+    progress(0.97, "records held out")
+    tuned, outside = refit(seen, best, workers, kept) if kept_out else (found.null, best)
     ranked = causes(found, judged)
-    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.names)
+    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     progress(1.0, "where the gap lies")
-    where = locate(seen, found, best, evidence_of(seen), [c for c in ranked if c.name in chosen], judged.unknown)
+    where = locate(data, found, best, evidence_of(data), [c for c in ranked if c.name in chosen], judged.unknown)
     alone = record_evidence(data)
-    measured = gap([errors(piece, data.prototype, found.null, best) for piece in alone], kept_out)
+    measured = gap([errors(piece, data.prototype, tuned, outside) for piece in alone], kept_out)
     return Diagnosis(
         data.name,
         verdict,
@@ -63,10 +65,11 @@ def diagnose(
         where,
         measured,
         classes(judged),
-        next_experiment(seen, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
+        next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
         amended(data.prototype, best),
         examined.words,
         found,
+        (tuned, outside),
     )
 
 
@@ -83,7 +86,7 @@ def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
         return "ambiguous" if named else "unknown"
     if not named:
         return "no_gap"
-    return "effect" if judged.of[judged.best.hypothesis] >= CONFIDENT * (1 - judged.unknown) else "ambiguous"
+    return "effect" if judged.sure >= CONFIDENT * (1 - judged.unknown) else "ambiguous"
 
 
 def rivals(found: Search, judged: Judgement) -> list[Fit]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.search import Search
 from beamdesign.prototype import Prototype
 
@@ -172,7 +173,8 @@ class Diagnosis:
         next_experiment: where the verdict is not clear.
         prototype: believed one with the fitted figures and the chosen effects.
         warnings: about the data.
-        search: all fits.
+        search: all fits, to all of the data.
+        outside: tolerances alone and the chosen causes, fitted without the records that are held out.
     """
 
     name: str
@@ -188,3 +190,4 @@ class Diagnosis:
     prototype: Prototype
     warnings: tuple[str, ...] = ()
     search: Search | None = field(default=None, repr=False)
+    outside: tuple[Fit, Fit] | None = field(default=None, repr=False)

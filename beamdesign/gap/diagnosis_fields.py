@@ -57,10 +57,11 @@ def _hypotheses(found: Diagnosis) -> list[dict[str, Any]]:
     if found.search is None or isinstance(found, GainDiagnosis):
         return []
     judged = judge(found.search)
-    fits = {fit.hypothesis: fit for fit in (found.search.null, *found.search.fits)}
-    ranked = sorted(judged.of.items(), key=lambda item: -item[1])[:_LISTED]
+    ranked = list(judged.of_causes.items())[:_LISTED]
     return [
-        {"names": h.names, "probability": p, "share_left": found.search.excess(fits[h])} for h, p in ranked if p > 1e-6
+        {"names": names, "probability": p, "share_left": found.search.excess(found.search.best_of(names))}
+        for names, p in ranked
+        if p > 1e-6
     ]
 
 

@@ -12,6 +12,8 @@ from beamdesign.gap.fitting.search import Search
 
 EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
 """Prior odds of one more effect, and of one more plainly wrong figure, against none."""
+LAW_ODDS = log(0.33)
+"""Prior odds of another law for an effect than the usual one."""
 _NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
 _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
 _STEEP = 4.0
@@ -44,7 +46,20 @@ class Judgement:
 
     def cause(self, name: str) -> float:
         """Probability that a cause is at work, alone or with others."""
-        return sum(p for h, p in self.of.items() if name in h.names)
+        return sum(p for h, p in self.of.items() if name in h.causes)
+
+    @property
+    def of_causes(self) -> dict[tuple[str, ...], float]:
+        """Probability of every set of causes, whatever laws they follow; most probable first."""
+        sums: dict[tuple[str, ...], float] = {}
+        for hypothesis, p in self.of.items():
+            sums[hypothesis.causes] = sums.get(hypothesis.causes, 0.0) + p
+        return dict(sorted(sums.items(), key=lambda item: -item[1]))
+
+    @property
+    def sure(self) -> float:
+        """Probability of the causes of the best fit."""
+        return self.of_causes[self.best.hypothesis.causes]
 
 
 def evidence(found: Fit, spread: float) -> float:
@@ -63,7 +78,10 @@ def evidence(found: Fit, spread: float) -> float:
 
 def odds(hypothesis: Hypothesis) -> float:
     """Logarithm of the prior odds against no cause at all."""
-    return sum(FIGURE_ODDS if name.startswith(WRONG) else EFFECT_ODDS for name in hypothesis.names)
+    laws = sum(1 for name in hypothesis.names if name not in hypothesis.causes)
+    figures = sum(1 for name in hypothesis.names if name.startswith(WRONG))
+    effects = len(hypothesis.names) - figures
+    return effects * EFFECT_ODDS + figures * FIGURE_ODDS + laws * LAW_ODDS
 
 
 def judge(found: Search) -> Judgement:

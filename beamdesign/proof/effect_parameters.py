@@ -88,6 +88,16 @@ def _lag(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
     found.lags += ("lagging",)
 
 
+def _second_order_lag(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+    ratio = exact(own["damping_ratio"])
+    found.values["second_lag_frequency"] = 2 * ratio * exact(TWO_PI) * exact(own["break_Hz"])
+    found.values["second_lag_damping_ratio"] = ratio
+    found.leaves["lagging_twice"] = (
+        "1 + 2*second_lag_damping_ratio*s/second_lag_frequency + s**2/second_lag_frequency**2"
+    )
+    found.lags += ("lagging_twice",)
+
+
 def _delay(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
     found.delay = exact(own["delay_s"])
 
@@ -116,6 +126,7 @@ def _friction(found: Parameters, whole: Family, own: Mapping[str, float]) -> Non
 
 _LAWS: dict[str, Callable[[Parameters, Family, Mapping[str, float]], None]] = {
     "sensor_lag": _lag,
+    "sensor_lag_second_order": _second_order_lag,
     "transport_delay": _delay,
     "entrained_air": _air,
     "valve_hysteresis": _hysteresis,

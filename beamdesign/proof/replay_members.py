@@ -24,8 +24,8 @@ KIND = "beamdesign.members"
 VERSION = 1
 KNOWN = {
     "carrier_ripple", "current_saturation", "entrained_air", "joint_backlash", "mount_compliance",
-    "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag", "transport_delay",
-    "unequal_piston_areas", "uneven_leakage", "valve_deadband", "valve_hysteresis",
+    "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag", "sensor_lag_second_order",
+    "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband", "valve_hysteresis",
 }  # fmt: skip
 """Effects whose linear members are rebuilt here; of some, nothing is left in them but factors on the gain."""
 
@@ -211,6 +211,10 @@ def _rebuilt(table: dict[str, Any], frozen: Mapping[str, Mapping[str, str]]) -> 
     if "sensor_lag" in effects:
         rate = turn * effects["sensor_lag"]["break_Hz"]
         forward, around = forward * rate, around * (S + rate)
+    if "sensor_lag_second_order" in effects:
+        own = effects["sensor_lag_second_order"]
+        natural = 2 * turn * own["damping_ratio"] * own["break_Hz"]
+        forward, around = forward * natural**2, around * fmpq_poly([natural**2, 2 * own["damping_ratio"] * natural, 1])
     if "transport_delay" in effects:
         delay = effects["transport_delay"]["delay_s"]
         forward *= fmpq_poly([12, -6 * delay, delay**2])

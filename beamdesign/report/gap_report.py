@@ -11,6 +11,7 @@ from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.gains.classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
@@ -104,13 +105,13 @@ def gap_report_html(
 
 def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
     """Of all time records, those that no fit has seen first."""
-    fit = chosen_fit(found)
-    if data is None or found.search is None or fit is None or not data.records:
+    if data is None or found.outside is None or not data.records:
         return []
+    tuned, chosen = found.outside
     # What was left out of the diagnosis as unsound is not drawn either.
     used = {record.record for record in found.gap.records}
     sound = replace(data, records=tuple(record for record in data.records if record.name in used))
-    of_all = [errors(piece, data.prototype, found.search.null, fit) for piece in record_evidence(sound)]
+    of_all = [errors(piece, data.prototype, tuned, chosen) for piece in record_evidence(sound)]
     held_out = {record.record for record in found.gap.records if record.held_out}
     return sorted(of_all, key=lambda e: e.name not in held_out)
 
@@ -130,7 +131,7 @@ def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
     """The most probable sets of causes: names, probability, and what each leaves of the misfit."""
     if found.search is None:
         return []
-    fits = {str(fit.hypothesis): fit for fit in (found.search.null, *found.search.fits)}
+    fits = {str(fit.hypothesis): fit for fit in (*reversed(found.search.fits), found.search.null)}
     judged = found.ranked if isinstance(found, GainDiagnosis) else _judged(found.search)
     return [
         (name, p, f"{100 * p:.1f} %", f"{100 * max(0.0, found.search.excess(fits[name])):.3g} %")
@@ -147,7 +148,7 @@ def _measure(found: Diagnosis) -> str:
 
 
 def _judged(search: Search) -> tuple[tuple[str, float], ...]:
-    return tuple(sorted(((str(h), p) for h, p in judge(search).of.items()), key=lambda item: -item[1]))
+    return tuple((str(Hypothesis(causes)), p) for causes, p in judge(search).of_causes.items())
 
 
 def _compliance(

@@ -202,8 +202,8 @@ def chosen_fit(found: Diagnosis) -> Fit | None:
     if found.search is None:
         return None
     names = tuple(sorted(found.chosen))
-    fits = [found.search.null, *found.search.fits]
-    return next((fit for fit in fits if fit.hypothesis.names == names and not fit.reason), found.search.null)
+    fits = [found.search.null, *found.search.fits]  # the latter best first
+    return next((fit for fit in fits if fit.hypothesis.causes == names and not fit.reason), found.search.null)
 
 
 def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:

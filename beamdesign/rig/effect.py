@@ -130,6 +130,7 @@ class Effect:
         source: of the law.
         memory: those of its states that stay where they are while nothing moves (friction); they start at 0.
         linear: what stands for it in proofs; None where nothing does.
+        realises: the effect of which this is another law, so that a diagnosis names that one; empty where it is itself.
     """
 
     name: str
@@ -140,6 +141,7 @@ class Effect:
     source: str
     memory: tuple[str, ...] = ()
     linear: Linear | None = None
+    realises: str = ""
 
     @property
     def linear_with_load(self) -> bool:

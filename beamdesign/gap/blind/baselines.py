@@ -76,9 +76,10 @@ def greedy_bic(evidence: Sequence[RecordEvidence], data: Dataset, found: Search)
             break
         chosen, value = larger[int(np.argmin(values))], min(values)
     if len(chosen.hypothesis.names) < 2:
-        return list(chosen.hypothesis.names)
-    alone = {fit.hypothesis.names[0]: fit.cost for fit in found.fits if len(fit.hypothesis.names) == 1}
-    return sorted(chosen.hypothesis.names, key=lambda name: alone.get(name, np.inf))
+        return list(chosen.hypothesis.causes)
+    singles = sorted((fit for fit in found.fits if len(fit.hypothesis.names) == 1), key=lambda fit: -fit.cost)
+    alone = {fit.hypothesis.causes[0]: fit.cost for fit in singles}
+    return sorted(chosen.hypothesis.causes, key=lambda name: alone.get(name, np.inf))
 
 
 def _criterion(fit: Fit, evidence: Sequence[RecordEvidence], data: Dataset) -> float:

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
 from tempfile import TemporaryDirectory
@@ -166,7 +166,7 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: st
     if before.get("compared_by") == now.compares and before.get("fitted_by") == fitted_by and "baselines" in before:
         compared = before["baselines"]
     else:
-        compared = baselines(_seen(data, found), _search(data, found, kept))
+        compared = baselines(data, _search(data, found, kept))
     _write_predictions(place, data, found)
     return {
         "fits_made": made,
@@ -177,14 +177,8 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: st
     }
 
 
-def _seen(data: Dataset, found: Diagnosis) -> Dataset:
-    """The records that fits have seen."""
-    out = {record.record for record in found.gap.records if record.held_out}
-    return replace(data, records=tuple(record for record in data.records if record.name not in out))
-
-
 def _search(data: Dataset, found: Diagnosis, kept: KeptFits) -> Any:
-    return found.search if found.search is not None else search(_seen(data, found), 1, kept=kept)
+    return found.search if found.search is not None else search(data, 1, kept=kept)
 
 
 def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:

@@ -68,7 +68,7 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
     residual, tolerances = base
     names: list[str] = []
     columns: list[np.ndarray] = []
-    for name in library():
+    for name in (name for name, effect in library().items() if not effect.realises):
         change = _change(name, prototype, evidence, null, residual)
         if change is not None:
             names.append(name)

@@ -192,6 +192,6 @@ def _value(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, en
     return total
 
 
-def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -> float:
-    """Cost at z without a fit."""
-    return _value(evidence, placement, z, np.inf)
+def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
+    """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
+    return _value(evidence, placement, z, enough)

@@ -44,8 +44,21 @@ class Hypothesis:
         keys = [name.removeprefix(WRONG) for name in self.names if name.startswith(WRONG)]
         return tuple(figure for figure, key in TOLERANCE_OF.items() if key in keys)
 
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """The names with those of laws replaced by the effects that they realise."""
+        return tuple(sorted({cause(name) for name in self.names}))
+
+    def without(self, named: str) -> "Hypothesis":
+        """The rest, whichever law stands here for the cause named."""
+        return Hypothesis(tuple(name for name in self.names if cause(name) != named))
+
+    def realisation(self, named: str) -> str:
+        """The name that stands here for a cause."""
+        return next(name for name in self.names if cause(name) == named)
+
     def __str__(self) -> str:
-        return " + ".join(self.names) or "tolerances only"
+        return " + ".join(self.causes) or "tolerances only"
 
     def __or__(self, other: "Hypothesis") -> "Hypothesis":
         return together(*self.names, *other.names)
@@ -79,8 +92,14 @@ def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
 
 
 def pairs(of: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
-    """All pairs."""
-    return tuple(a | b for a, b in combinations(of, 2))
+    """All pairs of different causes."""
+    return tuple(a | b for a, b in combinations(of, 2) if not set(a.causes) & set(b.causes))
+
+
+def cause(name: str) -> str:
+    """What a diagnosis calls an effect of the library or a wrong figure: of several laws for one effect, the effect."""
+    effect = library().get(name)
+    return effect.realises or name if effect is not None else name
 
 
 def subsystem(name: str) -> str:

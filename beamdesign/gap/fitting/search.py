@@ -49,6 +49,14 @@ class Search:
     evidence: tuple[str, ...]
     conditions: tuple[object, ...] = field(repr=False)
 
+    def best_of(self, causes: tuple[str, ...]) -> Fit:
+        """The best fit of some causes, whatever laws they follow.
+
+        Raises:
+            StopIteration: where there is none.
+        """
+        return next(fit for fit in (self.null, *self.fits) if fit.hypothesis.causes == causes)
+
     def excess(self, found: Fit) -> float:
         """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
         return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
@@ -121,6 +129,23 @@ def search(
         return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.conditions)
 
 
+def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None) -> tuple[Fit, Fit]:
+    """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
+
+    Args:
+        data: what is left of those that the fit was made to.
+        best: the fit; another one begins with its figures, so that it ends at the same optimum where there are several.
+        workers: processes.
+        kept: fits of an earlier run.
+    """
+    with _Fitters(data, workers, kept) as fitters:
+        (null,) = fitters([_Task(NOTHING, {})])
+        if best.hypothesis == NOTHING:
+            return null, null
+        begun = fitters([_Task(best.hypothesis, null.values), _Task(best.hypothesis, best.values)])
+        return null, min(begun, key=lambda f: f.cost)
+
+
 def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all.
 
@@ -129,11 +154,11 @@ def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, 
     left = state.excess(state.fits[0])
     count = next(n for bound, n in _BEST_SINGLES if left <= bound)
     best = [f.hypothesis for f in state.fits if not f.reason][:count]
-    tried = dict.fromkeys(best[0] | other for other in alone if other != best[0])
-    tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects and other != one)
+    tried = dict.fromkeys(best[0] | other for other in alone if other.causes != best[0].causes)
+    tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects)
     if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
         tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
-    return tuple(pair for pair in tried if pair.effects)
+    return tuple(pair for pair in tried if pair.effects and len(pair.causes) == 2)
 
 
 def _parts(fits: Sequence[Fit]) -> list[_Task]:

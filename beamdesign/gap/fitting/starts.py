@@ -11,7 +11,7 @@ from beamdesign.gap.fitting.hypothesis import NOTHING
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
 from beamdesign.prototype import Prototype
 
-_DRAWS, _WIDTH = 8, 1.5  # of several new unknowns; in prior standard deviations
+_DRAWS, _WIDTH = 16, 2.2  # of several new unknowns; in prior standard deviations
 _ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
 _PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
@@ -34,32 +34,38 @@ def starts(
         peaks: frequencies (Hz) at which an effect with a resonance may have it.
         most: how many at most.
 
+    A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
+    where there is room for two starts, one of them begins with these figures as believed.
+
     Returns:
         (K,) z each; none where the model's loop is unstable at all of them.
     """
-    low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
-    base = np.array([_at(u, known) for u in placement.unknowns])
-    new = [k for k, u in enumerate(placement.unknowns) if u.name not in known]
-    trials = _trials(placement.unknowns, base, new, low, high)
-    trials += [np.clip(z, low, high) for z in _resonant(placement.unknowns, base, new, peaks)]
-    tried = [(misfit_at(evidence, placement, z), z) for z in trials]
-    stable = sorted((pair for pair in tried if np.isfinite(pair[0])), key=lambda pair: pair[0])
-    return [z for _, z in stable[:most]]
+    unknowns = placement.unknowns
+    low, high = (np.array(side) for side in zip(*(u.bounds for u in unknowns), strict=True))
+    bent = np.array([_at(u, known) for u in unknowns])
+    straight = np.where([u.kind == "figure" for u in unknowns], 0.0, bent)
+    new = [k for k, u in enumerate(unknowns) if u.name not in known]
+    families = []
+    for base in (bent, straight):
+        best: list[tuple[float, np.ndarray]] = []
+        for trial in [*_trials(unknowns, base, new), *_resonant(unknowns, base, new, peaks)]:
+            z = np.clip(trial, low, high)
+            enough = best[-1][0] if len(best) == most else np.inf
+            if (misfit := misfit_at(evidence, placement, z, enough)) < enough:
+                best = sorted([*best, (misfit, z)], key=lambda pair: pair[0])[:most]
+        families.append(best)
+    firsts = sorted((family[0] for family in families if family), key=lambda pair: pair[0])
+    others = sorted((pair for family in families for pair in family[1:]), key=lambda pair: pair[0])
+    return [z for _, z in [*firsts, *others][:most]]
 
 
 def _at(unknown: Unknown, known: Mapping[str, float]) -> float:
     return unknown.z(known[unknown.name]) if unknown.name in known else 0.0
 
 
-def _trials(
-    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], low: np.ndarray, high: np.ndarray
-) -> list[np.ndarray]:
-    """The base, also with tolerated figures as believed, draws of the new unknowns, and each new effect nearly absent.
-
-    A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not.
-    """
-    straight = np.where([u.kind == "figure" for u in unknowns], 0.0, base)
-    trials = [np.clip(base, low, high), np.clip(straight, low, high)]
+def _trials(unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int]) -> list[np.ndarray]:
+    """The base, draws of the new unknowns, and each new effect nearly absent."""
+    trials = [base]
     if not new:
         return trials
     weak = base.copy()
@@ -67,7 +73,7 @@ def _trials(
         u = unknowns[k]
         if u.linear:
             weak[k] = u.z(_WEAK * u.nominal)
-    trials.append(np.clip(weak, low, high))
+    trials.append(weak)
     if len(new) == 1:
         draws = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
     else:
@@ -75,7 +81,7 @@ def _trials(
     for row in draws:
         z = base.copy()
         z[list(new)] = row
-        trials.append(np.clip(z, low, high))
+        trials.append(z)
     return trials
 
 

@@ -145,10 +145,10 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
         amended(data.prototype, holder),
         data.warnings,
         found,
-        tuple((str(h), p) for h, p in of.items() if p >= listing.LEAST_PROBABILITY),
-        silent,
-        shares,
-        factor,
+        ranked=tuple((str(h), p) for h, p in of.items() if p >= listing.LEAST_PROBABILITY),
+        silent=silent,
+        shares=shares,
+        factor=factor,
         notes=notes_of(silent, shares, factor),
     )
 

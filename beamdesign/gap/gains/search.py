@@ -58,7 +58,8 @@ def search_few(
     if null.reason:
         return Search(null, (), expected, names, conditions), ()
     alone = {}
-    listed = [h for h in singles(prototype) if not among or h.names[0] in among]
+    own = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
+    listed = [h for h in own if not among or h.names[0] in among]
     for k, hypothesis in enumerate(listed):
         alone[hypothesis] = _fitted(hypothesis, null.values, evidence, prototype, 2)
         progress(_SINGLES * (k + 1) / len(listed), "single causes")

@@ -49,7 +49,7 @@ def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: flo
     """
     votes: dict[str, float] = {}
     if causes:
-        inside = [c for c in causes if c.name in chosen.hypothesis.names] or list(causes[:1])
+        inside = [c for c in causes if c.name in chosen.hypothesis.causes] or list(causes[:1])
         lead = inside[0]
         votes[lead.subsystem] = lead.probability
         for c in causes:
@@ -61,7 +61,7 @@ def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: flo
             votes[subsystem(names[0])] = 1.0
     total = max(sum(votes.values()), 1.0)
     votes = {name: value / total * (1 - unknown) for name, value in votes.items()}
-    named = ", ".join(chosen.hypothesis.names) or "no cause of the library"
+    named = ", ".join(chosen.hypothesis.causes) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
     return Opinion("the fits", votes, _POSTERIOR, text)
 
