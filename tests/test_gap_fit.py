@@ -8,7 +8,7 @@ from gap_sets import believed, measured, only, scenario
 
 from beamdesign.gap.amended import amended
 from beamdesign.gap.data.inputs import without_noise
-from beamdesign.gap.fitting.evidence import evidence_of
+from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
 from beamdesign.gap.fitting.search import search
@@ -112,6 +112,10 @@ class Straight:
     name: str = "straight"
     condition: object = None
     expected: float = 1.0
+    floor: float = 0.0
+
+    def error(self, residual: np.ndarray) -> float:
+        return 0.0
 
     def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray:
         return self.y - self.h @ z
@@ -211,3 +215,15 @@ def test_noise_of_a_force_sensor_is_no_force():
     found = without_noise(force + 0.5 * random.standard_normal(8000))
     assert np.std(found - force) < 0.25 * 0.5  # what is left of the noise is about the line
     np.testing.assert_array_equal(without_noise(np.zeros(100)), 0.0)
+
+
+def test_the_error_of_a_record_is_that_of_its_displacement(lagged):
+    """Parseval: over what is weighed, a displacement off by a factor is off by that factor less one, squared."""
+    piece = record_evidence(lagged)[0]
+    column = piece.weight.channels.index("displacement_m")
+    residual = np.zeros_like(piece.measured)
+    residual[:, column] = 0.1 * piece.measured[:, column]
+    assert piece.error(piece.weight(residual)) == pytest.approx(0.01, rel=1e-9)
+    others = np.copy(piece.measured)
+    others[:, column] = 0.0
+    assert piece.error(piece.weight(others)) == pytest.approx(0.0, abs=1e-15)

@@ -30,7 +30,7 @@ def made(names: tuple[str, ...], misfit: float, curvature: float = 100.0, **z: f
 
 def found(*fits: Fit) -> Search:
     null, *others = fits
-    return Search(null, tuple(sorted(others, key=lambda f: f.cost)), EXPECTED, ("record",), (0,))
+    return Search(null, tuple(sorted(others, key=lambda f: f.cost)), EXPECTED, ("record",))
 
 
 def test_marginal_likelihood_of_a_linear_model():
@@ -128,8 +128,8 @@ def test_a_missing_resonance_is_not_called_a_delay():
     null = fitted()
     others = [fitted("transport_delay"), fitted("sensor_lag"), fitted("second_beam_mode")]
     expected = sum(piece.expected for piece in pieces)
-    names, conditions = tuple(p.name for p in pieces), tuple(p.condition for p in pieces)
-    search = Search(null, tuple(sorted(others, key=lambda f: f.cost)), expected, names, conditions)
+    names = tuple(p.name for p in pieces)
+    search = Search(null, tuple(sorted(others, key=lambda f: f.cost)), expected, names)
     judged = judge(search)
     assert judged.best.hypothesis.names == ("second_beam_mode",)
     values = search.fits[0].values

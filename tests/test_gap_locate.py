@@ -30,7 +30,6 @@ def tuned(data) -> tuple[Search, Fit, tuple]:
         (),
         sum(e.expected for e in evidence),
         tuple(e.name for e in evidence),
-        tuple(e.condition for e in evidence),
     )
     return search, null, evidence
 

@@ -19,8 +19,9 @@ _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a litt
 _STEEP = 4.0
 STRAINED = 4.0
 """Tolerances by which no figure is off in a rig whose gap has been understood."""
-_SLIGHT = 0.5  # of the misfit of noise alone
-_MINOR = 0.03
+_SLIGHT = 1.0  # of the misfit of noise alone
+_FAINT = 0.75  # of the mean square of the sensor's noise
+_MINOR = 0.03  # of the gap
 _PLAIN = 8.0  # in cost: about three tolerances
 
 
@@ -88,10 +89,8 @@ def judge(found: Search) -> Judgement:
     """Weigh all fits of a search."""
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    costs = {f.hypothesis: f.cost for f in fits}
-    logs = np.array(
-        [evidence(f, spread) + odds(f.hypothesis) - _slight(f, costs, found.expected, spread) for f in fits]
-    )
+    by_hypothesis = {f.hypothesis: f for f in fits}
+    logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread) for f in fits])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[int(np.argmax(weights))]
@@ -101,23 +100,38 @@ def judge(found: Search) -> Judgement:
     )
 
 
-def _slight(found: Fit, costs: Mapping[Hypothesis, float], expected: float, spread: float) -> float:
+def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float) -> float:
     """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
 
     Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
-    counts by what its removal brings back, in misfit and in figures off their tolerances: `_SLIGHT` of the noise's own
-    misfit or more, and no less than `_MINOR` of the gap's. A wrong figure alone is told by how far off its tolerance
-    it is, so that what comes back need only be `_PLAIN`.
+    counts by what its removal brings back, see `_size`. A wrong figure alone is told by how far off its tolerance it
+    is, so that what comes back need only be `_PLAIN`.
     """
     cost = 0.0
-    least = max(_SLIGHT * expected, _MINOR * (costs[NOTHING] - expected))
-    for name in found.hypothesis.names:
-        rest = Hypothesis(tuple(n for n in found.hypothesis.names if n != name))
-        gained = costs.get(rest, np.inf) - found.cost
-        enough = _PLAIN if rest == NOTHING and name.startswith(WRONG) else least
-        if 0 < gained < np.inf:
-            cost += gained / (2 * spread) / (1 + (gained / enough) ** (2 * _STEEP))
+    for name in found.hypothesis.causes:
+        rest = fits.get(found.hypothesis.without(name))
+        if rest is None or (gained := rest.cost - found.cost) <= 0:
+            continue
+        plain = rest.hypothesis == NOTHING and name.startswith(WRONG)
+        size = gained / _PLAIN if plain else _size(found, rest, of)
+        cost += gained / (2 * spread) / (1 + size ** (2 * _STEEP))
     return cost
+
+
+def _size(found: Fit, rest: Fit, of: Search) -> float:
+    """How large the cause is that one fit has and another lacks; from 1 it is more than a small imperfection.
+
+    It is large if its removal brings back as much misfit as noise alone leaves, which counts every frequency alike, or
+    moves the displacement by about the noise of its sensor, which counts the largest motion; and no less than `_MINOR`
+    of the gap in the same measure: what the dominant cause leaves because it is another realisation is no second one.
+    """
+    misfit = (rest.cost - found.cost) / max(_SLIGHT * of.expected, _MINOR * (of.null.cost - of.expected))
+    moved = rest.error - found.error
+    if of.floor <= 0:
+        return misfit
+    if moved < -of.floor:  # it improves what hardly moves, and spoils what does
+        return 0.0
+    return max(misfit, moved / max(_FAINT * of.floor, _MINOR * (of.null.error - of.floor)))
 
 
 def _unknown(found: Search, best: Fit) -> float:

@@ -1,6 +1,7 @@
 """What was measured as evidence: time records here, critical gains and frequency responses in files of their own."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from beamdesign.gap.fitting.response_evidence import response_evidence
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.gap.fitting.weighting import SHARE, Weighting, weighting
 
+DISPLACEMENT = "displacement_m"
 ROUGH = 0.1
 """Relative error of a linear loop that stands for a rig with nonlinear laws."""
 
@@ -50,6 +52,30 @@ class RecordEvidence:
     def expected(self) -> float:
         """Misfit that noise alone leaves."""
         return self.weight.expected
+
+    @property
+    def floor(self) -> float:
+        """Mean square of the displacement's noise over that of the displacement, at the frequencies that count."""
+        column, count = self._displacement, len(self.record.times)
+        return float(self.weight.noise_std[column] ** 2 * count * self.weight.kept.sum() / self._power)
+
+    def error(self, residual: np.ndarray) -> float:
+        """Mean square of the displacement's error over that of the displacement, at the frequencies that count."""
+        return float(np.sum(np.abs(self._lines(residual)) ** 2) / self._power)
+
+    @cached_property
+    def _power(self) -> float:
+        return max(float(np.sum(np.abs(self._lines(self.weight(self.measured))) ** 2)), 1e-300)
+
+    @property
+    def _displacement(self) -> int:
+        return self.weight.channels.index(DISPLACEMENT)
+
+    def _lines(self, residual: np.ndarray) -> np.ndarray:
+        """(F,) spectrum of the displacement in what is weighed, m."""
+        column = self._displacement
+        real, imaginary = residual.reshape(2, -1, len(self.weight.channels))[:, :, column]
+        return (real + 1j * imaginary) / self.weight.scale[column]
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N, C) channels of the model."""

@@ -34,6 +34,15 @@ class Evidence(Protocol):
         """Misfit that noise alone leaves."""
         ...
 
+    @property
+    def floor(self) -> float:
+        """Mean square of the displacement's noise over that of the displacement; 0 for what is no record of it."""
+        ...
+
+    def error(self, residual: np.ndarray) -> float:
+        """Mean square of the displacement's error over that of the displacement; 0 for what is no record of it."""
+        ...
+
     def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(M,) measured less predicted; None where the model cannot say (its loop diverges)."""
         ...
@@ -45,11 +54,19 @@ class Evidence(Protocol):
 
 @dataclass(frozen=True)
 class Share:
-    """A quadratic in z that stands for one piece of evidence about a fit: c + 2 g'(z - z0) + (z - z0)' A (z - z0)."""
+    """A quadratic in z that stands for one piece of evidence about a fit: c + 2 g'(z - z0) + (z - z0)' A (z - z0).
+
+    Attributes:
+        c: misfit at the fit.
+        g: (K,) half its slope there.
+        a: (K, K) half its curvature.
+        error: of the displacement, see `Evidence.error`.
+    """
 
     c: float
     g: np.ndarray = field(repr=False)
     a: np.ndarray = field(repr=False)
+    error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,6 +93,11 @@ class Fit:
     def misfit(self) -> float:
         """Of the evidence alone."""
         return float(sum(share.c for share in self.shares)) if not self.reason else np.inf
+
+    @property
+    def error(self) -> float:
+        """Mean square errors of the displacement, all records together, each over its own mean square."""
+        return float(sum(share.error for share in self.shares)) if not self.reason else np.inf
 
     @property
     def values(self) -> dict[str, float]:
@@ -171,7 +193,7 @@ def _shares(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -
         r, j = found
         if not (np.abs(r).max() < _HUGE and np.abs(j).max() < _HUGE):  # a loop on the way to diverge
             return None
-        shares.append(Share(float(r @ r), j.T @ r, j.T @ j))
+        shares.append(Share(float(r @ r), j.T @ r, j.T @ j, piece.error(r)))
     return shares
 
 

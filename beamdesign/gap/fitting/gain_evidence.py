@@ -83,6 +83,15 @@ class GainEvidence:
             self._last[key] = onset(self.model(placement), z)
         return self._last[key]
 
+    @property
+    def floor(self) -> float:
+        """No record, so no displacement."""
+        return 0.0
+
+    def error(self, residual: np.ndarray) -> float:
+        """No record, so no displacement."""
+        return 0.0
+
     def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(1,) or (2,) measured less predicted."""
         at = self.predicted(placement, z)

@@ -52,8 +52,8 @@ class KeptFits:
                 unknowns = job.hypothesis.unknowns(self.prototype)
                 if str(held["reason"]):
                     return Fit(job.hypothesis, unknowns, reason=str(held["reason"]))
-                shares = zip(held["c"], held["g"], held["a"], strict=True)
-                found = tuple(Share(float(c), g, a) for c, g, a in shares)
+                shares = zip(held["c"], held["g"], held["a"], held["error"], strict=True)
+                found = tuple(Share(float(c), g, a, float(error)) for c, g, a, error in shares)
                 return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), found)
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # what is not there or not whole is made again
             return None
@@ -76,6 +76,7 @@ class KeptFits:
                 c=np.array([s.c for s in found.shares]),
                 g=np.array([s.g for s in found.shares]),
                 a=np.array([s.a for s in found.shares]),
+                error=np.array([s.error for s in found.shares]),
             )
         partial.replace(path)
 

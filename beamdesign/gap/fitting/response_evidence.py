@@ -77,6 +77,15 @@ class ResponseEvidence:
         found = self._solved(placement, z)
         return None if found is None else found[0]
 
+    @property
+    def floor(self) -> float:
+        """No record, so no displacement."""
+        return 0.0
+
+    def error(self, residual: np.ndarray) -> float:
+        """No record, so no displacement."""
+        return 0.0
+
     def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N,) or, with phase, (2 N,) measured less predicted, weighed."""
         found = self.predicted(placement, z)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import active_children
 from signal import SIG_IGN, SIGINT, signal
 
@@ -40,14 +40,14 @@ class Search:
         fits: all others, best first.
         expected: misfit that noise alone would leave.
         evidence: names of its pieces, in the order of `Fit.shares`.
-        conditions: of each.
+        floor: `Fit.error` that noise alone would leave.
     """
 
     null: Fit
     fits: tuple[Fit, ...]
     expected: float
     evidence: tuple[str, ...]
-    conditions: tuple[object, ...] = field(repr=False)
+    floor: float = 0.0
 
     def best_of(self, causes: tuple[str, ...]) -> Fit:
         """The best fit of some causes, whatever laws they follow.
@@ -112,7 +112,7 @@ def search(
             tuple(_sorted(found)),
             expected,
             tuple(e.name for e in fitters.evidence),
-            tuple(e.condition for e in fitters.evidence),
+            sum(e.floor for e in fitters.evidence),
         )
         if null.misfit > _SMALL * expected and state.excess(state.fits[0]) > _DONE:
             values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
@@ -126,7 +126,7 @@ def search(
             final = fitters(_Task(f.hypothesis, f.values) for f in best)
             found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
         progress(1.0, "done")
-        return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.conditions)
+        return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.floor)
 
 
 def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None) -> tuple[Fit, Fit]:

@@ -54,9 +54,9 @@ def search_few(
     progress(0.0, "tolerances")
     null = _fitted(NOTHING, {}, evidence, prototype, 1)
     expected = sum(piece.expected for piece in evidence)
-    names, conditions = tuple(e.name for e in evidence), tuple(e.condition for e in evidence)
+    names = tuple(e.name for e in evidence)
     if null.reason:
-        return Search(null, (), expected, names, conditions), ()
+        return Search(null, (), expected, names), ()
     alone = {}
     own = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
     listed = [h for h in own if not among or h.names[0] in among]
@@ -87,7 +87,7 @@ def search_few(
     for k, hopeful in enumerate(found):
         if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > leading - _HOPEFUL:
             found[k] = _fitted(hopeful.hypothesis, hopeful.values, evidence, prototype, 1)
-    return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names, conditions), silent
+    return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names), silent
 
 
 def log_posterior(found: Fit, spread: float = 1.0) -> float:
