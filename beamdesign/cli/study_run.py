@@ -44,6 +44,8 @@ def run(
     case has a result.
     """
     from beamdesign.records import InputError
+    from beamdesign.report.study_plot import draw
+    from beamdesign.study.conclusion import conclude, in_words, write_sensitivity
     from beamdesign.study.sweep_run import default_folder, plan, refused_alike, run_sweep
 
     if scheduler is not None and workers != 1:
@@ -58,8 +60,15 @@ def run(
         raise typer.Exit(INTERRUPTED) from None
     if reason := refused_alike(found.records):
         raise InputError(laid.path.parent / laid.sweep.study.base, [tuple(reason.split(": ", 1))])  # type: ignore[list-item]
+    conclusion = conclude(laid, found.records)
     _say(found, laid)
-    write_json(json, _fields(found, laid))
+    for line in in_words(conclusion, laid.sweep):
+        say(line)
+    pictures = draw(laid.sweep, found.records, conclusion, folder)
+    files = [*found.tables, *write_sensitivity(folder, conclusion), *pictures]
+    for path in files:
+        say(str(path))
+    write_json(json, _fields(found, laid) | {"files": files, "conclusion": conclusion})
     if not found.counts.get("done"):
         raise typer.Exit(1)
 
@@ -91,8 +100,6 @@ def _say(found: "SweepRun", laid: "Plan") -> None:
     if rows:
         more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
         say_table(f"without a result{more}", ("case", "status", "reason"), rows)
-    for path in found.tables:
-        say(str(path))
 
 
 def _varied(record: dict[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """Which code a task rests on: a digest of the source files that it can reach by imports.
 
 Only those files count, so that a change of the command line or of a report leaves results valid. Imports inside
-functions count too. Data files of the package (alloys, stock sizes) always count.
+functions count too, and so do the data files beside the modules (alloys, stock sizes).
 """
 
 import ast
@@ -23,8 +23,9 @@ def code_digest(module: str) -> str:
         module: dotted name, inside the package.
     """
     digest = hashlib.sha256()
-    data = sorted(path for path in _ROOT.rglob("*.toml") if "__pycache__" not in path.parts)
-    for path in (*reached(module), *data):
+    files = reached(module)
+    data = sorted({path for folder in {file.parent for file in files} for path in folder.glob("*.toml")})
+    for path in (*files, *data):
         digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0")
         digest.update(path.read_bytes() + b"\0")
     return digest.hexdigest()

@@ -114,6 +114,7 @@ class Picture(Record):
     title: str = ""
     x_label: str = ""
     y_label: str = ""
+    series_label: str = ""
     limit: FiniteFloat | None = None
 
 

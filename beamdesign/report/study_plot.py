@@ -1,0 +1,282 @@
+"""Pictures of a finished sweep, as its file asks for them: readable in grey, with units and limits."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beamdesign.records import InputError
+from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.study.document_keys import value_at
+from beamdesign.study.sweep_file import Picture, Sweep
+
+Row = Mapping[str, Any]
+
+
+def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Draw every picture that a sweep asks for into a folder, as PNG and SVG; none where no case has a result.
+
+    Raises:
+        InputError: where a picture names a column that is not there.
+    """
+    written: list[Path] = []
+    if not any(row["outputs"] for row in records):
+        return written
+    for number, asked in enumerate(sweep.picture):
+        figure = _KINDS[asked.kind](asked, records)
+        written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
+    if conclusion.get("sensitivity"):
+        written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
+    return written
+
+
+def value_of(row: Row, name: str) -> Any:
+    """A column of a row: an output, a varied key, an option, or any key of its document."""
+    if name in row["outputs"]:
+        return row["outputs"][name]
+    if name in row["varied"]:
+        return row["varied"][name]
+    return value_at({**row["document"], "options": row["options"]}, name)
+
+
+def _need(asked: Picture, records: Sequence[Row], *roles: str) -> list[str]:
+    """Names of the columns of a picture.
+
+    Raises:
+        InputError: where one is not named or no row has it.
+    """
+    names, problems = [], []
+    for role in roles:
+        name = getattr(asked, role)
+        if name is None:
+            problems.append((f"picture.{role}", f"missing: a picture of kind {asked.kind!r} needs it"))
+        elif all(value_of(row, name) is None for row in records):
+            problems.append((f"picture.{role}", f"no case has {name}"))
+        names.append(name)
+    if problems:
+        raise InputError("picture", problems)
+    return names
+
+
+def _finish(axes: Axes, asked: Picture, x: str, y: str) -> None:
+    axes.set_xlabel(asked.x_label or words(x))
+    axes.set_ylabel(asked.y_label or words(y))
+    axes.set_title(asked.title)
+    axes.grid(True, color="0.9")
+
+
+_UNIT = re.compile(
+    r"(?P<stem>.+)_(?P<unit>(kg|Hz|mm|m[23]?|N|Pa|V|A|s|W|deg)(_per_(kg|Hz|mm|m[23]?|N|Pa|V|A|s|percent))*)"
+)
+
+
+def words(name: str) -> str:
+    """A column's name as a label: words, a comma, the unit."""
+    last = name.rpartition(".")[2].partition("[")[0]
+    parts = _UNIT.fullmatch(last)
+    if parts is None:
+        return last.replace("_", " ")
+    return f"{parts['stem'].replace('_', ' ')}, {parts['unit'].replace('_per_', '/')}"
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by the value of the series' column, in order of first appearance."""
+    found: dict[str, list[Row]] = {}
+    for row in records:
+        label = asked.series_label or words(asked.series or "")
+        name = "" if asked.series is None else f"{label}: {_text(value_of(row, asked.series))}"
+        found.setdefault(name, []).append(row)
+    return found
+
+
+def _lines(asked: Picture, records: Sequence[Row]) -> Figure:
+    x, y = _need(asked, records, "x", "y")
+    figure = new_figure()
+    axes = figure.add_subplot()
+    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+        there = [(value_of(row, x), value_of(row, y)) for row in rows if value_of(row, y) is not None]
+        style: dict[str, Any] = STYLES[k % len(STYLES)]
+        axes.plot(
+            *zip(*sorted(there), strict=True) if there else ((), ()), marker="o", ms=4, label=name or None, **style
+        )
+    missing = [value_of(row, x) for row in records if value_of(row, y) is None]
+    if missing:
+        axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
+    if asked.limit is not None:
+        axes.axhline(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=f"limit {asked.limit:g}")
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend()
+    _finish(axes, asked, x, y)
+    return figure
+
+
+def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
+    x, y = _need(asked, records, "x", "y")
+    names = [_text(value_of(row, x)) for row in records]
+    heights = [value_of(row, y) or 0.0 for row in records]
+    figure = new_figure(height_mm=30 + 9 * len(names))
+    axes = figure.add_subplot()
+    bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
+    labels = [
+        f"{h:.4g}" if value_of(row, y) is not None else "no answer" for h, row in zip(heights, records, strict=True)
+    ]
+    axes.bar_label(bars, labels, padding=4)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlim(0, max([*heights, 1e-12]) * 1.2)
+    if asked.limit is not None:
+        axes.axvline(asked.limit, color="black", linestyle=(0, (1, 1)))
+    _finish(axes, asked, y, x)
+    axes.set_xlabel(asked.x_label or words(y))
+    axes.set_ylabel("")
+    axes.grid(False, axis="y")
+    return figure
+
+
+def _map(asked: Picture, records: Sequence[Row]) -> Figure:
+    """Value of a column over two varied keys: `series` names the value here; a cross is a no."""
+    x, y, value = _need(asked, records, "x", "y", "series")
+    there = [row for row in records if isinstance(value_of(row, value), int | float)]
+    figure = new_figure()
+    axes = figure.add_subplot()
+    shown = axes.scatter(
+        [value_of(row, x) for row in there],
+        [value_of(row, y) for row in there],
+        c=[float(value_of(row, value)) for row in there],
+        cmap="gray_r",
+        edgecolor="black",
+        marker="s",
+        s=60,
+    )
+    no = [row for row in records if row not in there]
+    axes.plot([value_of(row, x) for row in no], [value_of(row, y) for row in no], "x", color="0.4", label="no")
+    figure.colorbar(shown, label=words(value))
+    if no:
+        axes.legend()
+    _finish(axes, asked, x, y)
+    return figure
+
+
+_SHADES = ("0.9", "0.75", "0.6", "0.45", "0.3")
+
+
+def _bands(axes: Axes, rows: Sequence[Row], x: str, low: str, high: str, style: Mapping[str, Any], shade: str) -> None:
+    """Stretches between lists of lower and upper ends over x, filled; the k-th of neighbours belong together."""
+    ordered = sorted(rows, key=lambda row: float(value_of(row, x)))
+    most = max((len(value_of(row, low) or ()) for row in ordered), default=0)
+    for k in range(most):
+        ends: list[tuple[float, float, float]] = []
+        for row in [*ordered, None]:
+            listed = [] if row is None else list(zip(value_of(row, low) or (), value_of(row, high) or (), strict=True))
+            if row is not None and len(listed) > k:
+                ends.append((float(value_of(row, x)), *listed[k]))
+                continue
+            if ends:
+                at, bottom, top = zip(*ends, strict=True)
+                axes.fill_between(at, bottom, top, color=shade, linewidth=0)
+                axes.plot(at, bottom, **style)
+                axes.plot(at, top, **style)
+            ends = []
+
+
+def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
+    """Stable zeros over the pole, per gain; every edge is exact at each pole, and joined by straight lines."""
+    (x,) = _need(asked, records, "x")
+    figure = new_figure()
+    axes = figure.add_subplot()
+    highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
+    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+        style: dict[str, Any] = STYLES[k % len(STYLES)]
+        _bands(axes, rows, x, "stable_zero_from_Hz", "stable_zero_to_Hz", style, _SHADES[k % len(_SHADES)])
+        axes.plot([], [], label=name or "edge of the stable region", **style)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
+    axes.legend(loc="lower right")
+    _finish(axes, asked, x, "zero frequency, Hz")
+    axes.set_ylabel(asked.y_label or "zero frequency, Hz")
+    return figure
+
+
+def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
+    """Stable outer masses over the inner one, and the frequencies at which the loop oscillates at the edges."""
+    (x,) = _need(asked, records, "x")
+    figure = new_figure(height_mm=150)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    _bands(upper, records, x, "stable_from_kg", "stable_to_kg", STYLES[0], "0.85")
+    for row in records:
+        masses, frequencies = row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ())
+        for mass, frequency in zip(masses, frequencies, strict=True):
+            if frequency is not None:
+                lower.plot(
+                    value_of(row, x), frequency, marker="o" if mass < 5 else "s", ms=4, color="black", mfc="white"
+                )
+    lower.plot([], [], "o", color="black", mfc="white", label="crossing below 5 kg on the outer tip")
+    lower.plot([], [], "s", color="black", mfc="white", label="crossing at 5 kg and more")
+    lower.legend()
+    if asked.limit is not None:
+        upper.axhline(asked.limit, color="black", linestyle="--", label=f"largest payload, {asked.limit:g} kg")
+        upper.legend()
+    _finish(upper, asked, "", "")
+    upper.set_xlabel("")
+    upper.set_ylabel(asked.y_label or "mass on the outer tip, kg")
+    lower.set_xlabel(asked.x_label or words(x))
+    lower.set_ylabel("frequency, Hz")
+    lower.grid(True, color="0.9")
+    return figure
+
+
+def _histogram(asked: Picture, records: Sequence[Row]) -> Figure:
+    (x,) = _need(asked, records, "x")
+    values = [value_of(row, x) for row in records if isinstance(value_of(row, x), int | float)]
+    figure = new_figure(height_mm=90)
+    axes = figure.add_subplot()
+    axes.hist(values, bins=max(5, round(len(values) ** 0.5)), color="0.75", edgecolor="black")
+    if asked.limit is not None:
+        axes.axvline(asked.limit, color="black", linestyle="--", label=f"limit {asked.limit:g}")
+        axes.legend()
+    _finish(axes, asked, x, "samples")
+    return figure
+
+
+def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
+    """First-order and total indices of each output, with their half-widths of 95 %."""
+    outputs = list(dict.fromkeys(row["output"] for row in found if "total" in row))
+    figures = list(dict.fromkeys(row["figure"] for row in found))
+    figure = new_figure(height_mm=40 + 8 * len(figures) * max(1, len(outputs)))
+    for number, output in enumerate(outputs):
+        axes = figure.add_subplot(max(1, len(outputs)), 1, number + 1)
+        rows = [row for row in found if row["output"] == output]
+        for shift, name, colour in ((-0.2, "first_order", "0.8"), (0.2, "total", "0.4")):
+            axes.barh(
+                [k + shift for k in range(len(rows))],
+                [row[name] for row in rows],
+                0.38,
+                xerr=[row[f"{name}_half_width"] for row in rows],
+                color=colour,
+                edgecolor="black",
+                label=name.replace("_", "-"),
+            )
+        axes.set_yticks(range(len(rows)), [row["figure"] for row in rows], fontsize=7)
+        axes.invert_yaxis()
+        axes.set_xlabel(f"share of the variance of: {words(output)} (sampled, bars of 95 %)")
+        axes.axvline(0, color="black", linewidth=0.8)
+        axes.legend()
+    return figure
+
+
+_KINDS: dict[str, Callable[[Picture, Sequence[Row]], Figure]] = {
+    "lines": _lines,
+    "bars": _bars,
+    "map": _map,
+    "lag_breaks": _lag_breaks,
+    "end_masses": _end_masses,
+    "histogram": _histogram,
+}
