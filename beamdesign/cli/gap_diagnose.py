@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -62,24 +61,16 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     from beamdesign.gap.data.dataset import read_dataset
     from beamdesign.gap.designer_terms import designer_terms, loop_terms
     from beamdesign.gap.diagnose import diagnose as engine
-    from beamdesign.gap.diagnosis import Diagnosis
-    from beamdesign.gap.examination.plausibility import examine
     from beamdesign.gap.fitting.kept_fits import kept_fits
-    from beamdesign.gap.gains.classes import explain_gains
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.study.redesign import redesign
 
     data = read_dataset(dataset)
     kept = kept_fits(folder / "fits", data)
     renewed = None
-    found: Diagnosis
     try:
         with progress("diagnosing") as update:
-            if data.records:
-                found = engine(data, workers, update, kept)
-            else:
-                examined = examine(data)
-                found = explain_gains(replace(examined.data, warnings=examined.words), update)
+            found = engine(data, workers, update, kept)
         say_diagnosis(found)
         terms = designer_terms(data, found.prototype)
         if renew:
@@ -155,6 +146,11 @@ def say_diagnosis(found: "Diagnosis") -> None:
     _say_gap(found)
     for words in getattr(found, "notes", ()):
         say(words)
+    told = found.separability
+    for alike in told.classes if told is not None else ():
+        say(f"known before any fit: these data cannot tell apart {', '.join(alike)}")
+    if told is not None and told.invisible:
+        say(f"known before any fit: these data cannot show {', '.join(told.invisible)}")
     for rivals in found.classes:
         say(f"these data cannot tell apart: {'; '.join(rivals)}")
     if found.next_experiment is not None:

@@ -13,7 +13,9 @@ from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
+from beamdesign.gap.gains.classes import explain_gains
 from beamdesign.gap.judgement import Judgement, judge
+from beamdesign.gap.separability import indistinguishable
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.where.locate import locate
 from beamdesign.gap.wording import sentences
@@ -30,6 +32,9 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose the gap between a prototype and its rig.
 
+    Time records, with or without other figures, are explained by fits; figures alone by `explain_gains`, also where no
+    record turns out to be sound.
+
     Args:
         data: what came back from the rig.
         workers: processes.
@@ -41,12 +46,16 @@ def diagnose(
     """
     examined = examine(data)
     data = examined.data
+    if not data.records:
+        return explain_gains(replace(data, warnings=examined.words), progress)
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(data, workers, progress, kept)
     judged = judge(found)
     verdict = verdict_of(judged, examined.limits_confidence)
     best = judged.best if verdict != "unknown" else found.null
+    progress(0.96, "what the data can tell")
+    told = indistinguishable(data, evidence_of(data))
     progress(0.97, "records held out")
     tuned, outside = refit(seen, best, workers, kept) if kept_out else (found.null, best)
     ranked = causes(found, judged)
@@ -70,6 +79,7 @@ def diagnose(
         examined.words,
         found,
         (tuned, outside),
+        told,
     )
 
 

@@ -6,6 +6,7 @@ from typing import Literal
 
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.separability import Separability
 from beamdesign.prototype import Prototype
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
@@ -175,6 +176,7 @@ class Diagnosis:
         warnings: about the data.
         search: all fits, to all of the data.
         outside: tolerances alone and the chosen causes, fitted without the records that are held out.
+        separability: what the data could tell before any fit.
     """
 
     name: str
@@ -191,3 +193,4 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()
     search: Search | None = field(default=None, repr=False)
     outside: tuple[Fit, Fit] | None = field(default=None, repr=False)
+    separability: Separability | None = field(default=None, repr=False)

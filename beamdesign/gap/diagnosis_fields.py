@@ -33,6 +33,13 @@ def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
         "hypotheses": _hypotheses(found),
         "data_set": found.name,
     }
+    if found.separability is not None:
+        told = found.separability
+        fields["before_fitting"] = {
+            "not_told_apart": told.classes,
+            "nearly_alike": told.close,
+            "not_visible": told.invisible,
+        }
     if isinstance(found, GainDiagnosis):
         own = ("notes", "silent", "shares", "factor", "ranked")
         fields |= {name: getattr(found, name) for name in own}

@@ -61,7 +61,7 @@ def indistinguishable(
     Args:
         data: with the believed prototype.
         evidence: everything measured; only its conditions and its noise count, not what came out.
-        hypotheses: to be compared; none: all single causes.
+        hypotheses: to be compared; none: all single causes, of those with several laws the usual one.
 
     Raises:
         ValueError: where the believed prototype itself is unstable under the conditions measured.
@@ -72,7 +72,7 @@ def indistinguishable(
         raise ValueError("the believed prototype's loop is unstable under the conditions measured")
     base, tolerances = rest
     columns, parts, names, lost = [tolerances], [], [], []
-    for hypothesis in hypotheses or singles(data.prototype):
+    for hypothesis in hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]:
         found = _signature(evidence, hypothesis.placement(data.prototype), base)
         if found is None:
             lost.append(str(hypothesis))
