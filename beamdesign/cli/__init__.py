@@ -12,7 +12,7 @@ from beamdesign.cli.codesign import codesign
 from beamdesign.cli.explain import explain
 from beamdesign.cli.front import front
 from beamdesign.cli.gap import gap
-from beamdesign.cli.group import INTERRUPTED, Commands, program
+from beamdesign.cli.group import INTERRUPTED, Commands, program, say_interrupted
 from beamdesign.cli.limits import limits
 from beamdesign.cli.new import new
 from beamdesign.cli.paper import paper
@@ -36,15 +36,15 @@ PANELS = {
     "Begin": (new, explain),
     "Design": (run, size, tune, codesign, front, remedies),
     "Prove": (certify, certify_box, certify_switching),
-    "Foresee": (simulate, limits),
+    "Simulate": (simulate, limits),
     "Source": (paper,),
 }
-"""Commands by the heading of the help that they stand under, in the order of a newcomer's way."""
+"""Commands by the heading of the help that they stand under."""
 for panel, commands in PANELS.items():
     for command in commands:
         app.command(command.__name__.replace("_", "-"), rich_help_panel=panel)(command)
-app.add_typer(gap, name="gap", rich_help_panel="Built rigs")
-app.add_typer(study, name="study")
+app.add_typer(gap, name="gap", rich_help_panel="Compare with a rig")
+app.add_typer(study, name="study", rich_help_panel="Design")
 
 
 FAULT = 3
@@ -56,7 +56,7 @@ def main() -> None:
     try:
         app()
     except KeyboardInterrupt:  # outside of any command
-        print("beamdesign: interrupted", file=sys.stderr)
+        say_interrupted("beamdesign")
         sys.exit(INTERRUPTED)
     except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
         print(f"{error.filename or 'beamdesign'}: {error.strerror or error}", file=sys.stderr)

@@ -12,6 +12,10 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
 
 
+HEADINGS = ("Begin", "Design", "Prove", "Build", "Simulate", "Compare with a rig", "Source")
+"""Of the help, in the order of a newcomer's way."""
+
+
 class Commands(TyperGroup):
     """The commands of the program.
 
@@ -29,7 +33,7 @@ class Commands(TyperGroup):
         return super().parse_args(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands under their headings, in the order in which they were added."""
+        """Write the commands under their headings."""
         panels: dict[str, list[tuple[str, str]]] = {}
         commands = [(name, self.commands[name]) for name in self.list_commands(ctx) if not self.commands[name].hidden]
         width = max(len(name) for name, _ in commands)
@@ -38,7 +42,7 @@ class Commands(TyperGroup):
             heading = heading if isinstance(heading, str) else "Further commands"
             words = command.get_short_help_str(formatter.width - 6 - width)
             panels.setdefault(heading, []).append((name.ljust(width), words))
-        for heading, rows in panels.items():
+        for heading, rows in sorted(panels.items(), key=lambda panel: (*HEADINGS, panel[0]).index(panel[0])):
             with formatter.section(heading):
                 formatter.write_dl(rows)
 
@@ -47,9 +51,21 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            name = ctx.invoked_subcommand
-            print(f"\r{ctx.info_name}{f' {name}' if name else ''}: interrupted", file=sys.stderr)
+            say_interrupted(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip())
             raise typer.Exit(INTERRUPTED) from None
+
+    def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> Any:
+        """Read the command line; a part of the program is loaded for it, which can be interrupted as well."""
+        try:
+            return super().make_context(info_name, args, *rest, **extra)
+        except KeyboardInterrupt:
+            say_interrupted(info_name or "beamdesign")
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def say_interrupted(name: str) -> None:
+    """One line on stderr; where that is a terminal it takes the place of the ^C."""
+    print(f"{chr(13) if sys.stderr.isatty() else ''}{name}: interrupted", file=sys.stderr)
 
 
 def _extend(group: Any, parameters: list[Any]) -> None:

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.design.checks import Requirements, beam_mass, checks, materials, requirements
+from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.local_buckling import buckling_curve, relative_slenderness
 from beamdesign.problem import DesignProblem
 from beamdesign.section import SquareTube, clearance
@@ -166,7 +167,8 @@ def solve(
     least = np.array([LEAST_WIDTH_M, LEAST_WALL_M, LEAST_WIDTH_M, LEAST_WALL_M]) / SIZE_UNITS / 2
     lower = [*least, *[1e-4] * 4, *(low for low, _ in extra_bounds)]
     upper = [*[np.inf] * 4, *[2.0] * 4, *(high for _, high in extra_bounds)]
-    found = ready(x0=start, p=figures, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
+    with interruption_waits():
+        found = ready(x0=start, p=figures, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
     return np.asarray(found["x"].full()).ravel()
 
 

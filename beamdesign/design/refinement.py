@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.design.controller_forms import ControllerForm
+from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
 from beamdesign.design.loop_set import constraints, first_active, loop_set
 from beamdesign.linear import LinearRig
@@ -185,7 +186,9 @@ class _Solver:
             for given, count in zip((points.sensitivity, points.compliance), self._slots, strict=True)
         ]
         lower, upper = np.maximum(self._program.lower, start - reach), np.minimum(self._program.upper, start + reach)
-        found = self._solver(x0=start, p=np.concatenate([*slots, [inside]]), lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
+        given = np.concatenate([*slots, [inside]])
+        with interruption_waits():
+            found = self._solver(x0=start, p=given, lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
         return np.clip(np.asarray(found["x"]).ravel(), lower, upper)
 
 
