@@ -20,6 +20,7 @@ from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
 from beamdesign.cli.simulate import simulate
 from beamdesign.cli.size import size
+from beamdesign.cli.spec import spec
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune
 
@@ -37,6 +38,7 @@ PANELS = {
     "Design": (run, size, tune, codesign, front, remedies),
     "Prove": (certify, certify_box, certify_switching),
     "Simulate": (simulate, limits),
+    "Build": (spec,),
     "Source": (paper,),
 }
 """Commands by the heading of the help that they stand under."""

@@ -1,0 +1,132 @@
+"""`beamdesign spec`: what a workshop and a controls engineer need to build a prototype and to accept it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from beamdesign.cli.completion import toml_files
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    folder_to_write,
+    mass_range,
+    progress,
+    say,
+    say_table,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from beamdesign.specification.specification import Specification
+
+
+def spec(
+    prototype: Annotated[
+        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", callback=folder_to_write, help="Folder for the specification; else NAME.specification here."
+        ),
+    ] = None,
+    outer_end_mass: RangeOption = None,
+    sampling_rate_Hz: Annotated[
+        float | None,
+        typer.Option("--sampling-rate-Hz", help="Of the difference equation; else at least 40 times the crossover."),
+    ] = None,
+    load_N: Annotated[
+        float | None,
+        typer.Option("--load-N", help="Load for the ratings; else the prototype's largest force or payload's weight."),
+    ] = None,
+    noise_share: Annotated[
+        float, typer.Option(help="Share of the motion that the goal allows, which sensor noise may cause.")
+    ] = 0.1,
+    json: JsonOption = None,
+) -> None:
+    """Specify what to build and how to accept it.
+
+    Sections, drawing (DXF and SVG), ratings, sensor, the controller as a circuit and as code, each proved again as it
+    is
+    realised; tolerances that keep the proof; an acceptance test with limits, and the data set folder to fill in for
+    `beamdesign gap diagnose`. Exit status 1 if the loop is not stable over the range, with the reason.
+    """
+    from math import isfinite
+
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+    from beamdesign.rig.effects import problems
+    from beamdesign.rig.parameters import problem_without_controller
+
+    given = (("--sampling-rate-Hz", sampling_rate_Hz), ("--load-N", load_N), ("--noise-share", noise_share))
+    wrong = [
+        (name, f"must be a finite number above zero, is {value:g}")
+        for name, value in given
+        if value is not None and not (isfinite(value) and value > 0)
+    ]
+    if wrong:
+        raise InputError("spec", wrong)
+    record = read_prototype(prototype)
+    faults = problems(record.effects)
+    if record.controller is None:
+        faults.append(problem_without_controller())
+    if faults:
+        raise InputError(prototype, faults)
+    breaks = [getattr(record.controller, key, 0.0) for key in ("pole_Hz", "zero_Hz")]
+    if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * max(breaks):
+        reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {max(breaks):g} Hz"
+        raise InputError("--sampling-rate-Hz", [("rate", reason)])
+    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
+
+    from beamdesign.specification.folder import json_fields, write_specification
+    from beamdesign.specification.specification import specify
+
+    folder = out or Path(f"{prototype.resolve().stem}.specification")
+    with progress("specifying") as update:
+        found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
+        update(1.0, "writing")
+        paths = write_specification(found, folder)
+    write_json(json or folder / "specification.json", json_fields(found) | {"files": paths})
+    if found.reason:
+        say(f"{record.name}: {found.reason}")
+        raise typer.Exit(1)
+    _say(found)
+    if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
+        say("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
+    for path in paths.values():
+        say(str(path))
+
+
+def _say(found: "Specification") -> None:
+    from decimal import ROUND_CEILING, ROUND_FLOOR
+
+    from beamdesign.report.quantity import at_least, at_most, decimal
+    from beamdesign.specification.words_build import masses_text, optional
+
+    guaranteed, tolerances, digital, sensor = (
+        found.certificate.guaranteed, found.tolerances, found.digital, found.sensor,
+    )  # fmt: skip
+    assert guaranteed is not None
+    assert tolerances is not None
+    assert digital is not None
+    assert sensor is not None
+    tightest = tolerances.figures[0]
+    rows = [
+        ("for every outer end mass of", masses_text(found.masses_kg), ""),
+        ("guaranteed bandwidth", at_least(guaranteed.bandwidth_Hz, "Hz"), "proved"),
+        ("guaranteed peak sensitivity", at_most(guaranteed.peak_sensitivity, "1"), "proved"),
+    ]
+    for one in found.analogue:
+        verdicts = [f"{100 * t.resistors:g}/{100 * t.capacitor:g} % {t.verdict}" for t in one.tolerances]
+        rows.append((f"circuit of {one.amplifier.resistors}, {one.amplifier.capacitors}", "; ".join(verdicts), ""))
+    late = digital.one_period_late
+    basis = "not worked out" if late is None else {True: "proved", False: "refuted", None: "undecided"}[late.stable]
+    rows += [
+        ("code at, current one period late", f"{digital.equation.rate_Hz:g} Hz", basis),
+        ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
+        ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m)} µm", "computed"),
+        (f"tightest figure alone: {tightest.name}", f"± {decimal(100 * tightest.alone, 3, ROUND_FLOOR)} %", "proved"),
+        ("all figures at once, equal shares", f"± {decimal(100 * tolerances.equal, 3, ROUND_FLOOR)} %", "proved"),
+    ]  # fmt: skip
+    say_table(f"{found.prototype.name}: specification", ("figure", "value", "basis"), rows)

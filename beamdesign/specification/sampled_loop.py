@@ -1,0 +1,194 @@
+"""Stability of the sampled-data loop, proved for every outer end mass of a range.
+
+The plant is continuous, its current held between samples; the difference equation works at sample times, and its
+current is put out at once or one whole period later. Between samples x' = A(m) x + B i, so that from sample to sample
+
+    x[k+1] = Phi(m) x[k] + Gamma(m) i,    (Phi, Gamma) = the upper rows of exp([[A, B], [0, 0]] T),
+
+with the controller's state and the current held as further states (K. J. Astrom and B. Wittenmark, Computer-Controlled
+Systems, 3rd ed. (1997), section 3.2). Phi and Gamma are enclosed in balls for all masses of a piece of the range; in
+coordinates T in which the middle of the piece contracts, I - Z'Z with Z = T^-1 (closed loop) T is positive definite for
+every matrix within the balls if Cholesky's pivots in balls are positive: then every member is a contraction. Where this
+fails, the piece is halved.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
+
+from beamdesign.linear import linear_rig
+from beamdesign.polynomial import exact
+from beamdesign.proof.rational import nearest
+from beamdesign.prototype import Prototype
+from beamdesign.rig import twin_beam
+from beamdesign.specification.difference_equation import DifferenceEquation
+
+_BITS = 128
+_PIECES = 4000
+
+
+@dataclass(frozen=True)
+class SampledVerdict:
+    """Stability of the sampled-data loop.
+
+    Attributes:
+        stable: True where proved for every mass of the range; False where the loop of one mass has a characteristic
+            value on or outside the unit circle, by eigenvalues in floating point; None where neither was found.
+        reason: in words, why it is not True; empty where it is.
+        pieces: number of pieces of the range that were proved.
+        largest_modulus: of the characteristic values at the masses looked at, in floating point.
+        looked_at: number of masses at which they were looked at.
+    """
+
+    stable: bool | None
+    reason: str
+    pieces: int
+    largest_modulus: float
+    looked_at: int
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """The loop over the outer end mass, exact; the rows of the outer tip's velocity are divided by the total mass.
+
+    Attributes:
+        a: (n, n) of the plant in balanced states; b: (n, 1) from the current; c: (1, n) to the sensor's volts.
+        velocity: index of the row that the total mass divides.
+        bare_mass: kg.
+        law: the difference equation.
+        delayed: whether the current is put out one period after its sample.
+    """
+
+    a: fmpq_mat
+    b: fmpq_mat
+    c: fmpq_mat
+    velocity: int
+    bare_mass: fmpq
+    law: DifferenceEquation
+    delayed: bool
+
+    def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
+        """The closed loop's matrix from sample to sample, enclosed for all masses from `low` to `high`."""
+        n = self.a.nrows()
+        share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
+        step = arb(1) / arb(exact(self.law.rate_Hz))
+        whole = [[arb(0)] * (n + 1) for _ in range(n + 1)]
+        for i in range(n):
+            scale = step * share if i == self.velocity else step
+            whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(self.b[i, 0]) * scale]
+        moved = arb_mat(whole).exp()
+        b0, b1, a1 = (arb(exact(v)) for v in (self.law.b0, self.law.b1, self.law.a1))
+        c = [arb(self.c[0, j]) for j in range(n)]
+        phi = [[moved[i, j] for j in range(n)] for i in range(n)]
+        gamma = [moved[i, n] for i in range(n)]
+        memory = [-(b1 - a1 * b0) * cj for cj in c] + [-a1]  # what the law keeps of this sample for the next
+        current = [-b0 * cj for cj in c] + [arb(1)]
+        if not self.delayed:
+            rows = [[phi[i][j] + gamma[i] * current[j] for j in range(n)] + [gamma[i]] for i in range(n)]
+            return arb_mat([*rows, memory])
+        rows = [[*phi[i], arb(0), gamma[i]] for i in range(n)]
+        return arb_mat([*rows, [*memory, arb(0)], [*current, arb(0)]])
+
+    def matrix(self, mass: fmpq) -> np.ndarray:
+        """The same at one mass, in floats."""
+        balls = self.enclosed(mass, mass)
+        return np.array([[float(balls[i, j].mid()) for j in range(balls.ncols())] for i in range(balls.nrows())])
+
+
+def sampled_loop(prototype: Prototype, law: DifferenceEquation, delayed: bool) -> SampledLoop:
+    """The sampled-data loop of a prototype.
+
+    Raises:
+        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
+    """
+    rig = linear_rig(prototype)
+    bare, a, b, c = rig.exact_matrices(fmpq(0), exact(prototype.payload.inner_end_mass_kg))
+    velocity = twin_beam.STATES.index("velocity_m_per_s")
+    n, mass = a.nrows(), bare[velocity, velocity]
+    bare[velocity, velocity] = fmpq(1)
+    inverse = bare.inv()
+    a, b = inverse * a, inverse * b
+    scales = _balance(a, velocity, mass)
+    balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
+    current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
+    volts = fmpq_mat(1, n, [c[1, j] * scales[j] for j in range(n)])
+    return SampledLoop(balanced, current, volts, velocity, mass, law, delayed)
+
+
+def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
+    """Powers of two by which states are scaled, so that rows and columns are of one size."""
+    from scipy.linalg import matrix_balance
+
+    n = a.nrows()
+    floats = np.array([[nearest(a[i, j]) for j in range(n)] for i in range(n)])
+    floats[velocity] /= nearest(mass)
+    scale = matrix_balance(floats, permute=False, separate=True)[1][0]
+    return [fmpq(2) ** int(np.rint(np.log2(s))) for s in scale]
+
+
+def prove_sampled(loop: SampledLoop, low_kg: float, high_kg: float) -> SampledVerdict:
+    """Prove stability for every outer end mass of a closed range, or say at which mass it does not hold."""
+    low, high = exact(low_kg), exact(high_kg)
+    largest, proved, seen = 0.0, 0, 0
+    open_pieces = [(low, high)]
+    with ctx.workprec(_BITS):
+        for end in dict.fromkeys((low, high)):
+            modulus = float(np.abs(np.linalg.eigvals(loop.matrix(end))).max())
+            seen += 1
+            largest = max(largest, modulus)
+        while open_pieces and largest < 1:
+            first, last = open_pieces.pop()
+            middle = (first + last) / 2
+            matrix = loop.matrix(middle)
+            values, vectors = np.linalg.eig(matrix)
+            largest = max(largest, float(np.abs(values).max()))
+            seen += 1
+            if _contracts(loop.enclosed(first, last), values, vectors):
+                proved += 1
+            elif len(open_pieces) + proved >= _PIECES or first == last:
+                reason = f"no proof between {nearest(first):.6g} and {nearest(last):.6g} kg"
+                return SampledVerdict(None, reason, proved, largest, seen)
+            else:
+                open_pieces += [(middle, last), (first, middle)]
+    if largest >= 1:
+        reason = f"a characteristic value of modulus {largest:.6g} (floating point)"
+        return SampledVerdict(False, reason, proved, largest, seen)
+    return SampledVerdict(True, "", proved, largest, seen)
+
+
+def _contracts(enclosed: arb_mat, values: np.ndarray, vectors: np.ndarray) -> bool:
+    """Whether every matrix of an enclosure contracts in the real modal coordinates of its middle."""
+    columns = []
+    for k, value in enumerate(values):
+        if value.imag > 0:
+            columns += [vectors[:, k].real, vectors[:, k].imag]
+        elif value.imag == 0:
+            columns.append(vectors[:, k].real)
+    frame = np.column_stack(columns)
+    n = len(frame)
+    if frame.shape != (n, n):
+        return False
+    coordinates = arb_mat([[arb(float(x)) for x in row] for row in frame])
+    try:
+        there = coordinates.inv() * enclosed * coordinates
+    except ZeroDivisionError:
+        return False
+    return _positive_definite(
+        arb_mat([[arb(int(i == j)) for j in range(n)] for i in range(n)]) - there.transpose() * there
+    )
+
+
+def _positive_definite(matrix: arb_mat) -> bool:
+    """Cholesky without roots, in balls: positive pivots prove it for every symmetric matrix enclosed."""
+    n = matrix.nrows()
+    rows = [[matrix[i, j] for j in range(n)] for i in range(n)]
+    for k in range(n):
+        pivot = rows[k][k]
+        if not pivot > 0:
+            return False
+        for i in range(k + 1, n):
+            factor = rows[i][k] / pivot
+            for j in range(k + 1, n):
+                rows[i][j] = rows[i][j] - factor * rows[k][j]
+    return True

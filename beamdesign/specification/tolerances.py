@@ -1,0 +1,166 @@
+"""Tolerances that keep the proof of stability: each figure alone, and all of them at once."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from decimal import ROUND_FLOOR
+
+from beamdesign.proof.certificate import certify
+from beamdesign.proof.effect_parameters import effect_parameters
+from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.scaling import Scaling, largest_scaling
+from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.prototype import Prototype
+from beamdesign.report.quantity import decimal
+from beamdesign.specification.changed_figures import CHANGEABLE, with_figures
+
+LARGEST = 0.5
+"""Largest relative tolerance that is asked about."""
+
+SAFETY = 2.0
+"""The specified tolerances are what is proved for all at once, divided by this: a box up to the very edge of stability
+holds rigs that hardly damp anything."""
+
+_UNIT = 0.01
+_WITHIN, _COARSE = 0.02, 0.05
+_BUDGET = 1500
+
+
+@dataclass(frozen=True)
+class FigureTolerance:
+    """Relative tolerances of one figure, to either side.
+
+    Attributes:
+        name: as in `beamdesign.proof.rig_family`.
+        alone: proved, with all other figures nominal.
+        alone_refuted: at which a member was proved unstable; None where none was found up to `LARGEST`.
+        shared: proved for all figures at once, in the proportions of `alone`.
+        specified: `shared` less the safety: what the workshop is asked to keep.
+        bandwidth_Hz: least proved with this figure alone at either end of `specified`; None where it has no such key.
+        peak_sensitivity: largest proved likewise.
+    """
+
+    name: str
+    alone: float
+    alone_refuted: float | None
+    shared: float
+    specified: float
+    bandwidth_Hz: float | None
+    peak_sensitivity: float | None
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """All of them.
+
+    Attributes:
+        figures: tightest first.
+        equal: relative tolerance proved for all figures at once, the same for each.
+        equal_refuted: at which a member is unstable; None where none was found.
+        stated_sigmas: the prototype's own standard deviations, all at once, are proved up to this many; None where it
+            states none.
+        certificate: of the box of shared tolerances, which `beamdesign certify --replay` proves again; empty where
+            nothing was proved.
+        certificate_equal: of the box of equal tolerances.
+        left_out: effects that the box does not hold.
+    """
+
+    figures: tuple[FigureTolerance, ...]
+    equal: float
+    equal_refuted: float | None
+    stated_sigmas: float | None
+    certificate: str
+    certificate_equal: str
+    left_out: tuple[str, ...]
+
+    @property
+    def specified(self) -> dict[str, float]:
+        """Specified tolerances by figure."""
+        return {figure.name: figure.specified for figure in self.figures}
+
+
+def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
+    """Figures of the loop that can have a tolerance: positive ones that no effect spans already."""
+    spans = effect_parameters(prototype).spans
+    return tuple(
+        name
+        for name, value in rig_family(prototype).values.items()
+        if value > 0 and name not in ("delay", "outer_end_mass") and name not in spans
+    )
+
+
+def tolerances(
+    prototype: Prototype,
+    masses_kg: tuple[float, float],
+    told: Callable[[float, str], None] = lambda share, text: None,
+) -> Tolerances:
+    """Prove tolerances of a prototype whose nominal loop is proved stable for every outer end mass of a range.
+
+    Args:
+        prototype: with a controller.
+        masses_kg: range of outer end mass, all of which is in every box.
+        told: the share done, and with what.
+    """
+    names = toleranced_figures(prototype)
+
+    def scale(spread: Mapping[str, float], most: float, within: float = _WITHIN) -> Scaling:
+        box = tolerance_box(prototype, 1.0, tuple(spread), masses_kg, spread=spread)
+        return largest_scaling(prototype, box, within, _BUDGET, most)
+
+    alone: dict[str, Scaling] = {}
+    for k, name in enumerate(names):
+        told(0.5 * k / len(names), f"tolerance of {name.replace('_', ' ')}")
+        alone[name] = scale({name: _UNIT}, LARGEST / _UNIT)
+    told(0.5, "all tolerances at once")
+    equal = scale(dict.fromkeys(names, _UNIT), LARGEST / _UNIT)
+    weights = {name: max(found.proved, 1e-3) * _UNIT for name, found in alone.items()}
+    shared = scale(weights, 1.0, _COARSE)
+    stated = None
+    if any(prototype.tolerance.model_dump().values()):
+        own = tolerance_box(prototype, 1.0, None, masses_kg)
+        if set(own.names) - own.rigid:
+            stated = largest_scaling(prototype, own, _WITHIN, _BUDGET).proved
+    rows = []
+    for k, name in enumerate(names):
+        told(0.7 + 0.3 * k / len(names), "performance at the ends of the tolerances")
+        specified = _rounded_down(shared.proved * weights[name] / SAFETY)
+        reached = _at_ends(prototype, masses_kg, name, specified) if name in CHANGEABLE else (None, None)
+        refuted = alone[name].refuted
+        rows.append(
+            FigureTolerance(
+                name,
+                alone[name].proved * _UNIT,
+                None if refuted is None else refuted * _UNIT,
+                shared.proved * weights[name],
+                specified,
+                *reached,
+            )
+        )
+    return Tolerances(
+        tuple(sorted(rows, key=lambda row: row.alone)),
+        equal.proved * _UNIT,
+        None if equal.refuted is None else equal.refuted * _UNIT,
+        stated,
+        shared.verdict.certificate if shared.verdict else "",
+        equal.verdict.certificate if equal.verdict else "",
+        tuple(effect_parameters(prototype).left_out),
+    )
+
+
+def _rounded_down(tolerance: float) -> float:
+    """To two significant digits: a figure that a workshop can be given."""
+    return float(decimal(tolerance, 2, ROUND_FLOOR)) if tolerance > 0 else 0.0
+
+
+def _at_ends(
+    prototype: Prototype, masses_kg: tuple[float, float], name: str, tolerance: float
+) -> tuple[float | None, float | None]:
+    """Least bandwidth and largest peak sensitivity proved with one figure at either end of its tolerance."""
+    reached = [
+        certify(with_figures(prototype, {name: 1 + side * tolerance}), *masses_kg).guaranteed for side in (-1, 1)
+    ]
+    if any(one is None for one in reached):
+        return None, None
+    return (
+        min(one.bandwidth_Hz for one in reached if one is not None),
+        max(one.peak_sensitivity for one in reached if one is not None),
+    )

@@ -1,0 +1,270 @@
+"""The part of the specification that a controls engineer builds from: certificate, circuit, code, tolerances."""
+
+from decimal import ROUND_CEILING, ROUND_FLOOR
+
+from beamdesign.prototype import Lag
+from beamdesign.report.foundations import proved_statements
+from beamdesign.report.quantity import decimal, mass_range_text, quantity
+from beamdesign.specification.analogue import AnalogueController
+from beamdesign.specification.document import Block, Code, Items, Paragraph, Part, Table
+from beamdesign.specification.sampled_loop import SampledVerdict
+from beamdesign.specification.specification import Specification
+from beamdesign.specification.tolerances import LARGEST, SAFETY
+from beamdesign.specification.words_build import masses_text, optional
+
+
+def guaranteed(spec: Specification) -> Part:
+    """What the certificate says."""
+    limit = spec.prototype.goal.compliance_m_per_N
+    whole = mass_range_text(spec.masses_kg)
+    rows = tuple(
+        (one.claim.replace(whole, masses_text(spec.masses_kg)), one.foundation, one.how)
+        for one in proved_statements(spec.certificate, limit)
+    )
+    blocks: list[Block] = [
+        Table(("claim", "foundation", "by"), rows),
+        Paragraph(
+            "Proved about the linear model with the nominal figures. To prove it again:"
+            " `beamdesign certify --replay certificate.toml`."
+        ),
+    ]
+    if spec.certificate.scope:
+        blocks.append(Items(spec.certificate.scope))
+    return Part("What is guaranteed", tuple(blocks))
+
+
+def controller(spec: Specification) -> Part:
+    """Gain and breaks."""
+    law = spec.prototype.controller
+    assert law is not None
+    rows = [("gain at zero frequency", quantity(law.gain_A_per_V, "A/V", 6))]
+    words = "Valve current = gain × (command − sensor voltage)."
+    if isinstance(law, Lag):
+        rows += [("pole", quantity(law.pole_Hz, "Hz", 6)), ("zero", quantity(law.zero_Hz, "Hz", 6))]
+        words = (
+            "Valve current = gain × C(s) × (command − sensor voltage), C(s) = (1 + s/(2π zero)) / (1 + s/(2π"
+            " pole)). Build it"
+            " as a circuit or as code."
+        )
+    return Part("Controller", (Paragraph(words), Table(("figure", "value"), tuple(rows))))
+
+
+def circuit(spec: Specification) -> Part:
+    """The analogue realisation."""
+    if not spec.analogue:
+        return Part("Analogue controller", (Paragraph(f"None: {spec.analogue_reason}."),))
+    lag = isinstance(spec.prototype.controller, Lag)
+    network = ", parallel to R2 and C in series," if lag else ""
+    blocks: list[Block] = [
+        Items(
+            (
+                "U1, inverting amplifier: R1 from the inverted sensor voltage −F x and a second R1 from the"
+                " command to its"
+                f" inverting input; Rf{network} from its output back to that input.",
+                "U2, power amplifier with current feedback: it drives the valve's coil so that the voltage over"
+                " the sense"
+                " resistor Rs in series with the coil equals the inverted output of U1.",
+                "Realised: i/e = Rf/(R1 Rs)"
+                + (
+                    " × (1 + s R2 C)/(1 + s (R2 + Rf) C): zero = 1/(2π R2 C), pole = 1/(2π (R2 + Rf) C)."
+                    if lag
+                    else "."
+                ),
+            )
+        ),
+        Table(
+            ("", *(_name(one) for one in spec.analogue)),
+            tuple(_component_rows(spec.analogue)),
+            "Component values and what they realise; bandwidth and peak sensitivity are proved for the nominal values",
+        ),
+        Table(
+            ("tolerances of all components", *(_name(one) for one in spec.analogue)),
+            tuple(
+                (
+                    f"resistors {100 * at.resistors:g} %" + (f", capacitor {100 * at.capacitor:g} %" if lag else ""),
+                    *(one.tolerances[k].verdict for one in spec.analogue),
+                )
+                for k, at in enumerate(spec.analogue[0].tolerances)
+            ),
+            "Stable with every component anywhere within its tolerance and every payload of the range, all else"
+            " nominal",
+        ),
+        Paragraph(
+            "Proved is the box of gain, pole and zero that encloses all components, which is more than they can do. The"
+            " amplifiers count as ideal. Performance within the tolerances of components is not proved."
+        ),
+    ]
+    reasons = dict.fromkeys(
+        f"{_name(one)}, {100 * at.resistors:g} % / {100 * at.capacitor:g} %: {at.verdict}, {at.reason}."
+        for one in spec.analogue
+        for at in one.tolerances
+        if at.reason
+    )
+    if reasons:
+        blocks.append(Items(tuple(reasons)))
+    return Part("Analogue controller", tuple(blocks))
+
+
+def _name(one: AnalogueController) -> str:
+    capacitors = f", C of {one.amplifier.capacitors}" if one.amplifier.capacitance_F is not None else ""
+    return f"R of {one.amplifier.resistors}{capacitors}"
+
+
+def _component_rows(found: tuple[AnalogueController, ...]) -> list[tuple[str, ...]]:
+    def row(words: str, *cells: str) -> tuple[str, ...]:
+        return (words, *cells)
+
+    parts = [one.amplifier for one in found]
+    rows = [
+        row("R1 (two)", *(f"{decimal(p.input_ohm / 1e3)} kΩ" for p in parts)),
+        row("Rf", *(f"{decimal(p.feedback_ohm / 1e3)} kΩ" for p in parts)),
+        row("Rs", *(f"{decimal(p.sense_ohm)} Ω" for p in parts)),
+    ]
+    if parts[0].shunt_ohm is not None:
+        rows += [
+            row("R2", *(f"{decimal((p.shunt_ohm or 0) / 1e3)} kΩ" for p in parts)),
+            row("C", *(f"{decimal((p.capacitance_F or 0) * 1e9)} nF" for p in parts)),
+        ]
+    for key, unit in (("gain_A_per_V", "A/V"), ("pole_Hz", "Hz"), ("zero_Hz", "Hz")):
+        if key in found[0].errors:
+            rows.append(
+                row(
+                    f"{key.partition('_')[0]} realised (error)",
+                    *(f"{quantity(getattr(o.controller, key), unit)} ({100 * o.errors[key]:+.2f} %)" for o in found),
+                )
+            )
+    rows += [
+        row("stable over the range", *("proved" if o.stable else "refuted" for o in found)),
+        row("bandwidth", *(optional(o.bandwidth_Hz, "Hz", ROUND_FLOOR) for o in found)),
+        row("peak sensitivity", *(optional(o.peak_sensitivity, "1", ROUND_CEILING) for o in found)),
+    ]
+    return rows
+
+
+def code(spec: Specification) -> Part:
+    """The difference equation."""
+    found = spec.digital
+    assert found is not None
+    law = found.equation
+    text = (
+        f"rate: {law.rate_Hz:g} Hz\n"
+        f"b0 = {law.b0!r}   # A/V\nb1 = {law.b1!r}   # A/V\na1 = {law.a1!r}\n"
+        "at every sample k:\n"
+        "    e = command_V - sensor_V\n"
+        "    i = b0*e + b1*e_before - a1*i_before   # A\n"
+        "    e_before, i_before = e, i              # limit i to the rated current before it is kept"
+    )
+    rows = [
+        _sampled_row("current put out at the sample", found.at_once, found.reason),
+        _sampled_row("current put out one whole period later", found.one_period_late, found.reason),
+        (
+            f"continuous law with every pure delay from 0 to {decimal(1e6 * found.delay_s)} µs (1.5 periods)",
+            {True: "proved", False: "refuted", None: "undecided"}[found.delay_stable],
+            "zero exclusion over payload and delay",
+        ),
+    ]
+    return Part(
+        "Digital controller",
+        (
+            Paragraph(
+                f"Tustin's rule with pole and zero prewarped each to its own frequency, at {law.rate_Hz:g} Hz,"
+                f" {decimal(law.rate_Hz / found.crossover_Hz if found.crossover_Hz else 0.0, 3)} times the highest"
+                " crossover of"
+                f" the loop, {decimal(found.crossover_Hz)} Hz (computed). The static gain is kept."
+            ),
+            Code(text),
+            Table(("the loop is stable for every payload of the range", "foundation", "by"), tuple(rows)),
+            Paragraph(
+                "The first two rows are about the sampled-data loop itself, with the coefficients as printed: a"
+                " held current,"
+                " exact timing, all other figures nominal. A computation time between none and a period, jitter,"
+                " and the"
+                " resolution of the converters are not covered by them; the third row is about a continuous loop,"
+                " which stands"
+                " for the sampled one only approximately. Bandwidth and peak sensitivity are not proved for the"
+                " sampled loop."
+                " Put the current out at the next sample: then its timing does not depend on how long the"
+                " computation takes."
+            ),
+        ),
+    )
+
+
+def _sampled_row(words: str, verdict: SampledVerdict | None, reason: str) -> tuple[str, str, str]:
+    if verdict is None:
+        return words, "not worked out", reason
+    if verdict.stable:
+        how = f"enclosure of the sampled loop in ball arithmetic, {verdict.pieces} pieces of the payload range"
+        return words, "proved", how
+    return words, "refuted (floating point)" if verdict.stable is False else "undecided", verdict.reason
+
+
+def tolerance_part(spec: Specification) -> Part:
+    """Tolerances on every figure."""
+    found = spec.tolerances
+    assert found is not None
+
+    def share(value: float, rounding: str = ROUND_FLOOR) -> str:
+        return f"± {decimal(100 * value, 3, rounding)} %"
+
+    rows = []
+    for figure in found.figures:
+        edge = "no limit found" if figure.alone_refuted is None else share(figure.alone_refuted, ROUND_CEILING)
+        rows.append(
+            (
+                figure_words(figure.name),
+                share(figure.alone),
+                edge,
+                share(figure.shared),
+                share(figure.specified),
+                optional(figure.bandwidth_Hz, "Hz", ROUND_FLOOR),
+                optional(figure.peak_sensitivity, "1", ROUND_CEILING),
+            )
+        )
+    tightest = found.figures[0]
+    words = [
+        f"Alone, tightest is {figure_words(tightest.name)}: stable to {share(tightest.alone)} with all else nominal.",
+        f"All figures off by the same share at once, in any directions: proved stable to {share(found.equal)}"
+        + (f", refuted at {share(found.equal_refuted, ROUND_CEILING)}." if found.equal_refuted is not None else "."),
+        "All at once, each in proportion to what it bears alone: the column together is proved as one box.",
+        f"Build to the column specified: what is proved together, divided by {SAFETY:g}, since a rig at the edge"
+        " of what is"
+        " proved hardly damps anything. The acceptance bands are over these.",
+        "Bandwidth and peak sensitivity are proved with that one figure at either end of what is specified; between the"
+        " ends and for several figures at once they are not proved.",
+        "Dashpots are figures of their own: a tolerance of a stiffness or a mass leaves its beam's dashpot as it is.",
+    ]
+    if found.stated_sigmas is not None:
+        words.append(
+            f"The prototype's own tolerances, all at once, are proved to {decimal(found.stated_sigmas)} of their"
+            " standard"
+            " deviations."
+        )
+    if found.left_out:
+        words.append(f"Not covered by any box: {', '.join(found.left_out)}.")
+    heads = (
+        "figure", "alone", "alone, refuted at", "together", "specified",
+        "bandwidth at its ends", "peak sensitivity at its ends",
+    )  # fmt: skip
+    caption = (
+        f"Relative tolerances with which the loop stays stable for every payload of {masses_text(spec.masses_kg)}"
+        f" (proved, asked up to ± {100 * LARGEST:g} %), tightest first"
+    )
+    again = (
+        "`beamdesign certify --replay tolerances.toml` proves the box of the column together again,"
+        " `equal_tolerances.toml` that of equal shares."
+    )
+    return Part("Tolerances", (Table(heads, tuple(rows), caption), Items(tuple(words)), Paragraph(again)))
+
+
+def figure_words(name: str) -> str:
+    """A figure of the loop in words."""
+    special = {
+        "controller_gain": "controller gain",
+        "inner_damping": "inner dashpot",
+        "outer_damping": "outer dashpot",
+        "outer_mass": "outer effective mass",
+        "inner_mass": "inner effective mass",
+        "filter_frequency": "break of the sensor filter",
+    }
+    return special.get(name, name.replace("_", " "))
