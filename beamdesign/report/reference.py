@@ -17,6 +17,7 @@ from beamdesign.records import Record
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
     "study": "beamdesign.problem:DesignProblem",
+    "sweep": "beamdesign.study.sweep_file:Sweep",
     "scenario": "beamdesign.scenario:Scenario",
     "data set": "beamdesign.gap.data.dataset_index:Index",
     "bench prototype": "beamdesign.bench_prototype:BenchPrototype",
@@ -140,7 +141,7 @@ def find(word: str) -> tuple[Key, ...]:
     word = word.strip("[]")
     exact = [key for key in known if key.path == word or key.path.endswith("." + word)]
     tables = {key.path for key in exact if key.is_table}
-    inside = [key for key in known if key.path.rpartition(".")[0] in tables and key not in exact]
+    inside = [key for key in known if key.path.rpartition(".")[0].removesuffix(".NAME") in tables and key not in exact]
     return (*exact, *inside)
 
 
@@ -186,9 +187,10 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
             continue
         yield _table(path, file, field, nested, source)
         inside: dict[str, list[tuple[str, Key]]] = {}
+        below = path + (".NAME." if get_origin(field.annotation) is dict else ".")
         for each in nested:
             tag = str(each.model_fields["kind"].default) if len(nested) > 1 else ""
-            for key in _walk(each, file, path + "."):
+            for key in _walk(each, file, below):
                 inside.setdefault(key.path, []).append((tag, key))
         for tagged in inside.values():
             yield from _merged(tagged, len(nested))
@@ -200,6 +202,8 @@ def _table(path: str, file: str, field: FieldInfo, nested: list[type[Record]], s
     meaning = field.description or "; or ".join(told)
     default = "needed" if field.is_required() else "may be left out"
     kind = "a list of tables" if listed else "a table"
+    if get_origin(field.annotation) is dict:
+        kind = "a table of tables, each under a name of your own"
     if len(nested) > 1:
         kind += ", kind one of " + ", ".join(str(each.model_fields["kind"].default) for each in nested)
     return Key(path, file, meaning, kind, "", "", default, meaning, source, is_table=True)

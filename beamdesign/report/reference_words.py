@@ -69,7 +69,8 @@ def reference_markdown() -> str:
     out = ["`beamdesign explain KEY` tells the same of one key, table or effect.", ""]
     told: set[tuple[object, ...]] = set()
     for file, group in groupby((key for key in keys() if not key.path.startswith("effects.")), lambda key: key.file):
-        out += [f"**{file[:1].upper()}{file[1:]}**", "", "| key | meaning | value | default |", "|---|---|---|---|"]
+        summary = f"<details><summary>Keys of a {file}</summary>"
+        out += [summary, "", "| key | meaning | value | default |", "|---|---|---|---|"]
         own = list(group)
         tables: dict[tuple[tuple[object, ...], ...], list[str]] = {}
         for table in dict.fromkeys(key.path.rpartition(".")[0] for key in own):
@@ -85,14 +86,19 @@ def reference_markdown() -> str:
             told.add(facts)
             first = [key for key in own if key.path.rpartition(".")[0] == names[0] and not key.is_table]
             if heading:
-                out.append(f"| {heading} | *{_cell(first[0].table)}* | | |")
+                out.append(f"| {heading} | *{_cell(_about(own, names[0]))}* | | |")
             out += [_row(key) for key in first]
-        out.append("")
-    out += ["**Effects**", "", "| effect and its figures | meaning | value | default |", "|---|---|---|---|"]
+        out += ["", "</details>", ""]
+    summary = "<details><summary>Effects of a prototype and their figures</summary>"
+    out += [summary, "", "| effect and its figures | meaning | value | default |", "|---|---|---|---|"]
     for effect in effects():
         out.append(f"| `[effects.{effect.name}]` | *{_cell(effect.meaning.split('. ')[0].rstrip('.'))}* | | |")
         out += [_row(key) for key in effect.parameters]
-    return "\n".join(out) + "\n"
+    return "\n".join([*out, "", "</details>"]) + "\n"
+
+
+def _about(of_file: Iterable[Key], table: str) -> str:
+    return next((key.meaning for key in of_file if key.path == table.removesuffix(".NAME")), "")
 
 
 def _row(key: Key) -> str:

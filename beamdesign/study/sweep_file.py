@@ -78,16 +78,16 @@ class Optimise(Record):
 
     output: Annotated[str, Field(min_length=1, description="column of the table")]
     goal: Annotated[Literal["minimise", "maximise"], Field(description="which way")] = "minimise"
-    generations: Annotated[int, Field(ge=1, le=10_000)] = 20
+    generations: Annotated[int, Field(ge=1, le=10_000, description="how often the population is renewed")] = 20
     population: Annotated[int, Field(ge=5, le=10_000, description="cases per generation")] = 16
 
 
 class Demand(Record):
     """A limit of an output column: together they are the specification whose yield is told."""
 
-    at_least: FiniteFloat | None = None
-    at_most: FiniteFloat | None = None
-    equals: bool | str | None = None
+    at_least: Annotated[FiniteFloat | None, Field(description="least value of the column that meets it")] = None
+    at_most: Annotated[FiniteFloat | None, Field(description="largest value of the column that meets it")] = None
+    equals: Annotated[bool | str | None, Field(description="value of the column that meets it")] = None
 
 
 class Spread(Record):
@@ -107,24 +107,28 @@ class Spread(Record):
 class Picture(Record):
     """What is drawn of the finished table."""
 
-    kind: Literal["lines", "bars", "map", "lag_breaks", "end_masses", "histogram"]
-    x: str | None = None
-    y: str | None = None
-    series: str | None = None
-    title: str = ""
-    x_label: str = ""
-    y_label: str = ""
-    series_label: str = ""
-    limit: FiniteFloat | None = None
+    kind: Annotated[
+        Literal["lines", "bars", "map", "lag_breaks", "end_masses", "histogram"], Field(description="what it shows")
+    ]
+    x: Annotated[str | None, Field(description="column along the horizontal axis")] = None
+    y: Annotated[str | None, Field(description="column along the vertical axis")] = None
+    series: Annotated[str | None, Field(description="column whose values get a curve each")] = None
+    title: Annotated[str, Field(description="above the picture")] = ""
+    x_label: Annotated[str, Field(description="of the horizontal axis; none: the column's name")] = ""
+    y_label: Annotated[str, Field(description="of the vertical axis; none: the column's name")] = ""
+    series_label: Annotated[str, Field(description="before the value in the legend")] = ""
+    limit: Annotated[FiniteFloat | None, Field(description="value of y at which a line is drawn")] = None
 
 
 class Sweep(Record):
     """A whole sweep file."""
 
-    name: Annotated[str, Field(min_length=1, pattern=r"^[^/\\]+$")]
+    name: Annotated[
+        str, Field(min_length=1, pattern=r"^[^/\\]+$", description="what the sweep is called; also of its files")
+    ]
     study: Work
     vary: tuple[Vary, ...] = ()
-    options: dict[str, Any] = Field(default_factory=dict)
+    options: dict[str, Any] = Field(default_factory=dict, description="options of the task")
     optimise: Optimise | None = None
     spread: Spread = Spread()
     specification: dict[str, Demand] = Field(default_factory=dict)
