@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from beamdesign.cli.completion import templates
-from beamdesign.cli.output import JsonOption, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, path_to_write, say, say_table, write_json
 
 
 def new(
@@ -15,7 +15,11 @@ def new(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="The new file (folder, for a data set); else named after the template."),
+        typer.Option(
+            metavar="PATH",
+            callback=path_to_write,
+            help="The new file (folder, for a data set); else named after the template.",
+        ),
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
     json: JsonOption = None,

@@ -29,6 +29,15 @@ def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None
     return path if path is None else _need_folder(option, path, path.absolute().parent)
 
 
+def path_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Callback of an option: refuse a path whose folder cannot be made, be it that of a file or of a folder.
+
+    Raises:
+        InputError: naming the option, the path and what is in its way.
+    """
+    return path if path is None else _need_folder(option, path, path.absolute().parent)
+
+
 def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
     """Callback of an option: refuse a path at which no folder is or can be made, before any work is done for it.
 

@@ -51,6 +51,11 @@ TEMPLATES = {
         (("", "rig.toml"),),
         ("beamdesign certify {it}", "beamdesign tune {it} --out results/{name}"),
     ),
+    "sweep": Template(
+        "a folder with a study and a sweep over figures of it",
+        (("sweep.toml", "sweep.toml"), ("study.toml", "study.toml")),
+        ("beamdesign study run {it}/sweep.toml --out results/{name}",),
+    ),
     "bench": Template(
         "a servovalve and its cylinder on a bench",
         (("", "bench.toml"),),
@@ -94,6 +99,8 @@ def start(name: str, out: Path | None = None) -> list[Path]:
     template = TEMPLATES[name]
     place = target(name, out)
     paths = [place / inside if inside else place for inside, _ in template.files]
+    if template.is_folder and place.is_file():
+        raise InputError("new", [(str(place), "is a file; name a folder")])
     there = [path for path in paths if path.exists()]
     if there:
         reason = "exists and is left alone; name another one with --out"
