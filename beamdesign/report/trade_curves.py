@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes
+from matplotlib.text import Text
 
 from beamdesign.design.front import Front
 from beamdesign.design.remedies import Remedy
@@ -43,10 +44,21 @@ def plot_remedies(axes: Axes, remedies: Sequence[Remedy]) -> Axes:
         f"{remedy.bandwidth_Hz:.2f} Hz, {remedy.added_mass_kg:+.2f} kg" if not remedy.reason else "nothing proved"
         for remedy in remedies
     ]
-    axes.bar_label(bars, labels, padding=4)
-    axes.set_xlim(0, max([*heights, 1.0]) * 1.45)
+    written = axes.bar_label(bars, labels, padding=4)
+    axes.set_xlim(0, max([*heights, 1.0]))
     axes.invert_yaxis()
     axes.set_xlabel("guaranteed bandwidth, Hz")
     low, high = remedies[0].parts_kg[0]
     axes.set_title(f"Remedies for {low:g} to {high:g} kg at the tip, each proved")
+    axes.set_xlim(0, _end_beyond(axes, heights, written))
     return axes
+
+
+def _end_beyond(axes: Axes, heights: Sequence[float], written: Sequence[Text]) -> float:
+    """End of the scale at which every bar with the text behind it lies within the frame."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None  # axes that are drawn on have one
+    figure.draw_without_rendering()
+    frame = axes.get_window_extent().width
+    shares = [(text.get_window_extent().width + 0.03 * frame) / frame for text in written]
+    return max(1.0, *(height / max(1.0 - share, 0.1) for height, share in zip(heights, shares, strict=True)))
