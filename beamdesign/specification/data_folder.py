@@ -4,12 +4,15 @@ What comes back goes to `beamdesign gap diagnose` as it is. Two payloads, two am
 for, because effects show in how these differ; which records no fit sees is chosen by the diagnosis.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 
+from beamdesign.gap.fitting.unknowns import TOLERANCE_OF
 from beamdesign.operating_limits import envelope, rated_current
 from beamdesign.proof.certificate import certify
 from beamdesign.prototype import Prototype, write_prototype
@@ -95,8 +98,32 @@ def acceptance_plan(
     return AcceptancePlan(scenario, force, command, masses, words)
 
 
+def believed(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
+    """The prototype as the diagnosis should take it: with standard deviations that it states, or else as specified.
+
+    A figure anywhere within its specified tolerance, no value more likely than another, has a standard deviation of the
+    tolerance over the root of three; of the figures that share one key of `[tolerance]` the loosest counts.
+
+    Args:
+        prototype: as specified.
+        specified: relative tolerances by figure, named as in `beamdesign.proof.rig_family`.
+    """
+    if any(prototype.tolerance.model_dump().values()):
+        return prototype.but(guarantee=None)
+    deviations: dict[str, float] = {}
+    for figure, part in specified.items():
+        if key := TOLERANCE_OF.get(figure):
+            deviations[key] = max(deviations.get(key, 0.0), _two_digits(part / sqrt(3)))
+    return prototype.but(guarantee=None, tolerance=prototype.tolerance.but(**deviations))
+
+
 def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> list[Path]:
     """Write the folder to fill in; records that already hold rows are left as they are.
+
+    Args:
+        prototype: see `believed`.
+        plan: what is to be measured.
+        folder: made if need be.
 
     Returns:
         every file of the folder's layout.
@@ -104,12 +131,11 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
     Raises:
         OSError: where something cannot be written.
     """
-    clean = prototype.but(guarantee=None)
     paths = [folder / "prototype.toml", folder / "scenario.toml", folder / "dataset.toml"]
     folder.mkdir(parents=True, exist_ok=True)
-    write_prototype(clean, paths[0])
+    write_prototype(prototype, paths[0])
     write_whole(paths[1], to_toml(plan.scenario))
-    write_whole(paths[2], dataset_text(clean, plan))
+    write_whole(paths[2], dataset_text(prototype, plan))
     for row in plan.scenario.record:
         signal, record = (folder / kind / f"{row.name}.csv" for kind in ("excitation", "records"))
         table = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])

@@ -27,6 +27,9 @@ LAYERS = {
 """Layer, its colour index and its line weight in hundredths of a millimetre."""
 
 _STYLE = "BEAMDESIGN"
+_DRAWN_MM = 210.0
+"""Length of the longest tube on the paper that text and arrows are sized for."""
+
 _SHOWN_BEHIND = 0.1
 """A tube whose cut length is not given is drawn this share of its free length into its clamp, and not dimensioned."""
 
@@ -61,7 +64,7 @@ def missing_geometry(prototype: Prototype) -> str:
 
 
 def drawing(prototype: Prototype) -> "Drawing":
-    """The drawing in millimetres at full size, for plotting at 1:5.
+    """The drawing in millimetres at full size; text and arrows are sized for plotting it to fit a sheet of A3.
 
     Model space holds the lengthwise section, the tips at x = 0, and the cross-section to its right. Every dimension is
     a DIMENSION entity that measures the geometry.
@@ -80,7 +83,7 @@ def drawing(prototype: Prototype) -> "Drawing":
     for name, (colour, weight) in LAYERS.items():
         document.layers.add(name, color=colour, lineweight=weight)
     document.layers.get("CENTRE").dxf.linetype = "CENTER"
-    scale = max(-outer.back, -inner.back) / 300
+    scale = max(-outer.back, -inner.back) / _DRAWN_MM
     style = document.dimstyles.duplicate_entry("EZDXF", _STYLE)
     style.set_arrows(blk="")
     for key, value in {
@@ -118,7 +121,9 @@ def svg_text(document: "Drawing", description: str) -> str:
     from ezdxf.addons.drawing.svg import SVGBackend
 
     backend = SVGBackend()
-    config = Configuration(background_policy=BackgroundPolicy.OFF, color_policy=ColorPolicy.BLACK)
+    config = Configuration(
+        background_policy=BackgroundPolicy.OFF, color_policy=ColorPolicy.BLACK, lineweight_scaling=0.5
+    )
     Frontend(RenderContext(document), backend, config=config).draw_layout(document.modelspace())
     text = backend.get_string(layout.Page(400, 0, layout.Units.mm), settings=layout.Settings(scale=1 / 5))
     text = text[text.index("<svg") :]
@@ -165,9 +170,9 @@ def _dimension(
     at: tuple[float, float],
     angle: float = 0.0,
     text: str = "<>",
-    flat: bool = False,
+    text_at: tuple[float, float] | None = None,
 ) -> None:
-    """A dimension that measures from `start` to `end`, its line through `at`; `flat` keeps its text horizontal."""
+    """A dimension that measures from `start` to `end`, its line through `at`; `text_at` places its text, horizontal."""
     made = space.add_linear_dim(
         base=at,
         p1=start,
@@ -175,9 +180,11 @@ def _dimension(
         angle=angle,
         text=text,
         dimstyle=_STYLE,
-        override={"dimtad": 0, "dimtih": 1, "dimtoh": 1} if flat else {},
+        override={} if text_at is None else {"dimtad": 0, "dimtih": 1, "dimtoh": 1},
         dxfattribs={"layer": "DIMENSIONS"},
     )
+    if text_at is not None:
+        made.set_location(text_at)
     made.render()
 
 
@@ -204,11 +211,11 @@ def _lengthwise(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -
     _dimension(space, (-inner.free, -inside), (0, -inside), (0, low - step), text="inner, free <>")
     _dimension(space, (-outer.free, -half), (0, -half), (0, low - 2 * step), text="outer, free <>")
     if outer.cut is not None:
-        _dimension(space, (outer.back, -half), (-outer.free, -half), (0, low - 2 * step), text="clamped <>")
+        _dimension(space, (outer.back, -half), (-outer.free, -half), (0, low - 2 * step), text="clamp <>")
         _dimension(space, (outer.back, -half), (0, -half), (0, low - 3 * step), text="outer, cut <>")
     high = half + thick
     if inner.cut is not None:
-        _dimension(space, (inner.back, inside), (-inner.free, inside), (0, high + step), text="clamped <>")
+        _dimension(space, (inner.back, inside), (-inner.free, inside), (0, high + step), text="clamp <>")
         _dimension(space, (inner.back, inside), (0, inside), (0, high + 2 * step), text="inner, cut <>")
 
 
@@ -226,12 +233,12 @@ def _across(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -> No
         space.add_line(along[:2], along[2:], dxfattribs={"layer": "CENTRE"})
     _dimension(space, (x - half, -half), (x + half, -half), (0, -half - 2 * step))
     _dimension(space, (x - inside, -inside), (x + inside, -inside), (0, -half - step))
-    right = x + half
-    _dimension(space, (right - outer.wall, 0.6 * half), (right, 0.6 * half), (0, half + step), text="wall <>")
-    _dimension(
-        space, (x - inside, 0.6 * inside), (x - inside + inner.wall, 0.6 * inside), (0, half + step), text="wall <>"
-    )
-    _dimension(space, (x, inside), (x, half - outer.wall), (right + 2 * step, 0), 90, "gap <>", flat=True)
+    right, left, top = x + half, x - inside, half + step
+    _dimension(space, (right - outer.wall, 0.6 * half), (right, 0.6 * half), (0, top), text="outer wall <>")
+    _dimension(space, (left, 0.6 * inside), (left + inner.wall, 0.6 * inside), (0, top + step), text="inner wall <>")
+    beside = right + 1.5 * step
+    words = (beside + 13 * scale, (inside + half - outer.wall) / 2)
+    _dimension(space, (x, inside), (x, half - outer.wall), (beside, 0), 90, "gap <>", words)
 
 
 def _rounded(space: "Modelspace", layer: str, x: float, half: float, radius: float) -> None:

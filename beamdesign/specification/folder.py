@@ -7,7 +7,7 @@ from typing import Any
 from beamdesign.prototype import write_prototype
 from beamdesign.records import Record
 from beamdesign.report.quantity import at_least, at_most, quantity
-from beamdesign.specification.data_folder import write_data_folder
+from beamdesign.specification.data_folder import believed, write_data_folder
 from beamdesign.specification.document import Document, Paragraph, Part, to_markdown
 from beamdesign.specification.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.specification.html_page import to_html
@@ -134,7 +134,8 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
     if spec.plan is not None:
         paths["prototype"] = out / "prototype.toml"
         write_prototype(spec.prototype, paths["prototype"])
-        write_data_folder(spec.prototype, spec.plan, out / FOLDER)
+        specified = spec.tolerances.specified if spec.tolerances is not None else {}
+        write_data_folder(believed(spec.prototype, specified), spec.plan, out / FOLDER)
         paths["dataset"] = out / FOLDER
     return paths
 

@@ -133,7 +133,7 @@ def _lags(
 ) -> Iterator[tuple[float, float | None, float | None, float]]:
     """Rf, R2, C and the larger relative error of pole and zero."""
     if not isinstance(controller, Lag):
-        for feedback in values_between(resistors, 1e4, 1e5):
+        for feedback in values_between(resistors, 2e4, 3e4):
             yield feedback, None, None, 0.0
         return
     found = []

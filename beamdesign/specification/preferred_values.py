@@ -1,6 +1,7 @@
 """Preferred values of components, IEC 60063: series E6, E12, E24 and E96."""
 
 from bisect import bisect_left
+from functools import cache
 from math import floor, log10
 from typing import Literal
 
@@ -19,6 +20,7 @@ DECADE: dict[str, tuple[float, ...]] = {
 """Values of one decade, from 1 to below 10."""
 
 
+@cache
 def values_between(series: Series, low: float, high: float) -> tuple[float, ...]:
     """All values of a series from `low` to `high`, both included, ascending."""
     found = []
@@ -29,6 +31,7 @@ def values_between(series: Series, low: float, high: float) -> tuple[float, ...]
 
 def neighbours(series: Series, value: float, count: int = 1) -> tuple[float, ...]:
     """The values of a series next to a positive one: so many at or below it, and as many above."""
-    listed = values_between(series, value / 100, value * 100)
+    exponent = floor(log10(value))
+    listed = values_between(series, float(f"1e{exponent - 1}"), float(f"1e{exponent + 2}"))
     place = bisect_left(listed, value * (1 + 1e-12))
     return listed[max(place - count, 0) : place + count]

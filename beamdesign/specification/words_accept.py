@@ -89,7 +89,8 @@ def acceptance_part(spec: Specification) -> Part:
             " column"
             " names stand there already (`displacement_m` is the sensor's volts over its believed gain, measured"
             " from rest)."
-            " Critical gains go into its `dataset.toml`, where lines for them are prepared. Then"
+            " Critical gains go into its `dataset.toml`, where lines for them are prepared. Its `prototype.toml` states"
+            " as standard deviations what the prototype does, or else the specified tolerances over √3. Then"
         ),
         Code(f"beamdesign gap diagnose {FOLDER}"),
         Paragraph(
