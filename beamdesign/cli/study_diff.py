@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, say, write_json
+from beamdesign.cli.study_table import say_wide
 
 _MOST = 40
 
@@ -28,7 +29,7 @@ def diff(
         say(f"{len(found.changed)} of {len(found.cases)} common cases have other results{_code(found.code_changed)}")
         if found.inputs:
             rows = [(key, _shown(before), _shown(after)) for key, (before, after) in found.inputs.items()]
-            say_table("inputs that changed in every case", ("key", first.name, second.name), rows)
+            say_wide("inputs that changed in every case", ("key", first.name, second.name), rows)
         _say_cases(found, first, second)
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
@@ -61,7 +62,7 @@ def _say_cases(found: Any, first: Path, second: Path) -> None:
             )
     if rows:
         more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
-        say_table(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST])
+        say_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
 
 
 def _varied(varied: dict[str, Any]) -> str:

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from beamdesign.cli.output import JsonOption, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, say, write_json
+from beamdesign.cli.study_table import say_wide
 
 
 def show(
@@ -32,9 +33,9 @@ def show(
         raise typer.Exit(1)
     names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
     table = ordered(table, sort)
-    shown = [["" if row[column] is None else row[column] for column in names] for row in table[:first]]
-    say_table(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown)
-    hidden = [column for column in table[0] if column not in names]
+    shown = [[row[column] for column in names] for row in table[:first]]
+    out = say_wide(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown, columns is not None)
+    hidden = [column for column in table[0] if column not in names or column in out]
     if columns is None and hidden:
         say(f"also there: {', '.join(hidden)}")
     write_json(json, {"name": name, "columns": list(table[0]), "rows": table})

@@ -96,15 +96,15 @@ def chosen(columns: Sequence[str], asked: str) -> list[str]:
     return found
 
 
-def worth_showing(table: Sequence[dict[str, Any]], most: int = 9) -> list[str]:
-    """Columns for a terminal: number, what varies, and as many outputs as fit; not the address, no constants."""
+def worth_showing(table: Sequence[dict[str, Any]]) -> list[str]:
+    """Columns for a terminal: number, what varies, outputs that differ; not the address, no constants."""
     differs = [
         name for name in table[0] if name not in ("case", "address") and len({str(row[name]) for row in table}) > 1
     ]
     if len(table) == 1:
         differs = [name for name in table[0] if name not in ("case", "address") and table[0][name] not in (None, "")]
     reason = [name for name in differs if name == "reason"]
-    return ["case", *[name for name in differs if name != "reason"][:most], *reason]
+    return ["case", *[name for name in differs if name != "reason"], *reason]
 
 
 def ordered(table: Sequence[dict[str, Any]], sort: str | None) -> list[dict[str, Any]]:

@@ -1,12 +1,14 @@
 """Where cases are computed: in this process, in several, or on a Dask cluster; what dies is tried again."""
 
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from types import FrameType
 from typing import Any
 
 from beamdesign.study.case import Case, compute, kept
@@ -28,7 +30,31 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 def here(cases: Sequence[Case]) -> Iterator[Outcome]:
     """Compute in this process, one after another."""
     for place, found in enumerate(cases):
-        yield place, compute(found)
+        with _heeded():
+            record = compute(found)
+        yield place, record
+
+
+@contextmanager
+def _heeded() -> Iterator[None]:
+    """See to it that Ctrl-C ends the block: a solver may swallow it, and give what it has for a result."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        heard.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if heard:
+        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -88,8 +114,6 @@ def dead(found: Case, tried: int) -> dict[str, Any]:
 
 def _begin() -> None:
     """In a worker: leave Ctrl-C to the parent, and end when that ends, even by a signal it cannot answer."""
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -133,7 +157,7 @@ def cluster(address: str) -> Iterator[Workers]:
             "--scheduler", [(address, "dask.distributed is not installed: pip install 'beamdesign[cluster]'")]
         ) from None
     try:
-        client = Client(address, timeout="10s", set_as_default=False)
+        client = Client(address, timeout="5s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError("--scheduler", [(address, f"no scheduler answers there: {error}")]) from None
 
@@ -143,7 +167,7 @@ def cluster(address: str) -> Iterator[Workers]:
             for place, found in enumerate(cases)
         }
         try:
-            for future in as_completed(futures):
+            for future in as_completed(futures, loop=client.loop):
                 place = futures[future]
                 if future.status == "finished":
                     yield place, future.result()

@@ -57,8 +57,10 @@ class AtMassOptions(Record):
 class SimToRealOptions(Record):
     """Options of `sim_to_real`."""
 
-    seed: Annotated[int, Field(ge=0)] = 0
-    kind: Literal["none", "single", "pair", "outside"] = "single"
+    effect: Annotated[str, Field(description="of the virtual rig: a name of beamdesign.gap.truth.effects, or none")]
+    severity: Annotated[Positive, Field(description="of the effect")] = 1.0
+    duration_s: Annotated[Positive, Field(ge=0.5, le=8, description="of each of four records")] = 1.5
+    seed: Annotated[int, Field(ge=0, description="of tolerances, effect and signals")] = 0
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,9 @@ TASKS = {
     "stable_masses": Task(f"{_ROOM}.stable_masses", "prototype", RangeOptions, "exact stable ranges and crossings"),
     "lag_breaks": Task(f"{_ROOM}.lag_breaks", "prototype", NoOptions, "exact stable zero frequencies of the lag"),
     "robust": Task(f"{_ROOM}.robust", "prototype", RangeOptions, "bandwidth and longest stable range, for tolerances"),
+    "sim_to_real": Task(
+        f"{_ROOM}.sim_to_real", "prototype", SimToRealOptions, "design, virtual rig, diagnosis, redesign"
+    ),
     "at_mass": Task(f"{_ROOM}.at_mass", "prototype", AtMassOptions, "margins and figures of the loop at one mass"),
     "limits": Task(f"{_ROOM}.limits", "prototype", AtMassOptions, "what actuator and sensor can do at one mass"),
 }

@@ -1,0 +1,64 @@
+"""Task `sim_to_real`: design, build a virtual rig, take records, diagnose, redesign, and look at the rig again."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from beamdesign.design.tuning import tune
+from beamdesign.gap.data.dataset import read_dataset
+from beamdesign.gap.diagnose import diagnose
+from beamdesign.gap.truth.case import Case
+from beamdesign.gap.truth.writing import write_case
+from beamdesign.prototype import Lag, Prototype
+from beamdesign.study.answer import Answer
+from beamdesign.study.redesign import redesign
+from beamdesign.study.tasks import SimToRealOptions
+from beamdesign.study.tasks.certify import payload_range
+from beamdesign.study.virtual_rig import RunawayError, critical_gain, virtual_rig
+
+
+def compute(prototype: Prototype, options: SimToRealOptions) -> Answer:
+    """Once round the loop. Bandwidths are proved of the model they name; margins are those of the virtual rig."""
+    masses = payload_range(prototype)
+    designed = tune(prototype, masses)
+    if designed.best is None:
+        return Answer({}, reason=designed.reason)
+    built = (options.effect, options.severity, options.seed, options.duration_s)
+    try:
+        case = virtual_rig(designed.prototype, masses, *built)
+    except RunawayError as error:
+        return Answer({"believed_bandwidth_Hz": designed.best.bandwidth_Hz}, reason=str(error))
+    with TemporaryDirectory() as folder:
+        write_case(case, Path(folder))
+        data = read_dataset(folder)
+    found = diagnose(data, workers=1)
+    renewed = redesign(found.prototype, masses)
+    outputs = {
+        "believed_bandwidth_Hz": designed.best.bandwidth_Hz,
+        "believed_design_gain_margin": gain_margin(case, designed.prototype, masses),
+        "verdict": found.verdict,
+        "named": list(found.chosen),
+        "named_rightly": list(found.chosen) == list(case.names if case.departures else ()),
+        "gap_before": found.gap.before,
+        "gap_after": found.gap.after,
+        "gap_closed": found.gap.closed,
+        "redesigned_bandwidth_Hz": None if renewed.prototype is None else _bandwidth(renewed.prototype),
+        "redesign_gain_margin": None if renewed.prototype is None else gain_margin(case, renewed.prototype, masses),
+    }
+    details = {
+        "sentences": found.sentences,
+        "diagnosed": found.prototype.model_dump(mode="json", exclude_none=True),
+        "redesign": renewed.reason,
+    }
+    return Answer(outputs, details)
+
+
+def gain_margin(case: Case, design: Prototype, masses_kg: tuple[float, float]) -> float:
+    """Least critical gain of the virtual rig at both ends of the payload, over a design's gain; 1 is the brink."""
+    law = design.controller
+    assert isinstance(law, Lag)
+    gains = [critical_gain(case, law, mass, design.payload.inner_end_mass_kg) for mass in masses_kg]
+    return min(gains) / law.gain_A_per_V
+
+
+def _bandwidth(prototype: Prototype) -> float | None:
+    return None if prototype.guarantee is None else prototype.guarantee.bandwidth_Hz

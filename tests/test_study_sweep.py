@@ -1,0 +1,327 @@
+"""Sweeps: keys, cases, what is kept and when it counts, rows that fail, tables, comparison, what governs."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+import tomli_w
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+from beamdesign.cli.study import study
+from beamdesign.design.sizing import size
+from beamdesign.problem import DesignProblem, read_problem
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.study import code_digest as room
+from beamdesign.study.case import case
+from beamdesign.study.document_keys import known_keys, with_value, wrong_key
+from beamdesign.study.sampling import points
+from beamdesign.study.sweep_file import read_sweep
+from beamdesign.study.sweep_run import plan, run_sweep
+
+ROOT = Path(__file__).parents[1]
+PROBLEM = ROOT / "studies" / "prototype.toml"
+REMEDY = ROOT / "studies" / "prototypes" / "paper_remedy.toml"
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    """Writes a sweep file from its tables, by default of one mass on the remedy's loop."""
+
+    def write(name="sweep", task="at_mass", base=REMEDY, work=None, **tables):
+        tables = {"name": name, "study": {"task": task, "base": str(base)} | (work or {})} | tables
+        path = tmp_path / f"{name}.toml"
+        path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def command(tmp_path):
+    """Runs a subcommand of `study`; gives exit status, output and the fields written."""
+
+    def invoke(*arguments):
+        target = tmp_path / "fields.json"
+        target.unlink(missing_ok=True)
+        done = CliRunner().invoke(study, [*map(str, arguments), "--json", str(target)])
+        if done.exception is not None and not isinstance(done.exception, SystemExit):
+            raise done.exception
+        return done.exit_code, done.output, json.loads(target.read_text()) if target.exists() else None
+
+    return invoke
+
+
+MASSES = {"key": "options.outer_end_mass_kg", "values": [0.0, 2.0, 10.0, 20.0]}
+
+
+def test_every_leaf_of_both_kinds_of_file_is_a_key():
+    for record, path in ((DesignProblem, PROBLEM), (Prototype, REMEDY)):
+        known = known_keys(record)
+        table = __import__("tomllib").loads(path.read_text(encoding="utf-8"))
+        for key in (f"{name}.{leaf}" for name, part in table.items() if isinstance(part, dict) for leaf in part):
+            assert wrong_key(key, known) == ""
+    assert wrong_key("controller.zero_Hz", known) == wrong_key("effects.sensor_lag.break_Hz", known) == ""
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("payload.outer_endmass_kg", "payload.outer_end_mass_kg"),
+        ("outer_end_mass_kg", "payload.outer_end_mass_kg"),
+        ("payload.outer_end_mass_kg[2]", "2 entries, counted from 0"),
+        ("payload.inner_end_mass_kg[0]", "not a list"),
+        ("effects.sensor_lag.brake_Hz", "effects.sensor_lag.break_Hz"),
+        ("a[b]", "not a key"),
+    ],
+)
+def test_wrong_keys_are_told_with_the_nearest(key, words):
+    assert words in wrong_key(key, known_keys(Prototype))
+
+
+def test_value_is_put_under_a_key_and_the_document_left_alone():
+    document = {"payload": {"outer_end_mass_kg": [0.0, 6.8]}}
+    changed = with_value(document, "payload.outer_end_mass_kg[1]", 9.0)
+    assert changed["payload"]["outer_end_mass_kg"] == [0.0, 9.0]
+    assert document["payload"]["outer_end_mass_kg"] == [0.0, 6.8]
+    assert with_value({}, "effects.sensor_lag.break_Hz", 300.0) == {"effects": {"sensor_lag": {"break_Hz": 300.0}}}
+
+
+def test_all_that_is_wrong_with_a_file_is_told_at_once(sweep):
+    path = sweep(
+        work={"method": "grid"},
+        vary=[{"key": "payload.innerend_mass_kg", "values": [1.0]}, {"key": "controler.gain_A_per_V", "values": [1.0]}],
+        options={"mass": 1.0},
+    )
+    with pytest.raises(InputError) as refused:
+        read_sweep(path)
+    text = str(refused.value)
+    assert "payload.inner_end_mass_kg" in text
+    assert "controller.gain_A_per_V" in text
+    assert "options.mass" in text
+    assert len(refused.value.problems) == 3
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ({"key": "payload.inner_end_mass_kg"}, "give values, or low and high"),
+        ({"key": "payload.inner_end_mass_kg", "low": 2.0, "high": 1.0}, "not below high"),
+        ({"key": "payload.inner_end_mass_kg", "low": 0.0, "high": 1.0, "spacing": "logarithmic"}, "greater than 0"),
+        ({"key": "sensor.noise_V", "values": [2.0], "along": {"sensor.filter_Hz": {"values": [1.0, 2.0]}}},
+         "holds 2 values, expected 1"),
+    ],
+)  # fmt: skip
+def test_axes_are_checked(sweep, vary, words):
+    with pytest.raises(InputError, match=words):
+        read_sweep(sweep(vary=[vary]))
+
+
+def test_grid_is_the_product_in_a_stable_order_and_a_limit_spreads_over_it(sweep):
+    ends = {"low": 0.5, "high": 2.0, "count": 3, "spacing": "logarithmic"}
+    along = {"outer_beam.free_length_m": {"times": 0.8}}
+    read = read_sweep(
+        sweep(
+            task="size",
+            base=PROBLEM,
+            vary=[
+                {"key": "outer_beam.length_m", "along": along} | ends,
+                {"key": "load.tip_force_N", "values": [1000.0, 2000.0]},
+            ],
+        )
+    )  # fmt: skip
+    found = points(read)
+    assert [p["outer_beam.length_m"] for p in found] == [0.5, 0.5, 1.0, 1.0, 2.0, 2.0]
+    assert [p["load.tip_force_N"] for p in found] == [1000.0, 2000.0] * 3
+    assert all(p["outer_beam.free_length_m"] == pytest.approx(0.8 * p["outer_beam.length_m"]) for p in found)
+    assert points(read, 2) == [found[0], found[-1]]
+
+
+def test_latin_hypercube_has_one_sample_per_stratum_and_sobol_balances_halves(sweep):
+    axis = {"key": "payload.inner_end_mass_kg", "low": 0.0, "high": 8.0}
+    latin = read_sweep(sweep(work={"method": "latin_hypercube", "cases": 8}, vary=[axis]))
+    assert sorted(int(p["payload.inner_end_mass_kg"]) for p in points(latin)) == list(range(8))
+    sobol = read_sweep(sweep(work={"method": "sobol", "cases": 16}, vary=[axis]))
+    assert sum(p["payload.inner_end_mass_kg"] < 4.0 for p in points(sobol)) == 8
+    assert points(sobol) == points(sobol)
+
+
+def test_rerun_computes_nothing_and_gives_the_same_bytes(sweep, command, tmp_path):
+    path, folder = sweep(vary=[MASSES]), tmp_path / "out"
+    status, _, fields = command("run", path, "--out", folder)
+    assert (status, fields["computed"], fields["counts"]) == (0, 4, {"no": 2, "done": 2})
+    before = {name: (folder / name).read_bytes() for name in ("table.csv", "table.parquet")}
+    status, output, fields = command("run", path, "--out", folder)
+    assert (status, fields["computed"]) == (0, 0)
+    assert "0 computed, 4 kept" in output
+    assert before == {name: (folder / name).read_bytes() for name in before}
+
+
+def test_another_value_is_computed_and_the_others_are_kept(sweep, command, tmp_path):
+    command("run", sweep(vary=[MASSES]), "--out", tmp_path / "out")
+    more = MASSES | {"values": [5.0, *MASSES["values"]]}
+    _, _, fields = command("run", sweep(vary=[more]), "--out", tmp_path / "out")
+    assert (fields["computed"], fields["cases"]) == (1, 5)
+
+
+def test_rows_are_those_of_the_loop_and_both_tables_agree(sweep, command, tmp_path):
+    command("run", sweep(vary=[MASSES]), "--out", tmp_path / "out")
+    with open(tmp_path / "out" / "table.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    # The remedy is stable from 1.968 kg to 17.79 kg (README; certified), so at 2 and 10 kg of these.
+    assert [row["stable"] for row in rows] == ["False", "True", "True", "False"]
+    assert [row["status"] for row in rows] == ["no", "done", "done", "no"]
+    table = parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist()
+    assert [row["options.outer_end_mass_kg"] for row in table] == MASSES["values"]
+    assert [row["stable"] for row in table] == [False, True, True, False]
+    assert list(table[0]) == list(rows[0])
+    assert float(rows[1]["bandwidth_Hz"]) == table[1]["bandwidth_Hz"]
+    assert "20 kg" in table[3]["reason"]
+
+
+def test_result_of_size_is_that_of_size(sweep, command, tmp_path):
+    path = sweep(task="size", base=PROBLEM)
+    _, _, fields = command("run", path, "--out", tmp_path / "out")
+    assert fields["cases"] == 1
+    (row,) = parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist()
+    assert row["beam_mass_kg"] == pytest.approx(size(read_problem(PROBLEM)).beam_mass_kg)
+
+
+def test_failures_stay_as_rows_with_their_reason(sweep, command, tmp_path, monkeypatch):
+    import beamdesign.study.tasks.size as task
+
+    real = task.find_sections
+
+    def sometimes(problem):
+        if problem.load.tip_force_N == 1234.0:
+            raise ZeroDivisionError("a fault")
+        return real(problem)
+
+    monkeypatch.setattr(task, "find_sections", sometimes)
+    vary = [{"key": "load.tip_force_N", "values": [1000.0, 1234.0, -1.0, 90000.0]}]
+    status, output, fields = command("run", sweep(task="size", base=PROBLEM, vary=vary), "--out", tmp_path / "out")
+    assert status == 0
+    assert fields["counts"] == {"done": 1, "failed": 1, "refused": 1, "no": 1}
+    assert "ZeroDivisionError: a fault" in output
+    rows = parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist()
+    assert "greater than 0" in rows[2]["reason"]
+    assert rows[3]["reason"]
+    status, output, _ = command("status", tmp_path / "sweep.toml", "--out", tmp_path / "out")
+    assert status == 0
+    assert "0 to go" in output
+    assert "a fault" in output
+    status, output, _ = command("why", tmp_path / "out" / "1")
+    assert status == 1
+    assert "sometimes" in output  # the place in the traceback
+    monkeypatch.setattr(task, "find_sections", real)
+    _, _, fields = command("run", tmp_path / "sweep.toml", "--out", tmp_path / "out", "--again")
+    assert (fields["computed"], fields["counts"]["done"]) == (1, 2)
+
+
+def test_base_that_no_case_mends_is_bad_input(sweep, command, tmp_path):
+    bare = tmp_path / "bare.toml"
+    bare.write_text(REMEDY.read_text(encoding="utf-8").split("[controller]")[0], encoding="utf-8")
+    with pytest.raises(InputError, match="controller"):
+        command("run", sweep(base=bare, vary=[MASSES]), "--out", tmp_path / "out")
+    with pytest.raises(InputError, match="no-such"):
+        command("run", sweep(base=tmp_path / "no-such.toml"), "--out", tmp_path / "out")
+
+
+def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_address(monkeypatch):
+    table = __import__("tomllib").loads(REMEDY.read_text(encoding="utf-8"))
+    spelt = table | {"supply": {"pressure_Pa": 20e6}}
+    given, same = (case("at_mass", document, {}, {}) for document in (table, spelt))
+    assert given.address == same.address
+    assert case("at_mass", with_value(table, "sensor.gain_V_per_m", 1181.0), {}, {}).address != given.address
+    monkeypatch.setattr("beamdesign.study.case.code_digest", lambda module: "other code")
+    other = case("at_mass", table, {}, {})
+    assert other.inputs_sha256 == given.inputs_sha256
+    assert other.address != given.address
+
+
+def test_digest_reaches_what_a_task_imports_and_no_more():
+    names = {path.relative_to(ROOT / "beamdesign").as_posix() for path in room.reached("beamdesign.study.tasks.size")}
+    assert {"study/tasks/size.py", "design/sizing.py", "section.py", "design/__init__.py", "records.py"} <= names
+    assert not any(name.startswith(("cli/", "report/", "gap/", "rig/")) for name in names)
+
+
+def test_results_of_other_code_are_told_and_not_used(sweep, command, tmp_path, monkeypatch):
+    path, folder = sweep(vary=[MASSES]), tmp_path / "out"
+    command("run", path, "--out", folder)
+    monkeypatch.setattr("beamdesign.study.case.code_digest", lambda module: "later code")
+    monkeypatch.setattr("beamdesign.study.sweep_status.code_digest", lambda module: "later code")
+    status, output, fields = command("status", path, "--out", folder)
+    assert (status, fields["remaining"], fields["stale"]) == (1, 4, 4)
+    assert "another version of the code" in output
+    assert command("run", path, "--out", folder)[2]["computed"] == 4
+    assert len(list((folder / "cases").iterdir())) == 8
+
+
+def test_show_sorts_and_chooses(sweep, command, tmp_path):
+    command("run", sweep(vary=[MASSES]), "--out", tmp_path / "out")
+    status, output, fields = command(
+        "show", tmp_path / "out", "--sort=-bandwidth_Hz", "--columns", "outer_end_mass,bandwidth_Hz"
+    )
+    assert status == 0
+    assert "critical_gain" not in output
+    found = [row["bandwidth_Hz"] for row in fields["rows"]]
+    assert found[0] > found[1]
+    assert found[2:] == [None, None]
+    with pytest.raises(InputError, match="no such column"):
+        command("show", tmp_path / "out", "--columns", "breadth")
+    with pytest.raises(InputError, match="holds no study"):
+        command("show", tmp_path)
+
+
+def test_diff_tells_what_changed_and_what_it_did(sweep, command, tmp_path):
+    command("run", sweep("a", vary=[MASSES]), "--out", tmp_path / "a")
+    softer = tmp_path / "softer.toml"
+    softer.write_text(REMEDY.read_text(encoding="utf-8").replace("1.3e7", "1.2e7"), encoding="utf-8")
+    shorter = MASSES | {"values": MASSES["values"][:3]}
+    command("run", sweep("b", base=softer, vary=[shorter]), "--out", tmp_path / "b")
+    status, output, fields = command("diff", tmp_path / "a", tmp_path / "b")
+    assert status == 1
+    assert fields["inputs"] == {"actuator.oil_stiffness_N_per_m": [1.3e7, 1.2e7]}
+    assert fields["only_first"] == [{"options.outer_end_mass_kg": 20.0}]
+    # A softer oil spring lowers the critical gain.
+    before, after = fields["cases"][1]["outputs"]["critical_gain_A_per_V"]
+    assert after < before
+    assert "critical_gain_A_per_V" in output
+    assert command("diff", tmp_path / "a", tmp_path / "a")[0] == 0
+
+
+def test_why_tells_checks_binding_ones_and_prices(sweep, command, tmp_path):
+    vary = [{"key": "sections.largest_width_m", "values": [0.2, 0.1]}]
+    command("run", sweep(task="size", base=PROBLEM, vary=vary), "--out", tmp_path / "out")
+    found = size(read_problem(PROBLEM))
+    status, output, fields = command("why", tmp_path / "out" / "0")
+    assert status == 0
+    assert fields["checks"][0]["name"] == found.governing
+    assert fields["shadow_prices"] == pytest.approx(found.shadow_prices)
+    assert "of beam mass" in output
+    status, output, fields = command("why", tmp_path / "out" / "1")
+    assert status == 1
+    assert fields["relaxations"][0]["key"] == "sections.largest_width_m"
+    assert "enough alone: sections.largest_width_m" in output
+    with pytest.raises(InputError, match="rows are 0 to 1"):
+        command("why", tmp_path / "out" / "zzz")
+
+
+def test_optimiser_finds_the_least_of_a_known_function_and_goes_on_where_it_was(sweep, tmp_path):
+    """Static compliance falls with the gain alone, so the largest gain wins; the loop is stable everywhere there."""
+    path = sweep(
+        work={"method": "optimise"},
+        options={"outer_end_mass_kg": 5.0},
+        optimise={"output": "static_compliance_m_per_N", "generations": 6, "population": 8},
+        vary=[{"key": "controller.gain_A_per_V", "low": 0.01, "high": 0.1}],
+    )
+    found = run_sweep(plan(path), tmp_path / "out")
+    rows = sorted(
+        (row["outputs"]["static_compliance_m_per_N"], row["varied"]["controller.gain_A_per_V"]) for row in found.records
+    )
+    assert rows[0][1] == pytest.approx(0.1, rel=0.02)
+    again = run_sweep(plan(path), tmp_path / "out")
+    assert again.computed == 0
+    assert [row["address"] for row in again.records] == [row["address"] for row in found.records]
