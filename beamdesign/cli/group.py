@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from beamdesign.cli.interruption import remembered
 from beamdesign.cli.output import hush, speak
 
 INTERRUPTED = 130
@@ -49,7 +50,8 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command; from the keyboard it can be interrupted, which takes one line and no traceback."""
         try:
-            return super().invoke(ctx)
+            with remembered():
+                return super().invoke(ctx)
         except KeyboardInterrupt:
             say_interrupted(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip())
             raise typer.Exit(INTERRUPTED) from None

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+from beamdesign.cli.interruption import pass_on
 from beamdesign.whole_file import write_whole
 
 
@@ -178,7 +179,7 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
 def progress(description: str) -> AbstractContextManager[Any]:
     """A bar on stderr for as long as a `with` block runs, which is given `update(share_done, words)`."""
     if _hushed.get() or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        return nullcontext(lambda fraction, text="": None)
+        return nullcontext(lambda fraction, text="": pass_on())
     from beamdesign.cli.progress import display
 
     return display(description)

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from beamdesign.cli.interruption import pass_on
+
 
 @contextmanager
 def display(description: str) -> Iterator[Callable[[float, str], None]]:
@@ -21,6 +23,7 @@ def display(description: str) -> Iterator[Callable[[float, str], None]]:
         task = bar.add_task(description, total=1.0, note="")
 
         def update(fraction: float, text: str = "") -> None:
+            pass_on()
             bar.update(task, completed=fraction, note=text)
 
         yield update

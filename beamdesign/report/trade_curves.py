@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from beamdesign.design.front import Front
@@ -56,8 +57,8 @@ def plot_remedies(axes: Axes, remedies: Sequence[Remedy]) -> Axes:
 
 def _end_beyond(axes: Axes, heights: Sequence[float], written: Sequence[Text]) -> float:
     """End of the scale at which every bar with the text behind it lies within the frame."""
-    figure = axes.get_figure(root=True)
-    assert figure is not None  # axes that are drawn on have one
+    figure = axes.figure
+    assert isinstance(figure, Figure)  # not a part of one
     figure.draw_without_rendering()
     frame = axes.get_window_extent().width
     shares = [(text.get_window_extent().width + 0.03 * frame) / frame for text in written]

@@ -1,0 +1,42 @@
+"""Ctrl-C is remembered: where some library swallows it, the next word on progress passes it on."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_came = threading.Event()
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """For as long as the block runs, remember that Ctrl-C came; who ignores it or has a way of their own keeps that."""
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        yield
+        return
+    _came.clear()
+    signal.signal(signal.SIGINT, _remember)
+    try:
+        yield
+    finally:
+        _came.clear()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _remember(number: int, frame: FrameType | None) -> None:
+    _came.set()
+    raise KeyboardInterrupt
+
+
+def pass_on() -> None:
+    """Say again what was swallowed.
+
+    Raises:
+        KeyboardInterrupt: where Ctrl-C has come.
+    """
+    if _came.is_set():
+        raise KeyboardInterrupt

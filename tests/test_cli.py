@@ -1,0 +1,328 @@
+"""The manner of the commands: quiet, plain where nobody looks, interruptible, and clear about what is wrong."""
+
+import ast
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from beamdesign.cli import app, main
+from beamdesign.cli.group import HEADINGS
+from beamdesign.design.interruption import interruption_waits
+
+ROOT = Path(__file__).parent.parent
+STUDY = ROOT / "studies" / "prototype.toml"
+RIG = ROOT / "studies" / "prototypes" / "paper_remedy.toml"
+TABLE = ["new", "--list"]
+"""A quick command that prints a table."""
+
+
+def leaves(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from leaves(command, (*path, name))
+        else:
+            yield " ".join((*path, name)), command
+
+
+COMMANDS = dict(leaves(typer.main.get_command(app)))
+
+
+def in_terminal(code: str, type_at: tuple[bytes, bytes] | None = None, **variables: str) -> tuple[int, bytes]:
+    """Run Python code in a terminal of its own; type something once some words have been shown.
+
+    Returns:
+        exit status, and all that the terminal was sent.
+    """
+    ours, theirs = pty.openpty()
+    # The child takes the terminal as its own, so that Ctrl-C typed there becomes a signal.
+    own = "import fcntl, signal, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+    own += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    environment = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR", "TERM")}
+    process = subprocess.Popen(
+        [sys.executable, "-c", own + code], stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
+        env={**environment, "TERM": "xterm-256color", **variables},
+    )  # fmt: skip
+    os.close(theirs)
+    seen = b""
+    while True:
+        if select.select([ours], [], [], 0.05)[0]:
+            try:
+                seen += os.read(ours, 65536)
+            except OSError:  # the other end is closed
+                break
+        elif process.poll() is not None:
+            break
+        if type_at is not None and type_at[0] in seen:
+            os.write(ours, type_at[1])
+            type_at = None
+    os.close(ours)
+    return process.wait(), seen
+
+
+def status_of(arguments: list[str]) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["beamdesign", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+    return left.value.code
+
+
+def run_main(arguments: list[str]) -> str:
+    return f"import sys; sys.argv = {['beamdesign', *arguments]!r}\nfrom beamdesign.__main__ import main; main()"
+
+
+def test_every_command_is_quiet_on_demand_writes_json_and_says_in_one_line_what_it_does() -> None:
+    assert len(COMMANDS) >= 18
+    for name, command in COMMANDS.items():
+        options = {option for parameter in command.params for option in parameter.opts}
+        assert {"--quiet", "-q", "--json"} <= options, name
+        assert not command.get_short_help_str(70).endswith("..."), name
+
+
+def test_the_help_leads_a_newcomer_from_a_template_to_a_built_rig() -> None:
+    shown = CliRunner().invoke(app, ["--help"]).output
+    places = [shown.index(f"\n{heading}:") for heading in HEADINGS]
+    assert places == sorted(places)
+    assert "Further commands" not in shown
+    way = [shown.index(f"\n  {name} ") for name in ("new", "run", "spec", "simulate", "gap")]
+    assert way == sorted(way)
+
+
+def test_help_loads_no_engine() -> None:
+    heavy = {"numpy", "scipy", "casadi", "control", "cvxpy", "flint", "matplotlib", "numba", "pandas", "dask"}
+    code = f"import sys; from typer.testing import CliRunner; from beamdesign.cli import app\n" \
+           f"CliRunner().invoke(app, ['--help']); sys.exit(' '.join(sorted({heavy!r} & set(sys.modules))))"  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.stderr.strip() == ""
+
+
+@pytest.mark.parametrize("arguments", [["-q", *TABLE], [*TABLE, "--quiet"], ["--quiet", "explain", "width_m"]])
+def test_quiet_is_heard_before_and_after_the_command_and_json_is_written(arguments: list[str], tmp_path: Path) -> None:
+    answer = tmp_path / "answer.json"
+    done = CliRunner().invoke(app, [*arguments, "--json", str(answer)])
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
+    assert json.loads(answer.read_text())
+    # The next call in the same process speaks again.
+    assert CliRunner().invoke(app, TABLE).stdout
+
+
+def test_quiet_leaves_errors_and_exit_statuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unstable = CliRunner().invoke(app, ["certify", str(RIG), "--out", str(tmp_path / "proof.toml"), "--quiet"])
+    assert (unstable.exit_code, unstable.output) == (1, "")
+    assert (tmp_path / "proof.toml").is_file()
+    assert status_of(["certify", "nothing.toml", "--quiet"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("nothing.toml: (file): No such file")
+
+
+def test_no_command_prints_past_the_one_place_that_can_be_hushed() -> None:
+    for path in (ROOT / "beamdesign" / "cli").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"):
+                continue
+            to = [ast.unparse(keyword.value) for keyword in node.keywords if keyword.arg == "file"]
+            assert to == ["sys.stderr"] or path.name == "output.py", f"{path.name}, line {node.lineno}"
+
+
+def test_colours_are_for_terminals_only(tmp_path: Path) -> None:
+    _, seen = in_terminal(run_main(TABLE))
+    assert b"\x1b[" in seen
+    for variables in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
+        _, seen = in_terminal(run_main(TABLE), **variables)
+        assert b"templates" in seen
+        assert b"\x1b" not in seen
+    piped = subprocess.run([sys.executable, "-c", run_main(TABLE)], check=True, capture_output=True)
+    assert b"templates" in piped.stdout
+    assert b"\x1b" not in piped.stdout
+    assert piped.stderr == b""
+
+
+def test_progress_is_for_terminals_only() -> None:
+    work = (
+        "import time\nfrom beamdesign.cli.output import hush, progress\n{before}\n"
+        "with progress('weighing') as update:\n    update(0.5, 'half of it'); time.sleep(0.25)\nprint('done')"
+    )
+    _, seen = in_terminal(work.format(before=""))
+    assert b"weighing" in seen
+    assert b"half of it" in seen
+    for before, variables in (("hush()", {}), ("", {"TERM": "dumb"})):
+        _, seen = in_terminal(work.format(before=before), **variables)
+        assert seen.split() == [b"done"]
+    piped = subprocess.run([sys.executable, "-c", work.format(before="")], check=True, capture_output=True)
+    assert (piped.stdout.split(), piped.stderr) == ([b"done"], b"")
+
+
+def test_ctrl_c_typed_at_a_terminal_is_one_line_and_status_130(tmp_path: Path) -> None:
+    command = run_main(["run", str(STUDY), "--out", str(tmp_path / "out")])
+    status, seen = in_terminal(command, type_at=(b"designing", b"\x03"))
+    assert status == 130
+    assert b"beamdesign run: interrupted" in seen
+    assert b"Traceback" not in seen
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["size", str(STUDY)],
+        ["certify", str(RIG)],
+        ["simulate", str(RIG), "--out", "x", "--scenario", "y"],
+        ["gap", "predict", str(RIG), "x", "--out", "y"],
+    ],
+)
+def test_an_interruption_anywhere_is_one_line(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("beamdesign.records.read_table", lambda path: signal.raise_signal(signal.SIGINT))
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        done = CliRunner().invoke(app, arguments, prog_name="beamdesign")
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert done.exit_code == 130
+    assert done.stderr == f"beamdesign {arguments[0]}: interrupted\n"
+
+
+def test_an_interruption_that_a_library_swallows_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    from beamdesign.records import read_table
+
+    def swallowing(path: Path) -> Any:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException:
+            return read_table(path)
+
+    monkeypatch.setattr("beamdesign.records.read_table", swallowing)
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        done = CliRunner().invoke(app, ["run", str(STUDY), "--out", "x"], prog_name="beamdesign")
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert (done.exit_code, done.stderr) == (130, "beamdesign run: interrupted\n")
+
+
+def test_an_interruption_waits_for_a_solver_and_is_not_lost() -> None:
+    """CasADi would swallow it: an IPOPT run ends early and the search goes on."""
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    reached = []
+
+    def solve() -> None:
+        with interruption_waits():
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.01)
+            reached.append("the end of the run")
+        reached.append("what comes after")
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            solve()
+        assert reached == ["the end of the run"]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("beamdesign tun", ["tune"]),
+        ("beamdesign tune studies/prototypes/pap", ["studies/prototypes/paper_remedy.toml"]),
+        ("beamdesign simulate x --scenario studies/scenarios/k", ["studies/scenarios/kick.toml"]),
+        ("beamdesign gap diagnose studies/gaps/slow", ["studies/gaps/slow_sensor"]),
+        ("beamdesign new bench", ["bench", "bench-scenario"]),
+        ("beamdesign explain joint_b", ["joint_backlash"]),
+        ("beamdesign explain outer_beam.w", ["outer_beam.wall_m", "outer_beam.width_m"]),
+        ("beamdesign run --qu", ["--quiet"]),
+        ("beamdesign tune no_such_folder/", []),
+    ],
+)
+def test_the_shell_completes(typed: str, offered: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    asked = {"_BEAMDESIGN_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    done = CliRunner().invoke(app, [], prog_name="beamdesign", env=asked)
+    assert done.stdout.split() == offered
+
+
+def test_completion_can_be_installed() -> None:
+    options = {option for parameter in typer.main.get_command(app).params for option in parameter.opts}
+    assert {"--install-completion", "--show-completion"} <= options
+
+
+def changed(source: Path, into: Path, old: str, new: str) -> Path:
+    text = source.read_text(encoding="utf-8")
+    assert old in text
+    into.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return into
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "remedy"),
+    [
+        ("width_m = 0.140", "width_mm = 140", "outer_beam.width_mm", "wrong unit mm: give width_m, in m"),
+        ("gain_V_per_m", "gian_V_per_m", "sensor.gian_V_per_m", "did you mean gain_V_per_m?"),
+        ("effective_mass_kg = 3.9", "effective_mass_kg = -3.9", "outer_beam.effective_mass_kg", "greater than 0"),
+        ("[0.0, 6.8]", "[6.8, 0.0]", "payload.outer_end_mass_kg", "write [least, most]"),
+        ('kind = "lag"', 'kind = "lagg"', "controller", "did you mean 'lag'?"),
+        ('"6061-T6"', '"6061-T7"', "outer_beam.material", "6061-T6"),
+        ('name = "paper_remedy"', 'name = "paper_remedy', "(file)", "a quotation mark is missing"),
+        ("0.05\nwidth", "0,05\nwidth", "(file)", "write decimals with a point"),
+        ("= 0.050", "=", "(file)", "the value is missing"),
+    ],
+)
+def test_a_wrong_figure_is_told_by_file_key_reason_and_remedy(
+    old: str, new: str, key: str, remedy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if old == "= 0.050":
+        old, new = "damping_ratio = 0.05\n", "damping_ratio =\n"
+    path = changed(RIG, tmp_path / "rig.toml", old, new)
+    assert status_of(["certify", str(path)]) == 2
+    said = capsys.readouterr().err
+    (line,) = [line for line in said.splitlines() if key in line and remedy in line]
+    assert line.startswith(f"{path}: {key}: ")
+
+
+@pytest.mark.parametrize("command", ["certify", "tune", "run", "size", "limits", "certify-box", "certify-switching",
+                                     "codesign", "front", "remedies", "simulate", "spec", "study run"])  # fmt: skip
+def test_what_is_no_file_is_told_by_every_command(command: str, tmp_path: Path) -> None:
+    needed = {"run": ["--out", "x"], "front": ["--out", "x"], "remedies": ["--out", "x"],
+              "codesign": ["--bandwidth-Hz", "3"], "simulate": ["--out", "x", "--scenario", "y"]}  # fmt: skip
+    (tmp_path / "rig.toml").write_text("")
+    for name, remedy in (("rigg.toml", "did you mean"), ("", "name a file in it: rig.toml")):
+        path = tmp_path / name
+        done = CliRunner().invoke(app, [*command.split(), str(path), *needed.get(command, [])])
+        told = str(done.exception)
+        assert told.startswith(f"{path}: (file): "), told
+        assert remedy in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["certify", str(STUDY)], "is a study, where a prototype is expected; `beamdesign run"),
+        (["run", str(RIG), "--out", "x"], "is a prototype, where a study is expected; `beamdesign new study`"),
+        (["certify", str(ROOT / "studies" / "scenarios" / "kick.toml")], "`beamdesign simulate PROTOTYPE --scenario"),
+        (["certify", str(RIG), "--outer-end-mass", "6.8"], "expected two masses in kg as LO:HI, such as 0:6.8"),
+        (["tune", str(RIG), "--outer-end-mass", "6.8:0"], "6.8 is above 0"),
+        (["tune", str(RIG), "--controller", "pid"], "expected one of lag, proportional"),
+    ],
+)
+def test_what_does_not_fit_is_told_with_what_to_do(arguments: list[str], told: str) -> None:
+    done = CliRunner().invoke(app, arguments)
+    assert told in str(done.exception)
+
+
+def test_a_misspelt_command_or_option_is_guessed() -> None:
+    assert "'tune'" in CliRunner().invoke(app, ["tun"]).stderr
+    assert "--outer-end-mass" in CliRunner().invoke(app, ["tune", str(RIG), "--outer-end-mas", "0:1"]).stderr
