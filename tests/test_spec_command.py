@@ -1,0 +1,266 @@
+"""`beamdesign spec`: the folder it leaves, its drawing, and the data set that comes back to the diagnosis."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import ezdxf
+import numpy as np
+import pytest
+from ezdxf import recover
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.gap.data.dataset import read_dataset
+from beamdesign.gap.fitting.holdout import held_out
+from beamdesign.proof.replay_any import replay
+from beamdesign.prototype import Lag, read_prototype, write_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Measurement, inputs_of, read_scenario
+from beamdesign.simulate import simulate
+from beamdesign.specification.data_folder import COLUMNS, acceptance_plan, believed, write_data_folder
+from beamdesign.specification.drawing import LAYERS, drawing, dxf_text, missing_geometry
+
+PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
+
+
+def spec(*given: object) -> "object":
+    return CliRunner().invoke(app, ["spec", *map(str, given)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The published rig with a tame lag over a range of payloads, under a name that needs escaping everywhere."""
+    place = tmp_path_factory.mktemp("spec")
+    found = read_prototype(PROTOTYPES / "published_lag.toml")
+    rig = found.but(
+        name='A <rig> & "co" | *x*',
+        controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0),
+        payload=found.payload.but(outer_end_mass_kg=(0.0, 6.8), inner_end_mass_kg=1.9),
+    )
+    write_prototype(rig, place / "rig.toml")
+    ran = spec(place / "rig.toml", "--out", place / "out", "--json", place / "spec.json")
+    assert ran.exit_code == 0, ran.output
+    assert "proved" in ran.output
+    return place / "out"
+
+
+class Page(HTMLParser):
+    """What a page is made of."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "link", "br", "rect", "path"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in ("rect", "path"):
+            assert self.open.pop() == tag
+
+
+def test_the_page_stands_alone(folder: Path) -> None:
+    text = (folder / "specification.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    tags = [tag for tag, _ in page.tags]
+    assert tags.count("svg") == 1
+    assert not {"script", "img", "iframe"} & set(tags)
+    for tag, given in page.tags:
+        for key in ("href", "src"):
+            assert given.get(key, "#").startswith(("#", "data:")), tag
+    names = [given["id"] for _, given in page.tags if "id" in given]
+    assert len(names) == len(set(names))
+    links = [given["href"][1:] for tag, given in page.tags if tag == "a"]
+    assert set(links) <= set(names)
+    assert "prefers-color-scheme: dark" in text
+    assert "A &lt;rig&gt; &amp;" in text
+    assert "<rig>" not in text
+
+
+def test_markdown_and_page_say_the_same(folder: Path) -> None:
+    markdown, html = ((folder / f"specification.{kind}").read_text() for kind in ("md", "html"))
+    titles = [line[3:] for line in markdown.splitlines() if line.startswith("## ")]
+    assert titles == re.findall(r"<h2>(.*?)</h2>", html)
+    assert titles[-2:] == ["Acceptance test", "How each figure is founded"]
+    rows = [line for line in markdown.splitlines() if line.startswith("| ")]
+    assert len(rows) - 1 - len(re.findall("<dt>", html)) == html.count("<tr>")
+    assert all(len(re.findall(r"(?<!\\)\|", row)) >= 3 for row in rows)
+
+
+def test_what_is_said_is_in_the_json(folder: Path) -> None:
+    fields = json.loads((folder.parent / "spec.json").read_text())
+    markdown = (folder / "specification.md").read_text()
+    assert fields["certifiable"] is True
+    assert fields["outer_end_mass_kg"] == [0.0, 6.8]
+    assert fields["digital"]["one_period_late"]["stable"] is True
+    for key in ("b0", "b1", "a1"):
+        assert f"{key} = {fields['digital']['equation'][key]!r}" in markdown
+    assert len(fields["tolerances"]["figures"]) == 17
+    assert fields["acceptance"][0]["outer_end_mass_kg"] == 0.0
+    assert {*fields["basis"].values()} >= {"proved", "computed"}
+    for path in fields["files"].values():
+        assert Path(path).exists()
+    assert "certificate" not in json.dumps(fields["tolerances"])
+
+
+def test_every_certificate_is_proved_again(folder: Path) -> None:
+    texts = [folder / "certificate.toml", folder / "tolerances.toml", folder / "delay.toml"]
+    texts += sorted((folder / "components").glob("*.toml"))[:2]
+    assert all(replay(path).valid for path in texts)
+    delay = json.loads((folder.parent / "spec.json").read_text())["digital"]["delay_s"]
+    assert f"{delay:g}"[:4] in texts[2].read_text() or "delay" in texts[2].read_text()
+
+
+def test_the_drawing_measures_the_prototype(folder: Path) -> None:
+    """Read again by ezdxf: no errors, millimetres, and dimensions that measure what the prototype states."""
+    document, auditor = recover.readfile(folder / "drawing.dxf")
+    assert not auditor.has_errors
+    assert document.units == ezdxf.units.MM
+    assert set(LAYERS) <= {layer.dxf.name for layer in document.layers}
+    space = document.modelspace()
+    measured = sorted(round(entity.get_measurement(), 4) for entity in space.query("DIMENSION"))
+    # Cut twice, clamped and free, widths, walls, and the gap (140 - 2 * 2.3 - 100) / 2 by hand.
+    assert measured == sorted([1500, 1500, 305, 135, 1195, 1365, 140, 100, 2.3, 3.2, 17.7])
+    for layer, width, wall in (("OUTER_TUBE", 140.0, 2.3), ("INNER_TUBE", 100.0, 3.2)):
+        lines = [np.array(line.get_points("xy")) for line in space.query(f'LWPOLYLINE[layer=="{layer}"]')]
+        assert len(lines) == 4  # two walls lengthwise, outside and inside across
+        sizes = sorted(np.ptp(line, axis=0).tolist() for line in lines)
+        assert sizes[0] == pytest.approx([width - 2 * wall] * 2)
+        assert sizes[1] == pytest.approx([width] * 2)
+        assert sizes[2] == pytest.approx([1500.0, wall])
+
+
+def test_rounded_corners_keep_the_width() -> None:
+    """A tube of corner radius r: its outline's bulges turn by a quarter circle of that radius."""
+    rig = read_prototype(PROTOTYPES / "published_lag.toml")
+    rig = rig.but(outer_beam=rig.outer_beam.but(corner_radius_m=0.008))
+    space = drawing(rig).modelspace()
+    rounded = [line for line in space.query('LWPOLYLINE[layer=="OUTER_TUBE"]') if len(line) == 8]
+    assert len(rounded) == 2
+    points = np.array(rounded[0].get_points("xyb"))
+    assert np.ptp(points[:, :2], axis=0) == pytest.approx([140.0, 140.0])
+    for k in range(8):
+        chord = np.hypot(*(points[(k + 1) % 8, :2] - points[k, :2]))
+        if points[k, 2]:
+            radius = chord * (1 + points[k, 2] ** 2) / (4 * points[k, 2])
+            assert radius == pytest.approx(8.0)
+
+
+def test_lumped_figures_give_no_drawing(paper, tmp_path: Path) -> None:
+    assert "outer_beam.width_m" in missing_geometry(paper)
+    with pytest.raises(ValueError, match="lumped figures only"):
+        drawing(paper)
+
+
+def test_a_tube_of_unknown_cut_length_is_not_dimensioned_there() -> None:
+    rig = read_prototype(PROTOTYPES / "published_lag.toml")
+    rig = rig.but(inner_beam=rig.inner_beam.but(length_m=None))
+    document = drawing(rig)
+    assert dxf_text(document)
+    measured = sorted(round(entity.get_measurement(), 4) for entity in document.modelspace().query("DIMENSION"))
+    assert measured == sorted([1500, 305, 1195, 1365, 140, 100, 2.3, 3.2, 17.7])
+
+
+def test_what_is_unstable_is_not_specified(tmp_path: Path) -> None:
+    """The paper's remedy, unstable below 1.968 kg."""
+    ran = spec(PROTOTYPES / "paper_remedy.toml", "--out", tmp_path, "--json", tmp_path / "spec.json")
+    assert ran.exit_code == 1, ran.output
+    assert "not certifiable from 0 to 6.8 kg: unstable from 0 to 1.968" in ran.output
+    fields = json.loads((tmp_path / "spec.json").read_text())
+    assert fields["certifiable"] is False
+    assert fields["stable_ranges_kg"][0] == pytest.approx([1.968442, 6.8], abs=1e-5)
+    assert "Nothing is specified" in (tmp_path / "specification.md").read_text()
+    assert not (tmp_path / "acceptance").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--sampling-rate-Hz", "40"), "upper break, 26 Hz"),
+        (("--sampling-rate-Hz", "nan"), "--sampling-rate-Hz"),
+        (("--load-N", "-1"), "--load-N"),
+        (("--outer-end-mass", "3:1"), "empty mass range"),
+    ],
+)
+def test_bad_input_is_named(given: tuple[str, str], said: str, tmp_path: Path) -> None:
+    ran = spec(PROTOTYPES / "published_lag.toml", "--out", tmp_path / "out", *given)
+    assert isinstance(ran.exception, InputError)
+    assert said in str(ran.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_data_set_says_that_records_are_missing(folder: Path) -> None:
+    ran = CliRunner().invoke(app, ["gap", "diagnose", str(folder / "acceptance")])
+    assert isinstance(ran.exception, InputError)
+    assert "light_force.csv: (file): holds no rows below the column names" in str(ran.exception)
+
+
+def test_excitations_are_those_of_the_plan(folder: Path) -> None:
+    scenario = read_scenario(folder / "acceptance" / "scenario.toml")
+    assert {row.outer_end_mass_kg for row in scenario.record} == {0.0, 6.8}
+    for row in scenario.record:
+        table = np.loadtxt(folder / "acceptance" / "excitation" / f"{row.name}.csv", delimiter=",", skiprows=1)
+        assert table[:, 0] == pytest.approx(scenario.times, abs=1e-9)
+        assert table[:, 1:] == pytest.approx(inputs_of(row, scenario), abs=2e-3)
+        header = (folder / "acceptance" / "records" / f"{row.name}.csv").read_text()
+        assert header == ",".join(COLUMNS) + "\n"
+
+
+def test_the_folder_filled_in_is_diagnosed(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rig with a sensor lag that nobody told of, recorded as the plan says, goes to the diagnosis as it is."""
+    from beamdesign.gap import diagnose as diagnosing
+    from beamdesign.gap.fitting import search as searching
+    from beamdesign.gap.fitting.hypothesis import Hypothesis
+
+    rig = read_prototype(folder / "acceptance" / "prototype.toml")
+    plan = acceptance_plan(rig, (0.0, 6.8), duration_s=0.5)
+    data = tmp_path / "acceptance"
+    write_data_folder(rig, plan, data)
+    noise = Measurement(seed=3, disturbance_std_N=0.05, current_std_A=1e-6, displacement_std_m=5e-8)
+    built = rig.but(effects={"sensor_lag": {"break_Hz": 300.0}})
+    for record in simulate(built, read_scenario(data / "scenario.toml").but(measurement=noise)).records:
+        assert record.stable, record.reason
+        with (data / "records" / f"{record.name}.csv").open("a") as file:
+            np.savetxt(file, np.column_stack([record.column(name) for name in COLUMNS]), fmt="%.9g", delimiter=",")
+    write_data_folder(rig, plan, data)  # once more: what was recorded stays
+    found = read_dataset(data)
+    assert not found.warnings
+    assert {record.outer_end_mass for record in found.records} == {0.0, 6.8}
+    assert held_out(found.records)
+    few = tuple(Hypothesis((name,)) for name in ("sensor_lag", "valve_deadband"))
+    monkeypatch.setattr(searching, "singles", lambda prototype: few)
+    monkeypatch.setattr(diagnosing, "next_experiment", lambda *given: None)
+    ran = CliRunner().invoke(
+        app,
+        [
+            "gap",
+            "diagnose",
+            str(data),
+            "--out",
+            str(tmp_path / "out"),
+            "--workers",
+            "1",
+            "--json",
+            str(tmp_path / "d.json"),
+        ],
+    )
+    assert ran.exit_code == 0, ran.output
+    diagnosis = json.loads((tmp_path / "d.json").read_text())
+    assert diagnosis["chosen"] == ["sensor_lag"]
+    assert diagnosis["effects"][0]["parameters"]["break_Hz"]["value"] == pytest.approx(300.0, rel=0.05)
+
+
+def test_tolerances_that_are_stated_stay(folder: Path) -> None:
+    rig = read_prototype(folder / "prototype.toml")
+    stated = rig.but(tolerance=rig.tolerance.but(stiffness=0.02))
+    assert believed(stated, {"oil_stiffness": 0.1}).tolerance == stated.tolerance
+    taken = believed(rig, {"outer_stiffness": 0.01, "inner_stiffness": 0.03, "controller_gain": 0.1}).tolerance
+    assert taken.stiffness == pytest.approx(0.03 / np.sqrt(3), rel=0.05)
+    assert taken.oil_stiffness == 0

@@ -1,0 +1,194 @@
+"""Ratings, sensor, tolerances and acceptance bands of a specification, each against something that is not our code."""
+
+from math import pi, sqrt
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_lyapunov
+
+from beamdesign.control_models import state_space
+from beamdesign.loop import loop
+from beamdesign.proof.replay_any import replay
+from beamdesign.prototype import Lag, Prototype, read_prototype
+from beamdesign.specification.acceptance_bands import acceptance_bands
+from beamdesign.specification.changed_figures import CHANGEABLE, with_figures
+from beamdesign.specification.ratings import MARGIN, ratings
+from beamdesign.specification.sensor_need import lagging, noise_bandwidth_Hz, sensor_need
+from beamdesign.specification.stock_choice import stock_choices
+from beamdesign.specification.tolerances import SAFETY, Tolerances, tolerances
+
+PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
+MASSES = (0.0, 6.8)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Prototype:
+    """The published rig with a tame lag, stable over a range of payloads."""
+    found = read_prototype(PUBLISHED)
+    return found.but(
+        controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0),
+        payload=found.payload.but(outer_end_mass_kg=MASSES, inner_end_mass_kg=1.9),
+    )
+
+
+@pytest.fixture(scope="module")
+def kept(rig: Prototype) -> Tolerances:
+    return tolerances(rig, MASSES)
+
+
+def damped(rig: Prototype, mass: float) -> bool:
+    """Whether the loop is stable, by python-control's eigenvalues."""
+    return max(state_space(rig, mass).poles().real) < 0
+
+
+def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
+    """Held slowly, the inner beam takes all of the load but K_o x of the outer one, 0.25 % at this gain.
+
+    Stroke F/K, pressure F/A, flow A w F (1/K + 1/K_c), leakage K_pq F/A.
+    """
+    need = ratings(rig, (0.0,), 1000.0, 0.05)
+    area, stiffness, oil = 1.13e-4, 157500.0, 1.3e7
+    assert need.cylinder_force_N == pytest.approx(1000.0, rel=4e-3)
+    assert need.load_pressure_Pa == pytest.approx(1000.0 / area, rel=4e-3)
+    assert need.supply_pressure_Pa == pytest.approx(1.5 * 1000.0 / area, rel=4e-3)
+    assert need.stroke_m == pytest.approx(2 * MARGIN * 1000.0 / stiffness, rel=4e-3)
+    moved = area * 2 * pi * 0.05 * 1000.0 * (1 / stiffness + 1 / oil)
+    leaked = 3.8e-13 * 1000.0 / area
+    assert need.flow_m3_per_s == pytest.approx(sqrt(moved**2 + leaked**2), rel=1e-2)
+    assert need.given["stroke_m"] is None
+
+
+def test_ratings_grow_with_the_load(rig: Prototype) -> None:
+    small, large = (ratings(rig, MASSES, load, 5.0) for load in (100.0, 1000.0))
+    assert large.flow_m3_per_s == pytest.approx(10 * small.flow_m3_per_s)
+    # Through an orifice under load pressure more than in proportion.
+    assert large.no_load_flow_m3_per_s > 10 * small.no_load_flow_m3_per_s
+    assert np.isinf(ratings(rig, (0.0,), 3000.0, 5.0).no_load_flow_m3_per_s)  # 3 kN are more than 20 MPa hold
+
+
+def test_the_noise_bandwidth_is_the_h2_norm(rig: Prototype) -> None:
+    """Integral of |T|^2 df from 0 is half the squared H2 norm: C X C' with A X + X A' + B B' = 0."""
+    for mass in MASSES:
+        closed = state_space(rig, mass)["displacement_m", "command_V"]
+        a, b, c = closed.A, closed.B, closed.C * 1180.0
+        expected = 0.5 * (c @ solve_continuous_lyapunov(a, -b @ b.T) @ c.T).item()
+        assert noise_bandwidth_Hz(rig, mass) == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_sensor_may_be_as_slow_as_is_said(rig: Prototype) -> None:
+    need = sensor_need(rig, MASSES, 100.0, 0.1)
+    assert need.stable_from_Hz is not None
+    assert need.performs_from_Hz is not None
+    assert need.performs_from_Hz > need.stable_from_Hz
+    masses = np.linspace(*MASSES, 18)
+    for faster in (1.0, 1.5, 10.0):
+        assert all(damped(lagging(rig, faster * need.stable_from_Hz), mass) for mass in masses)
+    assert not all(damped(lagging(rig, 0.95 * need.stable_from_Hz), mass) for mass in masses)
+    slow = lagging(rig, need.performs_from_Hz)
+    grid = 2 * pi * np.geomspace(0.1, 500, 3000)
+    for mass in (0.0, 3.4, 6.8):
+        opened = state_space(slow, mass, "open")["sensor_V", "command_V"](1j * grid)
+        assert np.abs(1 / (1 + opened)).max() <= need.peak_sensitivity * (1 + 1e-9)
+    assert need.resolution_m == pytest.approx(0.1 * 5.71e-8 * 100.0)
+    assert need.noise_density_m_per_rtHz * sqrt(need.noise_bandwidth_Hz) == pytest.approx(need.resolution_m)
+
+
+def test_a_filtered_sensor_gets_its_lag_beside_the_filter(rig: Prototype) -> None:
+    filtered = rig.but(sensor=rig.sensor.but(filter_Hz=800.0))
+    both = lagging(filtered, 300.0)
+    assert (both.sensor.filter_Hz, both.effects["sensor_lag"]) == (800.0, {"break_Hz": 300.0})
+    for frequency in (1.0, 100.0, 400.0):
+        with_lag, without = (
+            control.evalfr(state_space(one, 1.0, "open")["sensor_V", "command_V"], 2j * pi * frequency)
+            for one in (both, filtered)
+        )
+        assert with_lag == pytest.approx(without / (1 + 1j * frequency / 300.0), rel=1e-6)
+
+
+def test_each_figure_alone_is_stable_to_what_is_proved(rig: Prototype, kept: Tolerances) -> None:
+    assert [row.alone for row in kept.figures] == sorted(row.alone for row in kept.figures)
+    for row in kept.figures:
+        for side in (-1, 1):
+            changed = with_figures(rig, {row.name: 1 + side * row.alone})
+            assert all(damped(changed, mass) for mass in (0.0, 1.7, 3.4, 6.8)), row.name
+        if row.alone_refuted is not None:
+            assert row.alone_refuted == pytest.approx(row.alone, rel=0.05)
+            ends = [with_figures(rig, {row.name: 1 + side * row.alone_refuted}) for side in (-1, 1)]
+            assert not all(damped(end, mass) for end in ends for mass in np.linspace(*MASSES, 35)), row.name
+
+
+def test_boxes_hold_at_their_corners(rig: Prototype, kept: Tolerances, tmp_path: Path) -> None:
+    random = np.random.default_rng(8)
+    names = [row.name for row in kept.figures]
+    assert set(names) <= set(CHANGEABLE)
+    for sizes in ([kept.equal] * len(names), [row.shared for row in kept.figures]):
+        for _ in range(40):
+            signs = random.choice((-1, 1), len(names))
+            factors = {name: 1 + sign * size for name, sign, size in zip(names, signs, sizes, strict=True)}
+            assert damped(with_figures(rig, factors), random.uniform(*MASSES))
+    for row in kept.figures:
+        assert row.shared / SAFETY * 0.9 <= row.specified <= row.shared / SAFETY
+    for text in (kept.certificate, kept.certificate_equal):
+        (tmp_path / "box.toml").write_text(text)
+        assert replay(tmp_path / "box.toml").valid
+
+
+def test_performance_at_the_ends_of_a_tolerance(rig: Prototype, kept: Tolerances) -> None:
+    row = next(row for row in kept.figures if row.name == "inner_stiffness")
+    grid = 2 * pi * np.geomspace(0.05, 500, 3000)
+    for side in (-1, 1):
+        changed = with_figures(rig, {row.name: 1 + side * row.specified})
+        for mass in (0.0, 3.4, 6.8):
+            opened = state_space(changed, mass, "open")["sensor_V", "command_V"](1j * grid)
+            assert np.abs(1 / (1 + opened)).max() <= row.peak_sensitivity * (1 + 1e-9)
+            assert loop(changed).at(mass).bandwidth_Hz() >= row.bandwidth_Hz * (1 - 1e-6)
+
+
+def test_a_changed_figure_is_the_only_one_that_changes(rig: Prototype) -> None:
+    from beamdesign.lumped import figures
+
+    before, after = figures(rig), figures(with_figures(rig, {"outer_stiffness": 1.1, "oil_stiffness": 0.9}))
+    changed = {name for name in before if after[name] != pytest.approx(before[name], rel=1e-8)}
+    assert changed == {"outer_stiffness", "oil_stiffness"}
+    assert after["outer_stiffness"] == pytest.approx(1.1 * 486800.0)
+    with pytest.raises(KeyError, match="weight"):
+        with_figures(rig, {"weight": 1.0})
+
+
+def test_bands_hold_what_rigs_within_the_tolerances_do(rig: Prototype, kept: Tolerances) -> None:
+    """Compliance by python-control; at a critical gain a pole on the axis; below the proved one none outside."""
+    (found,) = acceptance_bands(rig, (3.4,), kept.specified)
+    closed = state_space(rig, 3.4)["displacement_m", "disturbance_N"]
+    for frequency, band in found.compliance_m_per_N.items():
+        assert band.nominal == pytest.approx(abs(control.evalfr(closed, 2j * pi * frequency)), rel=1e-5)
+        assert band.low < band.nominal < band.high
+        assert band.limits[0] < band.low
+        assert band.limits[1] > band.high
+    gain, own = found.critical_gain_A_per_V, rig.controller
+    assert gain is not None
+    at_edge = state_space(rig.but(controller=own.but(gain_A_per_V=gain.nominal)), 3.4).poles()
+    assert abs(max(at_edge.real)) < 1e-3 * abs(at_edge[np.argmax(at_edge.real)])
+    assert found.critical_gain_proved_A_per_V is not None
+    assert own.gain_A_per_V < found.critical_gain_proved_A_per_V < gain.low
+    random, names = np.random.default_rng(4), list(kept.specified)
+    for _ in range(30):
+        factors = {name: 1 + random.choice((-1, 1)) * kept.specified[name] for name in names}
+        factors["controller_gain"] = found.critical_gain_proved_A_per_V / own.gain_A_per_V
+        assert damped(with_figures(rig, factors), 3.4)
+
+
+def test_a_stock_tube_changes_stiffness_as_its_second_moment(rig: Prototype) -> None:
+    choices = stock_choices(rig, MASSES)
+    assert choices is not None
+    outer = choices[0]
+    assert tuple(outer.stock) == (0.14, 0.0025)
+    assert not outer.same
+    # I of a square tube by hand, E of 6061-T6 69 GPa: 3 E I / L^3.
+    second_moment = (0.14**4 - 0.135**4) / 12
+    assert outer.stiffness_N_per_m == pytest.approx((486800.0, 3 * 69e9 * second_moment / 1.195**3), rel=1e-6)
+    assert outer.gap_m == pytest.approx((0.0177, 0.0175))
+    assert outer.stable
+    lumped = rig.but(outer_beam=rig.outer_beam.but(width_m=None, wall_m=None))
+    assert stock_choices(lumped, MASSES) is None
