@@ -56,7 +56,6 @@ def stable_zeros(
 
     Raises:
         InputError: for a prototype with effects.
-        ArithmeticError: where a frequency has a root for a whole line of masses and zeros, which no rig is known to.
     """
     plant = linear_rig(prototype).plant(prototype.payload.inner_end_mass_kg)
     lag = Lag(gain_A_per_V=gain_A_per_V, pole_Hz=pole_Hz, zero_Hz=1.0)
@@ -86,7 +85,7 @@ def critical_values(p0: fmpq_poly, p1: fmpq_poly, p2: fmpq_poly, low: fmpq, high
     whose end mass acts on accelerations.
 
     Raises:
-        ArithmeticError: where the curve holds a whole line, or the leading coefficient may vanish.
+        ArithmeticError: where the leading coefficient may vanish.
     """
     degree = max(polynomial.degree() for polynomial in (p0, p1, p2))
     if p2[degree] != 0 or p2[0] != 0 or p1[0] != 0 or (p0 + low * p1)[degree] * (p0 + high * p1)[degree] <= 0:
@@ -98,9 +97,10 @@ def critical_values(p0: fmpq_poly, p1: fmpq_poly, p2: fmpq_poly, low: fmpq, high
         (even0, odd0), (even1, odd1), (even2, odd2) = (even_odd(p) for p in (p0, p1, p2))
         determinant = even1 * odd2 - odd1 * even2
         of_mass, of_zero = even2 * odd0 - odd2 * even0, odd1 * even0 - even1 * odd0
+        # At a shared root a whole line of (m, u) has a root pair: it begins and ends at the range's ends, found above.
         shared = determinant.gcd(of_mass).gcd(of_zero)
-        if shared.degree() > 0 and any(root > 0 for root, _ in real_roots(shared)):
-            raise ArithmeticError("at one frequency a root lies on the axis for a whole line of masses and zeros")
+        if not shared.is_zero():
+            determinant, of_mass, of_zero = determinant / shared, of_mass / shared, of_zero / shared
         turning = of_zero.derivative() * determinant - of_zero * determinant.derivative()
         for square, _ in [] if turning.is_zero() else real_roots(turning, _BITS):
             below = value_at(determinant, square)

@@ -3,7 +3,6 @@
 import difflib
 import re
 from collections.abc import Iterator, Mapping
-from copy import deepcopy
 from typing import Any, get_args
 
 from pydantic import BaseModel
@@ -68,20 +67,24 @@ def wrong_key(key: str, known: Mapping[str, int]) -> str:
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
-    """A copy of a document with one value put under a dotted key; tables on the way are made where they are missing.
+    """A document with one value put under a dotted key; tables on the way are made where they are missing.
+
+    The document itself stays as it is; what is not on the way is shared with it.
 
     Raises:
         ValueError: where an entry of a list is meant and there is no such list yet, or no table on the way.
     """
-    changed = deepcopy(dict(document))
+    changed = dict(document)
     parts = _STEP.match(key)
     assert parts is not None  # checked by `wrong_key`
     *way, last = parts["key"].split(".")
     table = changed
     for step in way:
-        table = table.setdefault(step, {})
-        if not isinstance(table, dict):
+        below = table.get(step, {})
+        if not isinstance(below, Mapping):
             raise ValueError(f"{key}: {step} is not a table")
+        table[step] = dict(below)
+        table = table[step]
     if parts["entry"] is None:
         table[last] = value
         return changed

@@ -1,0 +1,135 @@
+"""Every sweep that is shipped, at small size: its rows, its picture, and what its subject is known to give."""
+
+import json
+from pathlib import Path
+
+import pytest
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+from beamdesign.cli.study import study
+from beamdesign.proof.certificate import certify
+from beamdesign.prototype import read_prototype
+from beamdesign.study.sweep_file import read_sweep
+
+ROOT = Path(__file__).parents[1] / "studies"
+SWEEPS = {path.stem: path for path in sorted((ROOT / "sweeps").glob("*.toml"))}
+
+
+@pytest.fixture
+def rows(tmp_path):
+    """Runs a shipped sweep with no more cases than so many, and gives its rows and folder."""
+
+    def run(name, cases):
+        target = tmp_path / "fields.json"
+        done = CliRunner().invoke(
+            study,
+            ["run", str(SWEEPS[name]), "--out", str(tmp_path / "out"), "--cases", str(cases), "--json", str(target)],
+        )
+        assert done.exit_code == 0, (done.output, done.exception)
+        fields = json.loads(target.read_text(encoding="utf-8"))
+        assert not set(fields["counts"]) & {"failed", "refused"}
+        assert all(Path(file).stat().st_size for file in fields["files"])
+        pictures = [Path(file).name for file in fields["files"] if file.endswith(".svg")]
+        assert len(pictures) == len(read_sweep(SWEEPS[name]).picture) + (name == "sensitivity")
+        return parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist(), fields
+
+    return run
+
+
+def test_each_is_run_here():
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert len(SWEEPS) >= 8
+    assert [name for name in SWEEPS if f'rows("{name}"' not in here] == []
+
+
+def test_paper_prototype(rows):
+    (row,), _ = rows("paper_prototype", 1)
+    assert row["load.tip_force_N"] == 2000.0
+    assert row["bandwidth_Hz"] > 0
+    assert row["moving_mass_kg"] == pytest.approx(row["beam_mass_kg"] + row["inner_end_mass_kg"])
+
+
+def test_trade_curves(rows):
+    (row,), _ = rows("trade_curves", 1)
+    assert row["options.bandwidth_Hz"] == 4.0
+    assert row["bandwidth_Hz"] >= 4.0
+    assert row["moving_mass_kg"] < 14.6  # what the published tubes with 4.5 kg inside move
+
+
+def test_lag_breaks(rows):
+    found, _ = rows("lag_breaks", 9)
+    for row in found:
+        low = float(row["stable_zero_from_Hz"].split("; ")[0]) if row["stable_zero_from_Hz"] else None
+        assert (row["status"] == "done") == (low is not None)
+        assert low is None or low > row["controller.pole_Hz"]  # it is lag that the loop needs
+    assert {row["status"] for row in found} == {"done", "no"}
+
+
+def test_end_masses(rows):
+    found, _ = rows("end_masses", 5)
+    none, *_, most = found
+    assert none["payload.inner_end_mass_kg"] == 0.0
+    assert float(none["stable_to_kg"]) < 2.0
+    remedy = read_prototype(ROOT / "prototypes" / "paper_remedy.toml")
+    rig = remedy.but(payload=remedy.payload.but(inner_end_mass_kg=most["payload.inner_end_mass_kg"]))
+    proved = certify(rig, 0.0, 30.0)
+    assert float(most["stable_from_kg"]) == pytest.approx(proved.stable_ranges_kg[0][0])
+    assert [float(part) for part in most["crossing_frequencies_Hz"].split("; ")] == pytest.approx(
+        [crossing.frequency_Hz for crossing in proved.crossings]
+    )
+
+
+def test_remedies(rows):
+    found, _ = rows("remedies", 1)
+    assert [row["remedy"] for row in found] == ["as published"]
+
+
+def test_materials(rows):
+    found, _ = rows("materials", 3)
+    strengths = {"6005A-T6": 200, "6063-T6": 160, "5083-H112": 110}  # MPa, EN 1999-1-1, Table 3.2b
+    assert {row["outer_beam.material"] for row in found} == set(strengths)
+    masses = [row["free_beam_mass_kg"] for row in sorted(found, key=lambda row: strengths[row["outer_beam.material"]])]
+    assert masses == sorted(masses, reverse=True)  # of alloys as stiff and heavy, the stronger makes the lighter
+
+
+def test_link_length(rows):
+    found, _ = rows("link_length", 3)
+    assert [row["outer_beam.length_m"] for row in found] == [0.5, 1.75, 3.0]
+    masses = [row["beam_mass_kg"] for row in found]
+    # A longer beam of the same section already weighs in proportion, and it needs a heavier section.
+    assert masses[1] / masses[0] > 1.75 / 0.5
+    assert masses[2] / masses[1] > 3.0 / 1.75
+
+
+def test_tolerance(rows):
+    found, fields = rows("tolerance", 20)
+    assert len(found) == 20
+    low, high = fields["conclusion"]["specification"]["bounds"]
+    assert low < fields["conclusion"]["specification"]["yield"] <= high
+
+
+def test_worst_case(rows):
+    found, fields = rows("worst_case", 15)
+    nominal = found[0]["bandwidth_Hz"]
+    assert fields["conclusion"]["worst"]["value"] < nominal
+
+
+def test_sensitivity(rows):
+    _, fields = rows("sensitivity", 30)
+    assert {row["output"] for row in fields["conclusion"]["sensitivity"]} == {"bandwidth_Hz", "stable_to_kg"}
+
+
+def test_largest_bandwidth(rows):
+    found, fields = rows("largest_bandwidth", 24)
+    best = fields["conclusion"]["best"]
+    if best is not None:
+        assert found[best["case"]]["peak_sensitivity"] <= 2.0
+
+
+def test_sim_to_real(rows):
+    (row,), _ = rows("sim_to_real", 1)
+    assert row["options.effect"] == "sensor_lag"
+    assert (row["verdict"], row["named"]) == ("effect", "sensor_lag")
+    assert row["gap_after"] < row["gap_before"]
+    assert row["redesign_gain_margin"] > 1

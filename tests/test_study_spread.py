@@ -1,0 +1,159 @@
+"""Tolerances, worst case, sensitivity and yield: against closed forms, published figures and the proofs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from beamdesign.lumped import figures
+from beamdesign.proof.certificate import certify
+from beamdesign.prototype import prototype_from, read_prototype
+from beamdesign.records import InputError
+from beamdesign.study.conclusion import clopper_pearson, conclude, holds, in_words
+from beamdesign.study.document_keys import with_value
+from beamdesign.study.methods import saltelli
+from beamdesign.study.spread import CUT_SIGMAS, Figure, drawn, from_unit, spreading, varied_at
+from beamdesign.study.sweep_file import Demand
+from beamdesign.study.sweep_run import plan, run_sweep
+
+TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    def write(method, cases=8, **tables):
+        study = {"task": "robust", "base": str(TAME), "method": method, "cases": cases, "seed": 2}
+        path = tmp_path / f"{method}.toml"
+        path.write_text(tomli_w.dumps({"name": method, "study": study} | tables), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_every_figure_with_a_tolerance_spreads_once():
+    rig = read_prototype(TAME)
+    found = {figure.key: figure for figure in spreading(rig, {})}
+    assert len(found) == 13  # six of the beams, five of hydraulics, the valve's damping, the sensor; no end mass
+    assert found["outer_beam.stiffness_N_per_m"].value == 486_800.0
+    more = {figure.key: figure for figure in spreading(rig, {"outer_end_mass": 0.01, "inner_end_mass": 0.02})}
+    assert more["payload.outer_end_mass_kg"].at(2.0) == [0.0, pytest.approx(6.8 * 1.02)]
+    assert more["payload.inner_end_mass_kg"].at(-1.0) == pytest.approx(2.5 * 0.98)
+
+
+def test_spread_figures_are_those_of_the_linear_model():
+    """One standard deviation of every figure, put in by its key, shows in the lumped figures."""
+    rig = read_prototype(TAME)
+    spread = spreading(rig, {})
+    table = rig.model_dump(mode="json", exclude_none=True)
+    for key, value in varied_at(spread, np.ones(len(spread))).items():
+        table = with_value(table, key, value)
+    share = {name: value / figures(rig)[name] for name, value in figures(prototype_from(table)).items() if value}
+    assert share["outer_stiffness"] == pytest.approx(1.03)
+    assert share["inner_mass"] == pytest.approx(1.02)
+    assert share["inner_damping"] == pytest.approx(1.2 * (1.03 * 1.02) ** 0.5)
+    assert share["valve_frequency"] == pytest.approx(1.05)
+
+
+@pytest.mark.parametrize(("instead", "words"), [({"stifness": 0.1}, "unknown"), ({"leakage": 0.3}, "reach zero")])
+def test_tolerances_that_cannot_be_are_told(instead, words):
+    with pytest.raises(InputError, match=words):
+        spreading(read_prototype(TAME), instead)
+
+
+def test_prototype_without_tolerances_has_nothing_to_spread():
+    with pytest.raises(InputError, match="no standard deviation"):
+        spreading(read_prototype(TAME.parent / "paper_remedy.toml"), {})
+
+
+def test_draws_are_normal_and_cut():
+    sigmas = drawn([Figure("a", 1.0, 0.1), Figure("b", 1.0, 0.1)], 20_000, 0)
+    assert abs(sigmas).max() <= CUT_SIGMAS
+    # Of 40 000: mean within 4 and variance within 4 standard errors, and no correlation.
+    assert abs(sigmas.mean()) < 4 / 200
+    assert abs(sigmas.var() - 1) < 4 * (2 / 40_000) ** 0.5 + 0.002
+    assert abs(np.corrcoef(sigmas.T)[0, 1]) < 4 / 20_000**0.5
+    assert from_unit(np.array([0.5])) == pytest.approx([0.0])
+
+
+def test_bounds_are_those_of_clopper_and_pearson():
+    """Biometrika 26 (1934), 410: of 10 trials none gives 0 to 0.31, 5 gives 0.19 to 0.81 at 95 %."""
+    assert clopper_pearson(0, 10, 0.95) == pytest.approx((0.0, 0.31), abs=0.005)
+    assert clopper_pearson(5, 10, 0.95) == pytest.approx((0.19, 0.81), abs=0.005)
+
+
+def test_demands():
+    assert holds(Demand(at_least=1.0, at_most=2.0), 1.5)
+    assert not holds(Demand(at_least=1.0, at_most=2.0), 2.5)
+    assert not holds(Demand(at_least=1.0), None)
+    assert holds(Demand(equals=True), True)
+    assert not holds(Demand(at_least=0.0), "text")
+
+
+def test_monte_carlo_tells_yield_with_bounds_and_each_row_is_proved(sweep, tmp_path):
+    demands = {"stable": {"equals": True}, "bandwidth_Hz": {"at_least": 3.45}}
+    laid = plan(sweep("tolerance", 12, specification=demands))
+    found = run_sweep(laid, tmp_path / "out")
+    result = conclude(laid, found.records)
+    met = result["specification"]
+    own = sum(row["outputs"]["bandwidth_Hz"] >= 3.45 for row in found.records)
+    assert (met["met"], met["of"]) == (own, 12)
+    assert met["bounds"] == list(clopper_pearson(own, 12, 0.95))
+    assert "sampled" in " ".join(in_words(result, laid.sweep))
+    row = found.records[3]
+    proved = certify(prototype_from(row["document"]), 0.0, 6.8)
+    assert proved.guaranteed is not None
+    assert row["outputs"]["bandwidth_Hz"] == proved.guaranteed.bandwidth_Hz
+    assert len({json.dumps(record["varied"]) for record in found.records}) == 12
+
+
+def test_worst_case_is_worse_than_every_sample_of_the_box_and_not_called_proved(sweep, tmp_path):
+    spread = {"sigmas": 1.0, "output": "bandwidth_Hz", "worst": "least", "rounds": 3}
+    laid = plan(sweep("worst_case", spread=spread))
+    found = run_sweep(laid, tmp_path / "out")
+    worst = conclude(laid, found.records)["worst"]
+    spread_figures = spreading(read_prototype(TAME), {})
+    for key, value in worst["varied"].items():  # it is a corner
+        (figure,) = (figure for figure in spread_figures if figure.key == key)
+        assert abs(value / figure.value - 1) == pytest.approx(figure.deviation)
+    table = read_prototype(TAME).model_dump(mode="json", exclude_none=True)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        sample = table
+        for key, value in varied_at(spread_figures, rng.uniform(-1, 1, len(spread_figures))).items():
+            sample = with_value(sample, key, value)
+        held = certify(prototype_from(sample), 0.0, 6.8).guaranteed
+        assert held is not None
+        assert held.bandwidth_Hz > worst["value"]
+    assert "no proof" in " ".join(in_words({"worst": worst}, laid.sweep))
+    assert run_sweep(laid, tmp_path / "out").computed == 0
+
+
+def test_scheme_of_saltelli_has_its_size():
+    assert len(saltelli(13, 70, 0)) == 4 * 15
+    assert len(saltelli(3, 1, 0)) == 2 * 5
+
+
+def test_indices_of_an_additive_function_are_its_shares_of_variance(sweep, tmp_path, monkeypatch):
+    """y = sum of (k + 1) z_k over standard deviations z: first-order and total index are (k + 1)^2 over their sum."""
+    laid = plan(sweep("sensitivity", 13 * 600, spread={"outputs": ["y"]}), None)
+    spread = spreading(read_prototype(TAME), {})
+    weights = np.arange(1, len(spread) + 1)
+
+    def row(one):
+        sigmas = [(one.varied[figure.key] / figure.value - 1) / figure.deviation for figure in spread]
+        return {"address": one.address, "status": "done", "reason": "", "outputs": {"y": float(weights @ sigmas)}}
+
+    found = conclude(laid, [row(one) for one in laid.cases])["sensitivity"]
+    shares = weights**2 / (weights**2).sum()
+    for result, share in zip(found, shares, strict=True):
+        assert result["total"] == pytest.approx(share, abs=0.02)
+        assert result["first_order"] == pytest.approx(share, abs=0.03 + result["first_order_half_width"])
+
+
+def test_methods_over_tolerances_refuse_what_they_cannot_use(sweep):
+    with pytest.raises(InputError, match=r"spread\.output"):
+        plan(sweep("worst_case"))
+    with pytest.raises(InputError, match="leave"):
+        plan(sweep("tolerance", vary=[{"key": "sensor.gain_V_per_m", "values": [1.0]}]))
