@@ -106,9 +106,10 @@ class SensorReach:
 def rated_current(prototype: Prototype) -> float | None:
     """Largest current, A: the valve's rated one or the amplifier's limit, whichever is less; None where neither is."""
     limits = [] if prototype.servovalve.rated_current_A is None else [prototype.servovalve.rated_current_A]
-    if (given := prototype.effects.get("current_saturation")) is not None:
-        parameter = library()["current_saturation"].parameters[0]
-        limits.append(given.get(parameter.name, parameter.default))
+    for name in ("current_saturation", "current_saturation_soft"):
+        if (given := prototype.effects.get(name)) is not None:
+            parameter = library()[name].parameters[0]
+            limits.append(given.get(parameter.name, parameter.default))
     return min(limits, default=None)
 
 

@@ -42,6 +42,43 @@ def test_saturation_clips_and_deadband_takes_off_its_width():
     assert metered == pytest.approx([-2e-5, 0.0, 0.0, 0.0, 2e-5])
 
 
+@pytest.mark.parametrize("sharpness", [2.0, 8.0, 30.0])
+def test_a_soft_saturation_gives_half_power_of_two_at_its_limit(sharpness: float):
+    """Closed form at the knee: u = limit gives limit 2^(-1/n); far from it all, or the limit."""
+    given = {"limit_A": 0.01, "sharpness": sharpness}
+    small, knee, large = (
+        applied("current_saturation_soft", "current_A", i, parameter=given)[0] for i in (-1e-5, 0.01, 10.0)
+    )
+    assert small == pytest.approx(-1e-5, rel=1e-5)
+    assert knee == pytest.approx(0.01 * 2 ** (-1 / sharpness), rel=1e-6)
+    assert large == pytest.approx(0.01, rel=1e-5)
+    assert applied("current_saturation_soft", "current_A", 0.0, parameter=given)[0] == 0.0
+
+
+def test_a_lag_of_second_order_is_that_low_pass():
+    """Rates at a state against the transfer function, 1 / (1 + T s + (T / 2 zeta)^2 s^2) with T = 1 / (2 pi f)."""
+    given, s = {"break_Hz": 300.0, "damping_ratio": 0.7}, 2j * pi * 170.0
+    delay = 1 / (2 * pi * 300.0)
+    expected = 1 / (1 + delay * s + (delay / 1.4 * s) ** 2)
+    real, imaginary = (
+        applied(
+            "sensor_lag_second_order",
+            "sensor_V",
+            u,
+            parameter=given,
+            state={"lagged_V": y, "slope_V_per_s": v},
+        )
+        for u, y, v in (
+            (1.0, expected.real, (s * expected).real),
+            (0.0, expected.imag, (s * expected).imag),
+        )
+    )
+    assert real[0] == expected.real
+    found = complex(real[1]["slope_V_per_s"], imaginary[1]["slope_V_per_s"])
+    assert found == pytest.approx(s**2 * expected, rel=1e-12)
+    assert complex(real[1]["lagged_V"], imaginary[1]["lagged_V"]) == pytest.approx(s * expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("load_share", [-0.6, 0.0, 0.6])
 @pytest.mark.parametrize("flow", [-1e-4, 1e-4])
 def test_orifices_give_the_root_law_of_the_load_pressure(flow: float, load_share: float):

@@ -5,7 +5,7 @@ from dataclasses import replace
 from beamdesign.gap.amended import amended
 from beamdesign.gap.causes import causes, classes
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.diagnosis import Diagnosis, Verdict
+from beamdesign.gap.diagnosis import Diagnosis, Gap, Verdict
 from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
@@ -22,6 +22,7 @@ from beamdesign.gap.wording import sentences
 
 CONFIDENT = 0.7
 """Probability of the best hypothesis from which the verdict is not called ambiguous."""
+_WORSE, _NEAR = 1.1, 2.0
 
 
 def diagnose(
@@ -52,18 +53,18 @@ def diagnose(
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(data, workers, progress, kept)
     judged = judge(found)
-    verdict = verdict_of(judged, examined.limits_confidence)
-    best = judged.best if verdict != "unknown" else found.null
+    best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
     progress(0.96, "what the data can tell")
     told = indistinguishable(data, evidence_of(data))
     progress(0.97, "records held out")
     tuned, outside = refit(seen, best, workers, kept) if kept_out else (found.null, best)
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    progress(1.0, "where the gap lies")
-    where = locate(data, found, best, evidence_of(data), [c for c in ranked if c.name in chosen], judged.unknown)
     alone = record_evidence(data)
     measured = gap([errors(piece, data.prototype, tuned, outside) for piece in alone], kept_out)
+    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(measured))
+    progress(1.0, "where the gap lies")
+    where = locate(data, found, best, evidence_of(data), [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
@@ -97,6 +98,11 @@ def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
     if not named:
         return "no_gap"
     return "effect" if judged.sure >= CONFIDENT * (1 - judged.unknown) else "ambiguous"
+
+
+def confirmed(measured: Gap) -> bool:
+    """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
+    return measured.after <= max(_WORSE * measured.tuned, _NEAR * measured.noise_floor)
 
 
 def rivals(found: Search, judged: Judgement) -> list[Fit]:

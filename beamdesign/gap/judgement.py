@@ -1,22 +1,24 @@
 """From fits to a verdict: probabilities of causes, of none, and of one that the library does not hold."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
 import numpy as np
+from scipy.special import logsumexp
 
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis
 from beamdesign.gap.fitting.search import Search
 
-EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.02)
+EFFECT_ODDS, FIGURE_ODDS = log(0.05), log(0.05)
 """Prior odds of one more effect, and of one more plainly wrong figure, against none."""
 LAW_ODDS = log(0.33)
 """Prior odds of another law for an effect than the usual one."""
 _NOT_EXPLAINED = 0.15  # share of the excess misfit: a right cause, differently realised, leaves less
 _MUCH = 2.5  # times the misfit of noise alone: what rigs leave that have a little of everything
 _STEEP = 4.0
+_NEARLY = 1.5  # in the logarithm of the probability: what is chosen among on held-out conditions
 STRAINED = 4.0
 """Tolerances by which no figure is off in a rig whose gap has been understood."""
 _SLIGHT = 1.0  # of the misfit of noise alone
@@ -32,7 +34,7 @@ class Judgement:
     Attributes:
         of: each hypothesis, the null among them; with that of the unknown they add up to one.
         unknown: that something outside the library is behind the gap.
-        best: the most probable fit (the null's where there is no gap).
+        best: of the most probable fits, that which predicts conditions held out best (the null's without a gap).
     """
 
     of: dict[Hypothesis, float]
@@ -66,15 +68,52 @@ class Judgement:
 def evidence(found: Fit, spread: float) -> float:
     """Logarithm of the marginal likelihood by Laplace's method, up to a constant.
 
+    Where two figures under one tolerance have been set free (both beams' stiffness), both may be wrong, or either one
+    with the other within its tolerance: the mean of the three.
+
     Args:
         found: a fit; its prior is the standard normal distribution of z.
         spread: how much larger misfit is than its units say, for the best of all fits (overdispersion).
     """
     if found.reason:
         return -np.inf
-    curvature = np.eye(len(found.z)) + sum(s.a for s in found.shares) / spread
-    _, volume = np.linalg.slogdet(curvature)
-    return -0.5 * (found.misfit / spread + float(found.z @ found.z) + float(volume))
+    free = [k for k, unknown in enumerate(found.unknowns) if unknown.kind == "free"]
+    held = [k for k in free if found.unknowns[k].tolerance > 0] if len(free) > 1 else []
+    ways = [_laplace(found, spread, np.ones(len(found.z)))]
+    for k in held:
+        precision = np.ones(len(found.z))
+        precision[k] = (found.unknowns[k].spread / found.unknowns[k].tolerance) ** 2
+        ways.append(_laplace(found, spread, precision))
+    return float(logsumexp(ways)) - log(len(ways))
+
+
+def _laplace(found: Fit, spread: float, precision: np.ndarray, kept: Iterable[int] | None = None) -> float:
+    """About the optimum under other priors than those of the fit, or for less evidence, as its own quadratic has it."""
+    shares = found.shares if kept is None else [found.shares[k] for k in kept]
+    a = sum((s.a for s in shares), np.zeros(2 * found.z.shape)) / spread + np.diag(precision)
+    slope = sum((s.g for s in shares), np.zeros_like(found.z)) / spread + precision * found.z
+    misfit = sum(s.c for s in shares) / spread + float(precision @ found.z**2)
+    _, volume = np.linalg.slogdet(a)
+    curved = float(slope @ np.linalg.solve(a, slope))
+    return -0.5 * (misfit - curved + float(volume) - float(np.sum(np.log(precision))))
+
+
+def held_out_score(found: Fit, conditions: Sequence[object], spread: float) -> float:
+    """Sum of the logarithms of the predictive densities of each condition, with a fit to all others.
+
+    Fits without a condition are those of the quadratic that stands for the fit to all of them. Constants that all
+    hypotheses share are left out.
+
+    Args:
+        found: a fit to all conditions.
+        conditions: of each piece of evidence; pieces of one condition are held out together.
+        spread: see `evidence`.
+    """
+    kept = range(len(found.shares))
+    whole = _laplace(found, spread, np.ones(len(found.z)), kept)
+    groups = [[k for k in kept if conditions[k] == condition] for condition in dict.fromkeys(conditions)]
+    without = [[k for k in kept if k not in group] for group in groups]
+    return sum(whole - _laplace(found, spread, np.ones(len(found.z)), rest) for rest in without)
 
 
 def odds(hypothesis: Hypothesis) -> float:
@@ -93,7 +132,8 @@ def judge(found: Search) -> Judgement:
     logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread) for f in fits])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
-    best = fits[int(np.argmax(weights))]
+    rivals = [k for k, value in enumerate(logs) if value > logs.max() - _NEARLY]
+    best = fits[max(rivals, key=lambda k: held_out_score(fits[k], found.conditions, spread) + odds(fits[k].hypothesis))]
     unknown = _unknown(found, best)
     return Judgement(
         {f.hypothesis: float(w) * (1 - unknown) for f, w in zip(fits, weights, strict=True)}, unknown, best

@@ -23,9 +23,10 @@ from beamdesign.proof.replay import FLOAT_ROUNDING, Malformed, Pair, Replay, S, 
 KIND = "beamdesign.members"
 VERSION = 1
 KNOWN = {
-    "carrier_ripple", "current_saturation", "entrained_air", "joint_backlash", "mount_compliance",
-    "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag", "sensor_lag_second_order",
-    "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband", "valve_hysteresis",
+    "carrier_ripple", "current_saturation", "current_saturation_soft", "entrained_air", "joint_backlash",
+    "mount_compliance", "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag",
+    "sensor_lag_second_order", "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband",
+    "valve_hysteresis",
 }  # fmt: skip
 """Effects whose linear members are rebuilt here; of some, nothing is left in them but factors on the gain."""
 

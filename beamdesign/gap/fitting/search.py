@@ -1,8 +1,8 @@
 """All hypotheses about a gap, fitted: nulls first, every single cause, then pairs."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from multiprocessing import active_children
 from signal import SIG_IGN, SIGINT, signal
 
@@ -22,7 +22,7 @@ _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 _BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
 _LARGE = 4.0  # times: what is worth every pair
-_QUICK = 2  # iterations that show whether a pair is worth fitting
+_QUICK = 3  # iterations that show whether a pair is worth fitting
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
@@ -41,6 +41,7 @@ class Search:
         expected: misfit that noise alone would leave.
         evidence: names of its pieces, in the order of `Fit.shares`.
         floor: `Fit.error` that noise alone would leave.
+        conditions: of each piece of evidence; none where they do not matter.
     """
 
     null: Fit
@@ -48,6 +49,7 @@ class Search:
     expected: float
     evidence: tuple[str, ...]
     floor: float = 0.0
+    conditions: tuple[object, ...] = field(default=(), repr=False)
 
     def best_of(self, causes: tuple[str, ...]) -> Fit:
         """The best fit of some causes, whatever laws they follow.
@@ -68,12 +70,14 @@ class _Task:
 
     Attributes:
         hypothesis: to be fitted.
-        known: SI values from simpler fits.
+        known: SI values from a simpler fit.
+        hints: SI values of what it lacks, from another.
         on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
     """
 
     hypothesis: Hypothesis
     known: dict[str, float]
+    hints: dict[str, float] = field(default_factory=dict)
     on: tuple[int, ...] = ()
 
 
@@ -113,12 +117,13 @@ def search(
             expected,
             tuple(e.name for e in fitters.evidence),
             sum(e.floor for e in fitters.evidence),
+            tuple(e.condition for e in fitters.evidence),
         )
         if null.misfit > _SMALL * expected and state.excess(state.fits[0]) > _DONE:
             values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
-            tried = _promising(state, alone)
+            tried = _promising(state)
             hardest = _hardest(state.fits[0])
-            tasks = [_Task(h, _merged(h, values), hardest) for h in tried]
+            tasks = [_Task(h, *_halves(h, values), hardest) for h in tried]
             quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
             leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
             ranked = [f for f in _sorted(quick) if not f.reason]
@@ -126,7 +131,7 @@ def search(
             final = fitters(_Task(f.hypothesis, f.values) for f in best)
             found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
         progress(1.0, "done")
-        return Search(null, tuple(_sorted(found)), state.expected, state.evidence, state.floor)
+        return replace(state, fits=tuple(_sorted(found)))
 
 
 def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None) -> tuple[Fit, Fit]:
@@ -146,14 +151,16 @@ def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = No
         return null, min(begun, key=lambda f: f.cost)
 
 
-def _promising(state: Search, alone: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+def _promising(state: Search) -> tuple[Hypothesis, ...]:
     """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all.
 
-    One of a pair is an effect: two wrong figures at once are rarer than anything they would imitate.
+    One of a pair is an effect: two wrong figures at once are rarer than anything they would imitate. Of several laws
+    for an effect, the one that fits better alone is tried.
     """
     left = state.excess(state.fits[0])
     count = next(n for bound, n in _BEST_SINGLES if left <= bound)
-    best = [f.hypothesis for f in state.fits if not f.reason][:count]
+    alone = list({f.hypothesis.causes: f.hypothesis for f in reversed(state.fits)}.values())
+    best = [f.hypothesis for f in state.fits if f.hypothesis in alone and not f.reason][:count]
     tried = dict.fromkeys(best[0] | other for other in alone if other.causes != best[0].causes)
     tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects)
     if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
@@ -182,13 +189,15 @@ def _hardest(best: Fit) -> tuple[int, ...]:
     return tuple(sorted(ranked[:count]))
 
 
-def _merged(of: Hypothesis, values: dict[Hypothesis, dict[str, float]]) -> dict[str, float]:
-    """Values to start a pair from: parameters of both, tolerated figures of the better single, which comes last."""
-    merged: dict[str, float] = {}
-    for alone, found in values.items():
-        if set(alone.names) <= set(of.names):
-            merged |= found
-    return merged
+def _halves(of: Hypothesis, values: Mapping[Hypothesis, dict[str, float]]) -> tuple[dict[str, float], dict[str, float]]:
+    """What the better single of a pair has found, for all of it, and what the other one has.
+
+    Args:
+        of: the pair.
+        values: found by singles, best last.
+    """
+    parts = [found for alone, found in values.items() if set(alone.names) <= set(of.names)]
+    return (parts[-1] if parts else {}), (parts[0] if len(parts) > 1 else {})
 
 
 def _sorted(fits: Iterable[Fit]) -> list[Fit]:
@@ -258,7 +267,7 @@ def _fitted(task: _Task, prototype: Prototype, evidence: Sequence[Evidence]) -> 
     placement = task.hypothesis.placement(prototype)
     evidence = [evidence[k] for k in task.on] or evidence
     peaks = resonances(evidence, prototype, task.known) if not task.on else ()
-    begun = starts(placement, task.known, evidence, peaks, 1 if task.on else 2)
+    begun = starts(placement, task.known, evidence, peaks, 1 if task.on else 2, task.hints)
     if not begun:
         reason = "the model's loop is unstable wherever a fit was begun"
         return Fit(task.hypothesis, placement.unknowns, reason=reason)

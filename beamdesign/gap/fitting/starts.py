@@ -1,6 +1,7 @@
 """Where fits begin: the figures of a simpler fit, with the new effect as strong as suits the records best."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import qmc
@@ -11,7 +12,7 @@ from beamdesign.gap.fitting.hypothesis import NOTHING
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
 from beamdesign.prototype import Prototype
 
-_DRAWS, _WIDTH = 16, 2.2  # of several new unknowns; in prior standard deviations
+_DRAWS, _FEW, _WIDTH = 16, 8, 2.2  # of several new unknowns, or for a single start; in prior standard deviations
 _ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
 _PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
@@ -24,6 +25,7 @@ def starts(
     evidence: Sequence[Evidence],
     peaks: Sequence[float] = (),
     most: int = 2,
+    hints: Mapping[str, float] = MappingProxyType({}),
 ) -> list[np.ndarray]:
     """The most promising starts, best first.
 
@@ -33,6 +35,7 @@ def starts(
         evidence: by which starts are compared; no fit is made.
         peaks: frequencies (Hz) at which an effect with a resonance may have it.
         most: how many at most.
+        hints: SI values that a fit of the new unknowns alone has found; one more start that may do.
 
     A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
     where there is room for two starts, one of them begins with these figures as believed.
@@ -48,7 +51,10 @@ def starts(
     families = []
     for base in (bent, straight):
         best: list[tuple[float, np.ndarray]] = []
-        for trial in [*_trials(unknowns, base, new), *_resonant(unknowns, base, new, peaks)]:
+        for trial in [
+            *_trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW),
+            *_resonant(unknowns, base, new, peaks),
+        ]:
             z = np.clip(trial, low, high)
             enough = best[-1][0] if len(best) == most else np.inf
             if (misfit := misfit_at(evidence, placement, z, enough)) < enough:
@@ -63,11 +69,18 @@ def _at(unknown: Unknown, known: Mapping[str, float]) -> float:
     return unknown.z(known[unknown.name]) if unknown.name in known else 0.0
 
 
-def _trials(unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int]) -> list[np.ndarray]:
-    """The base, draws of the new unknowns, and each new effect nearly absent."""
+def _trials(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], hints: Mapping[str, float], draws: int
+) -> list[np.ndarray]:
+    """The base, as hinted, draws of the new unknowns, and each new effect nearly absent."""
     trials = [base]
     if not new:
         return trials
+    if hints:
+        hinted = base.copy()
+        for k in new:
+            hinted[k] = _at(unknowns[k], hints)
+        trials.append(hinted)
     weak = base.copy()
     for k in new:
         u = unknowns[k]
@@ -75,10 +88,10 @@ def _trials(unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int]) -
             weak[k] = u.z(_WEAK * u.nominal)
     trials.append(weak)
     if len(new) == 1:
-        draws = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
+        rows = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
     else:
-        draws = _WIDTH * (2 * qmc.Sobol(len(new), scramble=True, seed=0).random(_DRAWS) - 1)
-    for row in draws:
+        rows = _WIDTH * (2 * qmc.Sobol(len(new), scramble=True, seed=0).random(draws) - 1)
+    for row in rows:
         z = base.copy()
         z[list(new)] = row
         trials.append(z)

@@ -16,7 +16,7 @@ from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.effects import library
 from beamdesign.rig.parameters import parameters_of
 
-FREE = 0.5
+FREE = 0.3
 """Prior standard deviation of the logarithm of a figure that is suspected to be plainly wrong."""
 
 TOLERANCE_OF = {
@@ -50,6 +50,7 @@ class Unknown:
         low: least value that makes sense.
         high: largest.
         kind: `figure` (tolerated), `free` (set free) or `effect`.
+        tolerance: of a figure set free, the spread it would have were it not; 0 for others.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Unknown:
     low: float
     high: float
     kind: str
+    tolerance: float = 0.0
 
     def value(self, z: float) -> float:
         """SI value at z."""
@@ -95,7 +97,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
         if nominal[figure] <= 0:
             continue
         if figure in free:
-            found.append(Unknown(figure, nominal[figure], FREE, False, 0.0, np.inf, "free"))
+            found.append(Unknown(figure, nominal[figure], FREE, False, 0.0, np.inf, "free", spread))
         elif spread > 0:
             found.append(Unknown(figure, nominal[figure], spread, False, 0.0, np.inf, "figure"))
     return tuple(found)
