@@ -86,9 +86,8 @@ def fields_of(path, folder, *options):
     return json.loads((folder / "fields.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", 2)])
-def test_killed_run_goes_on_without_loss(sweep, tmp_path, expected, options):
-    folder = tmp_path / "out"
+def test_killed_run_goes_on_without_loss(sweep, tmp_path, expected):
+    folder, options = tmp_path / "out", ("--workers", 2)
     process = begun(sweep, folder, *options)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()

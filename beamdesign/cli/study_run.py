@@ -66,6 +66,9 @@ def run(
         say(line)
     pictures = draw(laid.sweep, found.records, conclusion, folder)
     files = [*found.tables, *write_sensitivity(folder, conclusion), *pictures]
+    if conclusion:
+        files.append(folder / "conclusion.json")
+        write_json(files[-1], conclusion)
     for path in files:
         say(str(path))
     write_json(json, _fields(found, laid) | {"files": files, "conclusion": conclusion})

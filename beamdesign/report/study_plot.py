@@ -124,9 +124,7 @@ def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
     figure = new_figure(height_mm=30 + 9 * len(names))
     axes = figure.add_subplot()
     bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
-    labels = [
-        f"{h:.4g}" if value_of(row, y) is not None else "no answer" for h, row in zip(heights, records, strict=True)
-    ]
+    labels = [f"{h:.4g}" if row["status"] == "done" else "no answer" for h, row in zip(heights, records, strict=True)]
     axes.bar_label(bars, labels, padding=4)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
@@ -136,6 +134,8 @@ def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
     _finish(axes, asked, y, x)
     axes.set_xlabel(asked.x_label or words(y))
     axes.set_ylabel("")
+    axes.set_title("")
+    figure.suptitle(asked.title)  # over the whole figure: names of the bars may leave little room
     axes.grid(False, axis="y")
     return figure
 
@@ -180,6 +180,8 @@ def _bands(axes: Axes, rows: Sequence[Row], x: str, low: str, high: str, style: 
                 continue
             if ends:
                 at, bottom, top = zip(*ends, strict=True)
+                if row is not None:  # it ends before the next row: the last edges are joined
+                    axes.plot([at[-1]] * 2, [bottom[-1], top[-1]], **style)
                 axes.fill_between(at, bottom, top, color=shade, linewidth=0)
                 axes.plot(at, bottom, **style)
                 axes.plot(at, top, **style)
@@ -238,7 +240,7 @@ def _histogram(asked: Picture, records: Sequence[Row]) -> Figure:
     values = [value_of(row, x) for row in records if isinstance(value_of(row, x), int | float)]
     figure = new_figure(height_mm=90)
     axes = figure.add_subplot()
-    axes.hist(values, bins=max(5, round(len(values) ** 0.5)), color="0.75", edgecolor="black")
+    axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
     if asked.limit is not None:
         axes.axvline(asked.limit, color="black", linestyle="--", label=f"limit {asked.limit:g}")
         axes.legend()
