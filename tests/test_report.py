@@ -1,9 +1,13 @@
 """The result folder and its report: what a reader sees equals the record, and the page needs nothing from outside."""
 
 import hashlib
+import json
 import re
+import shutil
+import subprocess
 import xml.etree.ElementTree as ElementTree
 from decimal import Decimal
+from html import unescape
 from html.parser import HTMLParser
 from math import inf, pi
 from pathlib import Path
@@ -13,6 +17,7 @@ import pytest
 from finished_run import finished_run
 from hypothesis import given
 from hypothesis import strategies as st
+from test_figures import cut_off
 
 from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
@@ -23,12 +28,15 @@ from beamdesign.records import InputError
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.drawing import draw_section, draw_side
-from beamdesign.report.html import check_row
+from beamdesign.report.figures import shade_compliance
+from beamdesign.report.html import check_row, report_html
+from beamdesign.report.pictures import loop_pictures, prototype_picture
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.result_folder import FILES, write_result_folder
 from beamdesign.report.stability_chart import stable_gains, wider_map
 from beamdesign.report.svg import inline_svg
+from beamdesign.report.trade_rows import plot_trade, read_trade
 from beamdesign.study.design_run import DesignRun
 
 
@@ -60,7 +68,7 @@ class Page(HTMLParser):
                 pass
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.words.append(data)
         if {"td", "th"} & set(self.open):
             self.rows[-1][-1] += data
@@ -132,7 +140,8 @@ def test_the_page_requests_nothing(html: str, page: Page) -> None:
     for tag, value in targets:
         beside = tag == "a" and value in FILES.values()
         assert value.startswith(("#", "data:")) or beside, (tag, value)
-    assert not {"script", "iframe", "object", "embed", "img"} & set(page.tags)
+    assert not {"iframe", "object", "embed", "img"} & set(page.tags)
+    assert not re.search(r"fetch\(|XMLHttpRequest|import\(|WebSocket|sendBeacon", html)
     assert "@import" not in html
     assert set(re.findall(r"url\(\s*['\"]?(.)", html)) <= {"#"}
     addresses = set(re.findall(r"https?://[^\s\"'<]+", html))
@@ -158,6 +167,150 @@ def test_every_figure_is_valid_xml_with_a_description_and_no_colour_of_one_theme
         assert not re.search(r"#(000000|ffffff)\b", text)
     assert "prefers-color-scheme: dark" in html
     assert "@media print" in html
+
+
+def test_text_of_every_figure_lies_within_it(run: DesignRun) -> None:
+    prototype = designed(run)
+    pictures = [prototype_picture(prototype, 2000.0), *loop_pictures(prototype, loop(prototype))]
+    assert {"prototype", "compliance", "locus", "ranges", "gains"} <= {picture.name for picture in pictures}
+    for picture in pictures:
+        assert cut_off(picture.figure) == [], picture.name
+        root = ElementTree.fromstring(inline_svg(picture.figure, picture.name, picture.caption))
+        _, _, width, height = (float(end) for end in root.get("viewBox", "").split())
+        texts = list(root.iter("{http://www.w3.org/2000/svg}text"))
+        assert texts
+        for text in texts:
+            moved = re.search(r"translate\(([-\d.]+)[ ,]+([-\d.]+)\)", text.get("transform", ""))
+            x, y = (moved[1], moved[2]) if moved else (text.get("x", "nan"), text.get("y", "nan"))
+            assert 0 <= float(x) <= width, text.text
+            assert 0 <= float(y) <= height, text.text
+
+
+def test_values_under_the_pointer_are_those_of_the_curves_at_their_places(html: str, run: DesignRun) -> None:
+    (figure,) = re.findall(r'<figure id="figure-compliance">.*?</figure>', html, flags=re.DOTALL)
+    (data,) = re.findall(r'<script type="application/json" class="readings">(.*?)</script>', figure, flags=re.DOTALL)
+    curves = [curve for curve in json.loads(data) if curve["name"].startswith("6.8 kg")]
+    (curve,) = curves
+    assert curve["x"] == "frequency, Hz"
+    _, _, frequency, compliance = np.array(curve["points"]).T
+    exact = np.abs(loop(designed(run)).at(6.8).compliance_response(frequency))
+    np.testing.assert_allclose(compliance, exact, rtol=2e-3)  # both to five digits, next to a steep slope
+    # Both scales are logarithmic: places are linear in the logarithms, x to the right and y downwards.
+    places = np.array(curve["points"])[:, :2]
+    for place, value, sense in ((places[:, 0], frequency, 1), (places[:, 1], compliance, -1)):
+        slope, offset = np.polyfit(np.log(value), place, 1)
+        assert slope * sense > 0
+        assert np.abs(slope * np.log(value) + offset - place).max() < 0.2
+    # The drawn line passes through those places.
+    drawn = [
+        np.array(re.findall(r"[ML] ([\d.]+) ([\d.]+)", path), float)
+        for path in re.findall(r'<path d="(M [^"]*)" clip-path', figure)
+    ]
+    shares = np.linspace(0.0, 1.0, 40)[:, None, None]
+    dense = [((1 - shares) * line[:-1] + shares * line[1:]).reshape(-1, 2) for line in drawn if len(line) > 20]
+    near = min(np.hypot(*(places[:, None, :] - line[None]).T).min(axis=0).max() for line in dense)
+    assert near < 0.5
+
+
+def test_shading_holds_every_compliance_between_the_ends_of_the_range(run: DesignRun) -> None:
+    closed = loop(designed(run))
+    axes = new_figure().subplots()
+    shade_compliance(axes, [closed.at(float(mass)) for mass in np.linspace(0.0, 6.8, 41)], "family")
+    (band,) = axes.collections
+    outline = band.get_paths()[0].vertices
+    for mass in (0.0, 1.7, 3.4, 6.8):
+        for frequency in (0.5, 5.0, 30.0, 200.0):
+            column = outline[np.abs(np.log(outline[:, 0] / frequency)).argsort()[:4], 1]
+            value = abs(closed.at(mass).compliance_response(np.array([frequency]))[0])
+            assert column.min() * 0.9 <= value <= column.max() * 1.1
+
+
+def test_root_locus_passes_the_axis_at_the_critical_gain_that_the_loop_states(run: DesignRun) -> None:
+    """The branches cross the stability boundary where the exact critical frequency lies."""
+    prototype = designed(run)
+    (locus,) = [p for p in loop_pictures(prototype, loop(prototype)) if p.name == "locus"]
+    for axes, mass in zip(locus.figure.axes, (0.0, 6.8), strict=True):
+        crossings = []
+        for line in axes.lines:
+            x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
+            over = np.nonzero((x[:-1] < 0) & (x[1:] >= 0) & (y[:-1] > 1))[0] if len(x) > 20 else []
+            crossings += [np.interp(0.0, x[k : k + 2], y[k : k + 2]) / (2 * pi) for k in over]
+        stated = critical_gain(prototype, mass).frequency_Hz
+        assert any(abs(crossing / stated - 1) < 0.01 for crossing in crossings), (mass, crossings, stated)
+
+
+def test_a_front_beside_the_result_is_shown(run: DesignRun, tmp_path: Path) -> None:
+    rows = [
+        "outer_end_mass_high_kg,bandwidth_Hz,moving_mass_kg,proved",
+        "6.8,3.0,9.0,True",
+        "6.8,4.0,9.4,True",
+        "6.8,9.0,,False",
+    ]
+    (tmp_path / "front.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert read_trade(tmp_path) == ((6.8, 3.0, 9.0), (6.8, 4.0, 9.4))
+    assert read_trade(tmp_path / "none") == ()
+    axes = plot_trade(new_figure().subplots(), read_trade(tmp_path), (3.5, 9.8))
+    assert [list(line.get_xdata()) for line in axes.lines] == [[3.0, 4.0], [3.5]]
+    page = report_html(run, FILES, read_trade(tmp_path))
+    assert "Trade curves" in page
+    assert 'id="figure-trade"' in page
+
+
+WATCH = """<script>
+const watched = { errors: [] };
+addEventListener("error", (event) => watched.errors.push(event.message));
+for (const kind of ["error", "warn"]) console[kind] = (...words) => watched.errors.push(words.join(" "));
+addEventListener("load", () => {
+  watched.clipped = [];
+  for (const svg of document.querySelectorAll("svg")) {
+    const box = svg.getBoundingClientRect();
+    for (const text of svg.querySelectorAll("text")) {
+      const own = text.getBoundingClientRect();
+      if (own.left < box.left - 1 || own.right > box.right + 1 || own.top < box.top - 1 || own.bottom > box.bottom + 1)
+        watched.clipped.push(text.textContent);
+    }
+  }
+  watched.sideways = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  const figure = document.querySelector("#figure-compliance"), svg = figure.querySelector("svg");
+  const curve = JSON.parse(figure.querySelector("script.readings").textContent)[0], [x, y] = curve.points[60];
+  const at = new DOMPoint(x, y).matrixTransform(svg.getScreenCTM());
+  svg.dispatchEvent(new PointerEvent("pointermove", { clientX: at.x, clientY: at.y }));
+  watched.told = figure.querySelector(".tip").textContent;
+  watched.expected = [curve.name, curve.points[60][2], curve.points[60][3]];
+  svg.dispatchEvent(new PointerEvent("pointerleave"));
+  watched.left = document.querySelectorAll(".tip").length;
+  const output = document.createElement("output");
+  output.textContent = JSON.stringify(watched);
+  document.body.append(output);
+});
+</script>"""
+"""Put into a copy of the page: notes what a browser has to say of it."""
+
+
+def test_a_browser_has_nothing_to_complain_of(html: str, tmp_path: Path) -> None:
+    """A Chromium on this machine lays the page out and moves a pointer; without one its source alone is judged."""
+    balanced = Page(html)
+    assert [tag for tag in balanced.open if tag not in ("meta", "link")] == []
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        return
+    path = tmp_path / "page.html"
+    path.write_text(html.replace("<head>", "<head>" + WATCH, 1), encoding="utf-8")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    done = subprocess.run(
+        [*command, "--dump-dom", "--window-size=1200,3000", path.as_uri()], check=True, capture_output=True, text=True
+    )
+    (found,) = re.findall(r"<output>(.*?)</output>", done.stdout, flags=re.DOTALL)
+    seen = json.loads(unescape(found))
+    assert seen["errors"] == []
+    assert seen["clipped"] == []
+    assert seen["sideways"] <= 0
+    name, frequency, compliance = seen["expected"]
+    first, along, value = seen["told"].split("\n")
+    assert first == name
+    assert float(re.findall(r"[\d.e-]+", along)[-1]) == pytest.approx(frequency, rel=1e-3)
+    assert float(re.search(r": ([\d.e+-]+) m/N", value)[1]) == pytest.approx(compliance, rel=1e-3)
+    assert seen["left"] == 0
 
 
 def test_every_check_stands_in_the_page_and_the_governing_one_is_named(run: DesignRun, page: Page) -> None:

@@ -68,6 +68,18 @@ def plot_compliance(
     return axes
 
 
+def shade_compliance(
+    axes: Axes, loops: Sequence[LoopAtMass], label: str, lowest_Hz: float = 0.1, highest_Hz: float = 1000.0
+) -> Axes:
+    """Shade between the least and the largest compliance of several loops at each of 700 frequencies."""
+    frequencies = np.geomspace(lowest_Hz, highest_Hz, 700)
+    magnitudes = np.array([np.abs(loop.compliance_response(frequencies)) for loop in loops])
+    axes.fill_between(
+        frequencies, magnitudes.min(axis=0), magnitudes.max(axis=0), color="0.88", linewidth=0, label=label, zorder=0
+    )
+    return axes
+
+
 def _decibel_axis(axes: Axes) -> Axes:
     """A second scale on the right that follows the left one, now and when the limits change."""
     twin = axes.twinx()

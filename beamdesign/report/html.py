@@ -14,19 +14,22 @@ from beamdesign.prototype import Lag, Proportional
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
 from beamdesign.report.lumped_table import lumped_rows
-from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture
+from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
+from beamdesign.report.readings import readings_json
 from beamdesign.report.svg import inline_svg
+from beamdesign.report.trade_rows import TradePoint
 from beamdesign.study.design_run import DesignRun
 
 
-def report_html(run: DesignRun, files: dict[str, str]) -> str:
+def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, ...] = ()) -> str:
     """The report of a design run that gave a certified prototype.
 
     Args:
         run: all of its steps done.
         files: names of the files beside the report, by kind; "certificate" among them.
+        trade: proved designs of a front to show this one beside.
 
     Raises:
         ValueError: where the run has no result; its `reason` says why.
@@ -36,6 +39,9 @@ def report_html(run: DesignRun, files: dict[str, str]) -> str:
         raise ValueError(f"nothing to report: {run.reason or 'the run is not complete'}")
     pictures = [prototype_picture(prototype, run.problem.load.tip_force_N)]
     pictures += loop_pictures(prototype, loop(prototype))
+    moving_mass_kg = run.sizing.beam_mass_kg + prototype.payload.inner_end_mass_kg
+    if trade:
+        pictures.append(trade_picture(trade, prototype.guarantee.bandwidth_Hz, moving_mass_kg))
     expected = acceptance(prototype)
     return (
         _environment()
@@ -57,7 +63,7 @@ def report_html(run: DesignRun, files: dict[str, str]) -> str:
             controller=controller_rows(prototype.controller),
             expected=expected,
             statements=statements(run),
-            moving_mass_kg=run.sizing.beam_mass_kg + prototype.payload.inner_end_mass_kg,
+            moving_mass_kg=moving_mass_kg,
         )
     )
 
@@ -117,7 +123,9 @@ def _inline(picture: Picture) -> Markup:
     # The SVG writer escapes what it is given, so its output is markup.
     caption = Markup("<figcaption>{}</figcaption>").format(picture.caption)
     svg = Markup(inline_svg(picture.figure, picture.name, picture.caption))
-    return Markup('<figure id="{}">{}{}</figure>').format(f"figure-{picture.name}", svg, caption)
+    data = readings_json(picture.figure)
+    told = Markup('<script type="application/json" class="readings">{}</script>').format(Markup(data)) if data else ""
+    return Markup('<figure id="{}">{}{}{}</figure>').format(f"figure-{picture.name}", svg, caption, told)
 
 
 def _environment() -> Environment:

@@ -6,6 +6,7 @@ from pathlib import Path
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.html import report_html
 from beamdesign.report.specification import specification_markdown
+from beamdesign.report.trade_rows import read_trade
 from beamdesign.study.design_run import CERTIFICATE_NAME, DesignRun
 
 FILES = {
@@ -22,7 +23,8 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
 
     Args:
         result: a run with a certified prototype.
-        out: the folder, made if need be; files of an earlier run are replaced.
+        out: the folder, made if need be; files of an earlier run are replaced, and a front.csv there is shown in the
+            report.
 
     Returns:
         Paths of the four files, by the keys of `FILES`.
@@ -36,7 +38,7 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
     texts = {
         "prototype": to_toml(result.prototype),
         "certificate": result.certificate.text,
-        "report": report_html(result, FILES),
+        "report": report_html(result, FILES, read_trade(out)),
         "specification": specification_markdown(result, FILES),
     }
     paths = {kind: out / name for kind, name in FILES.items()}
