@@ -208,7 +208,7 @@ def test_values_under_the_pointer_are_those_of_the_curves_at_their_places(html: 
     ]
     shares = np.linspace(0.0, 1.0, 40)[:, None, None]
     dense = [((1 - shares) * line[:-1] + shares * line[1:]).reshape(-1, 2) for line in drawn if len(line) > 20]
-    near = min(np.hypot(*(places[:, None, :] - line[None]).T).min(axis=0).max() for line in dense)
+    near = min(np.hypot(*(places[:, None, :] - line[None]).transpose(2, 0, 1)).min(axis=1).max() for line in dense)
     assert near < 0.5
 
 
