@@ -247,6 +247,11 @@ def test_digest_reaches_what_a_task_imports_and_no_more():
     assert not any(name.startswith(("cli/", "report/", "gap/", "rig/")) for name in names)
 
 
+def test_digest_reaches_modules_that_are_named_only_when_it_runs():
+    names = {path.name for path in room.reached("beamdesign.study.tasks.at_mass") if path.parent.name == "effects"}
+    assert names == {path.name for path in (ROOT / "beamdesign" / "rig" / "effects").glob("*.py")}
+
+
 def test_results_of_other_code_are_told_and_not_used(sweep, command, tmp_path, monkeypatch):
     path, folder = sweep(vary=[MASSES]), tmp_path / "out"
     command("run", path, "--out", folder)

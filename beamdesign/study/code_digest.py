@@ -69,6 +69,9 @@ def _imported(path: Path) -> list[str]:
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    if "importlib" in names:  # modules named at run time, such as the effects: any of those beside it
+        folder = ".".join((_PACKAGE, *path.parent.relative_to(_ROOT).parts))
+        names += [f"{folder}.{other.stem}" for other in path.parent.glob("*.py")]
     return names
 
 
