@@ -111,7 +111,8 @@ def tolerances(
         told(0.5 * k / len(names), f"tolerance of {name.replace('_', ' ')}")
         alone[name] = scale({name: _UNIT}, LARGEST / _UNIT)
     told(0.5, "all tolerances at once")
-    equal = scale(dict.fromkeys(names, _UNIT), LARGEST / _UNIT)
+    bearing = min(found.refuted or LARGEST / _UNIT for found in alone.values())
+    equal = scale(dict.fromkeys(names, _UNIT), bearing)  # no more than the weakest bears alone
     weights = {name: max(found.proved, 1e-3) * _UNIT for name, found in alone.items()}
     shared = scale(weights, 1.0, _COARSE)
     stated = None
