@@ -98,6 +98,17 @@ def _laplace(found: Fit, spread: float, precision: np.ndarray, kept: Iterable[in
     return -0.5 * (misfit - curved + float(volume) - float(np.sum(np.log(precision))))
 
 
+def _chosen(fits: Sequence[Fit], logs: np.ndarray, conditions: Sequence[object], spread: float) -> int:
+    """Of the most probable fit and those with as many causes that are nearly as probable, the best on held-out ones.
+
+    Conditions held out say nothing of how far a figure is off its tolerance, so that fewer causes are no rival here.
+    """
+    first = int(np.argmax(logs))
+    count = len(fits[first].hypothesis.causes)
+    near = [k for k, f in enumerate(fits) if logs[k] > logs[first] - _NEARLY and len(f.hypothesis.causes) == count]
+    return max(near, key=lambda k: held_out_score(fits[k], conditions, spread) + odds(fits[k].hypothesis))
+
+
 def held_out_score(found: Fit, conditions: Sequence[object], spread: float) -> float:
     """Sum of the logarithms of the predictive densities of each condition, with a fit to all others.
 
@@ -132,8 +143,7 @@ def judge(found: Search) -> Judgement:
     logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread) for f in fits])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
-    rivals = [k for k, value in enumerate(logs) if value > logs.max() - _NEARLY]
-    best = fits[max(rivals, key=lambda k: held_out_score(fits[k], found.conditions, spread) + odds(fits[k].hypothesis))]
+    best = fits[_chosen(fits, logs, found.conditions, spread)]
     unknown = _unknown(found, best)
     return Judgement(
         {f.hypothesis: float(w) * (1 - unknown) for f, w in zip(fits, weights, strict=True)}, unknown, best
@@ -144,18 +154,21 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
     """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
 
     Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
-    counts by what its removal brings back, see `_size`. A wrong figure alone is told by how far off its tolerance it
-    is, so that what comes back need only be `_PLAIN`.
+    counts by what its removal brings back, see `_size`; that of all of them by what they bring together, as two that
+    work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
+    that what comes back need only be `_PLAIN`.
     """
-    cost = 0.0
-    for name in found.hypothesis.causes:
-        rest = fits.get(found.hypothesis.without(name))
+
+    def cost(without: Hypothesis) -> float:
+        rest = fits.get(without)
         if rest is None or (gained := rest.cost - found.cost) <= 0:
-            continue
-        plain = rest.hypothesis == NOTHING and name.startswith(WRONG)
+            return 0.0
+        plain = without == NOTHING and not found.hypothesis.effects
         size = gained / _PLAIN if plain else _size(found, rest, of)
-        cost += gained / (2 * spread) / (1 + size ** (2 * _STEEP))
-    return cost
+        return gained / (2 * spread) / (1 + size ** (2 * _STEEP))
+
+    each = sum(cost(found.hypothesis.without(name)) for name in found.hypothesis.causes)
+    return max(each, cost(NOTHING))
 
 
 def _size(found: Fit, rest: Fit, of: Search) -> float:
