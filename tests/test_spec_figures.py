@@ -105,6 +105,10 @@ def test_a_filtered_sensor_gets_its_lag_beside_the_filter(rig: Prototype) -> Non
             for one in (both, filtered)
         )
         assert with_lag == pytest.approx(without / (1 + 1j * frequency / 300.0), rel=1e-6)
+    need = sensor_need(filtered, (3.4, 3.4), 100.0, 0.1)
+    assert need.stable_from_Hz is not None
+    assert damped(lagging(filtered, need.stable_from_Hz), 3.4)
+    assert need.stable_from_Hz < need.fastest_Hz == 2000.0  # what the library's effect goes up to
 
 
 def test_each_figure_alone_is_stable_to_what_is_proved(rig: Prototype, kept: Tolerances) -> None:

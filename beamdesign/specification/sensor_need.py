@@ -12,13 +12,14 @@ from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import certify
 from beamdesign.prototype import Prototype
+from beamdesign.rig.effects import library
 
 if TYPE_CHECKING:
     from beamdesign.proof.certificate import Guaranteed
 
 KEPT = 0.05
 """How much of the guaranteed bandwidth, and by how much the peak sensitivity, the sensor's lag may cost."""
-FASTEST_HZ = 1e5
+_SLOWEST_HZ, _FASTEST_HZ = 1.0, 1e5
 _HALVINGS = 9
 _BUDGET = 2000
 
@@ -29,7 +30,8 @@ class SensorNeed:
 
     Attributes:
         stable_from_Hz: first-order break of the sensor from which the loop is proved stable at every outer end mass,
-            for every break from here to `FASTEST_HZ`; None where none was proved.
+            for every break from here to `fastest_Hz`; None where none was proved.
+        fastest_Hz: largest break that was asked about.
         performs_from_Hz: break at which bandwidth and peak sensitivity are proved within `KEPT` of what they are with
             an ideal sensor; None where none was.
         bandwidth_Hz, peak_sensitivity: proved at that break.
@@ -43,6 +45,7 @@ class SensorNeed:
     """
 
     stable_from_Hz: float | None
+    fastest_Hz: float
     performs_from_Hz: float | None
     bandwidth_Hz: float | None
     peak_sensitivity: float | None
@@ -82,11 +85,12 @@ def sensor_need(
     told("bandwidth of the sensor")
     nominal = certify(prototype, *masses_kg).guaranteed
     stable = performs = reached = None
+    breaks = _breaks_Hz(prototype)
     if nominal is not None:
-        stable = _least(lambda f: certify(lagging(prototype, f), *masses_kg).stable)
+        stable = _least(lambda f: certify(lagging(prototype, f), *masses_kg).stable, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
-            stable = None if stable > FASTEST_HZ / 4 else 1.1 * stable
-        performs = _least(lambda f: _kept(certify(lagging(prototype, f), *masses_kg).guaranteed, nominal))
+            stable = None if 1.1 * stable >= breaks[1] else 1.1 * stable
+        performs = _least(lambda f: _kept(certify(lagging(prototype, f), *masses_kg).guaranteed, nominal), breaks)
         reached = None if performs is None else certify(lagging(prototype, performs), *masses_kg).guaranteed
     motion = prototype.goal.compliance_m_per_N * load_N
     looked_at = sorted({masses_kg[0], sum(masses_kg) / 2, masses_kg[1]})
@@ -95,6 +99,7 @@ def sensor_need(
     sensor = prototype.sensor
     return SensorNeed(
         stable,
+        breaks[1],
         performs,
         None if reached is None else reached.bandwidth_Hz,
         None if reached is None else reached.peak_sensitivity,
@@ -131,7 +136,7 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     """Whether every break from this one up is proved stable with every outer end mass."""
     rig = lagging(prototype, break_Hz)
     name = "filter_frequency" if prototype.sensor.filter_Hz is None else "sensor_lag_frequency"
-    slow, fast = (exact(2 * pi * f) for f in (break_Hz, FASTEST_HZ))
+    slow, fast = (exact(2 * pi * f) for f in (break_Hz, _breaks_Hz(prototype)[1]))
     box = box_of({"outer_end_mass": masses_kg, name: (slow, fast)})
     return certify_box(rig, box, _BUDGET, volumes=False).stable is True
 
@@ -145,12 +150,19 @@ def _kept(found: "Guaranteed | None", nominal: "Guaranteed") -> bool:
     )
 
 
-def _least(holds: Callable[[float], bool]) -> float | None:
+def _breaks_Hz(prototype: Prototype) -> tuple[float, float]:
+    """Least and largest break of the sensor to ask about: any filter, but what the effect allows beside a filter."""
+    if prototype.sensor.filter_Hz is None:
+        return _SLOWEST_HZ, _FASTEST_HZ
+    parameter = library()["sensor_lag"].parameters[0]
+    return parameter.low, parameter.high
+
+
+def _least(holds: Callable[[float], bool], breaks_Hz: tuple[float, float]) -> float | None:
     """About the least frequency at which something holds, coming from above; None where it does not at the fastest."""
-    high = FASTEST_HZ
+    low, high = breaks_Hz
     if not holds(high):
         return None
-    low = 1.0
     while high > 1.5 * low:  # first in large steps down
         step = max(high / 4, low)
         if holds(step):

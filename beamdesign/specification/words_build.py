@@ -8,7 +8,7 @@ from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_
 from beamdesign.specification.document import Block, Items, Paragraph, Part, Picture, Table
 from beamdesign.specification.drawing import missing_geometry
 from beamdesign.specification.ratings import MARGIN
-from beamdesign.specification.sensor_need import FASTEST_HZ, KEPT
+from beamdesign.specification.sensor_need import KEPT
 from beamdesign.specification.specification import Specification
 from beamdesign.specification.stock_choice import StockChoice
 
@@ -220,7 +220,7 @@ def sensor(spec: Specification) -> Part:
         ),
     ]
     words = [
-        f"Stability from that bandwidth is proved for every first-order break up to {FASTEST_HZ:g} Hz and every"
+        f"Stability from that bandwidth is proved for every first-order break up to {need.fastest_Hz:g} Hz and every"
         " payload of the range.",
         f"At the second bandwidth {optional(need.bandwidth_Hz, 'Hz', ROUND_FLOOR)} of loop bandwidth and a peak"
         f" sensitivity of {optional(need.peak_sensitivity, '1', ROUND_CEILING)} are proved.",
