@@ -22,7 +22,7 @@ holds rigs that hardly damp anything."""
 
 _UNIT = 0.01
 _WITHIN, _COARSE = 0.02, 0.05
-_BUDGET = 1500
+_BUDGET = 400
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,7 @@ def _sampled_row(words: str, verdict: SampledVerdict | None, reason: str) -> tup
     if verdict is None:
         return words, "not worked out", reason
     if verdict.stable:
-        how = f"enclosure of the sampled loop in ball arithmetic, {verdict.pieces} pieces of the payload range"
+        how = f"enclosure of the sampled loop in ball arithmetic, pieces of the payload range: {verdict.pieces}"
         return words, "proved", how
     return words, "refuted (floating point)" if verdict.stable is False else "undecided", verdict.reason
 
