@@ -134,4 +134,5 @@ def test_sim_to_real(rows):
     assert row["options.effect"] == "sensor_lag"
     assert (row["verdict"], row["named"]) == ("effect", "sensor_lag")
     assert row["gap_after"] < row["gap_before"]
+    assert row["redesign_runs"] is True
     assert row["redesign_gain_margin"] > 1

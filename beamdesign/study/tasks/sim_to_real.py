@@ -13,11 +13,15 @@ from beamdesign.study.answer import Answer
 from beamdesign.study.redesign import redesign
 from beamdesign.study.tasks import SimToRealOptions
 from beamdesign.study.tasks.certify import payload_range
-from beamdesign.study.virtual_rig import RunawayError, critical_gain, virtual_rig
+from beamdesign.study.virtual_rig import LINEAR, RunawayError, critical_gain, runs, virtual_rig
 
 
 def compute(prototype: Prototype, options: SimToRealOptions) -> Answer:
-    """Once round the loop. Bandwidths are proved of the model they name; margins are those of the virtual rig."""
+    """Once round the loop.
+
+    Bandwidths are proved of the model that they name. Whether a design runs is simulated on the virtual rig; gain
+    margins are those of the linearised one, told only where that has the effect in it.
+    """
     masses = payload_range(prototype)
     designed = tune(prototype, masses)
     if designed.best is None:
@@ -32,17 +36,20 @@ def compute(prototype: Prototype, options: SimToRealOptions) -> Answer:
         data = read_dataset(folder)
     found = diagnose(data, workers=1)
     renewed = redesign(found.prototype, masses)
+    linear, new = options.effect in LINEAR, renewed.prototype
     outputs = {
         "believed_bandwidth_Hz": designed.best.bandwidth_Hz,
-        "believed_design_gain_margin": gain_margin(case, designed.prototype, masses),
+        "believed_design_runs": runs(case, designed.prototype, masses),
+        "believed_design_gain_margin": gain_margin(case, designed.prototype, masses) if linear else None,
         "verdict": found.verdict,
         "named": list(found.chosen),
         "named_rightly": list(found.chosen) == list(case.names if case.departures else ()),
         "gap_before": found.gap.before,
         "gap_after": found.gap.after,
         "gap_closed": found.gap.closed,
-        "redesigned_bandwidth_Hz": None if renewed.prototype is None else _bandwidth(renewed.prototype),
-        "redesign_gain_margin": None if renewed.prototype is None else gain_margin(case, renewed.prototype, masses),
+        "redesigned_bandwidth_Hz": None if new is None else _bandwidth(new),
+        "redesign_runs": None if new is None else runs(case, new, masses),
+        "redesign_gain_margin": gain_margin(case, new, masses) if new is not None and linear else None,
     }
     details = {
         "sentences": found.sentences,
