@@ -12,7 +12,7 @@ study = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="Sweep, sample or optimise over any key of a study; nothing is computed twice, and a killed run goes on.",
+    help="Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.",
 )
 for command in (run, status, show, diff, why):
     study.command(command.__name__)(command)

@@ -39,9 +39,10 @@ def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, flo
     """
     for k, payload in enumerate(sorted({point.outer_end_mass_high_kg for point in points})):
         curve = sorted(point[1:] for point in points if point.outer_end_mass_high_kg == payload)
-        axes.plot(
-            *zip(*curve, strict=True), marker="o", label=f"up to {payload:g} kg at the tip", **STYLES[k % len(STYLES)]
-        )
+        style = STYLES[k % len(STYLES)]
+        bandwidths, masses = zip(*curve, strict=True)
+        label = f"up to {payload:g} kg at the tip"
+        axes.plot(bandwidths, masses, marker="o", label=label, color=style["color"], linestyle=style["linestyle"])
     axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
     axes.set_xlabel("guaranteed bandwidth, Hz")
     axes.set_ylabel("moving mass, kg")
