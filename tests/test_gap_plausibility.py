@@ -4,10 +4,12 @@ What is right is known because the data come from a simulation and the test itse
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from gap_sets import believed, measured, scenario
 from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
@@ -15,7 +17,7 @@ from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.examination.believed_loop import believed_loop
 from beamdesign.gap.examination.controller_equation import controller_fit, demanded
 from beamdesign.gap.examination.plausibility import examine
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Lag, Prototype, Tolerance
 from beamdesign.records import InputError
 
 SHARED = Path(__file__).parents[2] / "shared" / "rig"
@@ -391,3 +393,13 @@ def test_two_columns_in_other_units(units: tuple[str, str], sound: Recorded, tmp
         examine(read_dataset(sound.write(tmp_path)))
     assert caught.value.problems[0].key == ", ".join(units)
     assert caught.value.problems[0].reason.startswith("values are in m")
+
+
+def test_a_prototype_without_tolerances_gets_typical_ones_and_a_word():
+    data = measured(believed(), scenario(0.6))
+    bare = replace(data, prototype=data.prototype.but(tolerance=Tolerance()))
+    found = examine(bare)
+    assert found.data.prototype.tolerance.stiffness > 0
+    assert any("states no [tolerance]" in words for words in found.words)
+    assert not found.limits_confidence
+    assert examine(data).data.prototype.tolerance == data.prototype.tolerance

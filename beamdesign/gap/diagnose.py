@@ -45,10 +45,12 @@ def diagnose(
     Raises:
         InputError: where the data cannot be what they say they are; see `beamdesign.gap.examination.plausibility`.
     """
+    stated = data.prototype.tolerance
     examined = examine(data)
     data = examined.data
     if not data.records:
-        return explain_gains(replace(data, warnings=examined.words), progress)
+        figures_only = explain_gains(replace(data, warnings=examined.words), progress)
+        return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(data, workers, progress, kept)
@@ -76,7 +78,7 @@ def diagnose(
         measured,
         classes(judged),
         next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
-        amended(data.prototype, best),
+        amended(data.prototype, best).but(tolerance=stated),
         examined.words,
         found,
         (tuned, outside),

@@ -10,6 +10,7 @@ from beamdesign.gap.examination.controller_equation import ControllerFit, contro
 from beamdesign.gap.examination.controller_words import contradictions, lost_by_recorder
 from beamdesign.gap.examination.readings import Reading, as_it_stands, other_readings, other_units
 from beamdesign.gap.examination.sound_responses import check_gains, check_responses
+from beamdesign.gap.examination.typical_tolerances import with_tolerances
 from beamdesign.records import InputError, Problem
 
 __all__ = ["Caution", "Examination", "examine"]
@@ -20,7 +21,7 @@ class Examination:
     """A data set with what is to be said about it.
 
     Attributes:
-        data: the set without records that cannot be used.
+        data: the set without records that cannot be used; with typical tolerances where none are stated.
         warnings: named, in words.
         controllers: how each record that was kept obeys its controller, by name of the record.
     """
@@ -53,7 +54,9 @@ def examine(data: Dataset) -> Examination:
     Raises:
         InputError: where a column is plainly not what its name says, or no usable evidence remains.
     """
-    warnings: list[Caution] = []
+    prototype, missing = with_tolerances(data.prototype)
+    data = replace(data, prototype=prototype)
+    warnings = list(missing)
     records = _usable(data.records, sound_records.signals, warnings)
     warnings += _refuse_misread(data, records)
     records = _usable(records, lambda r: sound_records.suitability(r, data.prototype), warnings)
