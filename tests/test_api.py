@@ -94,5 +94,5 @@ def test_the_verbs_work_on_a_prototype(tmp_path, paper: Prototype):
     assert beamdesign.critical_gain(firm, 6.8).gain_A_per_V > firm.controller.gain_A_per_V
 
     assert not beamdesign.certify(firm, 0.0, 6.8).stable
-    with pytest.raises(InputError, match="load: missing"):
+    with pytest.raises(InputError, match="is a prototype, where a study is expected"):
         beamdesign.read_problem(path)

@@ -101,7 +101,8 @@ def test_every_key_says_what_it_means() -> None:
 
 def schema_bounds(schema: dict[str, Any]) -> set[tuple[str, float]]:
     found = set()
-    for part in (schema, *schema.get("anyOf", []), schema.get("items", {}), *schema.get("prefixItems", [])):
+    inside = [schema.get("items"), schema.get("additionalProperties"), *schema.get("prefixItems", [])]
+    for part in (schema, *schema.get("anyOf", []), *inside):
         for word in ("exclusiveMinimum", "minimum", "exclusiveMaximum", "maximum"):
             if isinstance(part, dict) and word in part:
                 found.add((word, float(part[word])))
@@ -123,10 +124,8 @@ def test_bounds_and_defaults_are_those_of_the_schema_that_pydantic_makes_of_the_
             table, _, own = key.path.rpartition(".")
             if key.file != file or key.is_table or key.only_for or table.startswith("effects"):
                 continue
-            if (
-                own == "kind" and key.default == "needed"
-            ):  # of several laws: a default in each, and yet needed to choose
-                continue
+            if own == "kind" and key.default == "needed":
+                continue  # of several laws: each has its own as a default, and yet one has to be named
             given = [d.get("properties", {}).get(own, {}) for d in named.values()]
             fields = [field for field in given if field.get("description") == key.meaning]
             told = set()
