@@ -36,11 +36,11 @@ def test_every_command_and_option_exists(typed: str) -> None:
     name, *words = shlex.split(typed)[1:]
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert name in commands
-    if name == "gap":
+    if hasattr(commands[name], "commands"):
         commands, (name, *words) = commands[name].commands, words
         assert name in commands
     options = {option for parameter in commands[name].params for option in parameter.opts}
-    assert {word for word in words if word.startswith("--")} <= options
+    assert {word.partition("=")[0] for word in words if word.startswith("--")} <= options
 
 
 def test_every_file_it_names_exists() -> None:
