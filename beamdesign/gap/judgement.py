@@ -24,6 +24,7 @@ STRAINED = 4.0
 _SLIGHT = 1.0  # of the misfit of noise alone
 _FAINT = 0.75  # of the mean square of the sensor's noise
 _MINOR = 0.03  # of the gap
+_PART = 0.3
 _PLAIN = 8.0  # in cost: about three tolerances
 
 
@@ -98,6 +99,23 @@ def _laplace(found: Fit, spread: float, precision: np.ndarray, kept: Iterable[in
     return -0.5 * (misfit - curved + float(volume) - float(np.sum(np.log(precision))))
 
 
+def _nested(fits: Sequence[Fit], spread: float) -> dict[Hypothesis, float]:
+    """Evidence of every fit, no more than a simpler one's with what the larger one improves.
+
+    More unknowns cannot leave more room about the optimum. Where curvatures say so, the laws have kinks that Laplace's
+    method takes for sharpness, at the one optimum and not at the other.
+    """
+    found: dict[Hypothesis, float] = {}
+    for fit in sorted(fits, key=lambda f: len(f.hypothesis.names)):
+        own = evidence(fit, spread)
+        for simpler in fits:
+            if set(simpler.hypothesis.names) < set(fit.hypothesis.names):
+                improved = (simpler.misfit - fit.misfit) / spread + float(simpler.z @ simpler.z - fit.z @ fit.z)
+                own = min(own, found[simpler.hypothesis] + max(0.0, improved) / 2)
+        found[fit.hypothesis] = own
+    return found
+
+
 def _chosen(fits: Sequence[Fit], logs: np.ndarray, conditions: Sequence[object], spread: float) -> int:
     """Of the most probable fit and those with as many causes that are nearly as probable, the best on held-out ones.
 
@@ -140,7 +158,10 @@ def judge(found: Search) -> Judgement:
     fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
     by_hypothesis = {f.hypothesis: f for f in fits}
-    logs = np.array([evidence(f, spread) + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread) for f in fits])
+    plausible = _nested(fits, spread)
+    logs = np.array(
+        [plausible[f.hypothesis] + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread) for f in fits]
+    )
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[_chosen(fits, logs, found.conditions, spread)]
@@ -175,16 +196,20 @@ def _size(found: Fit, rest: Fit, of: Search) -> float:
     """How large the cause is that one fit has and another lacks; from 1 it is more than a small imperfection.
 
     It is large if its removal brings back as much misfit as noise alone leaves, which counts every frequency alike, or
-    moves the displacement by about the noise of its sensor, which counts the largest motion; and no less than `_MINOR`
-    of the gap in the same measure: what the dominant cause leaves because it is another realisation is no second one.
+    moves the displacement by about the noise of its sensor, which counts the largest motion. In the same measure it is
+    no less than `_MINOR` of the gap and `_PART` of what is left without it: what the dominant cause leaves because it
+    is another realisation is no second one.
     """
-    misfit = (rest.cost - found.cost) / max(_SLIGHT * of.expected, _MINOR * (of.null.cost - of.expected))
+    misfit = (rest.cost - found.cost) / max(
+        _SLIGHT * of.expected, _MINOR * (of.null.cost - of.expected), _PART * (rest.cost - of.expected)
+    )
     moved = rest.error - found.error
     if of.floor <= 0:
         return misfit
     if moved < -of.floor:  # it improves what hardly moves, and spoils what does
         return 0.0
-    return max(misfit, moved / max(_FAINT * of.floor, _MINOR * (of.null.error - of.floor)))
+    least = max(_FAINT * of.floor, _MINOR * (of.null.error - of.floor), _PART * (rest.error - of.floor))
+    return max(misfit, moved / least)
 
 
 def _unknown(found: Search, best: Fit) -> float:

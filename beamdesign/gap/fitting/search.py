@@ -128,7 +128,7 @@ def search(
             leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
             ranked = [f for f in _sorted(quick) if not f.reason]
             best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
-            final = fitters(_Task(f.hypothesis, f.values) for f in best)
+            final = fitters(_Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
             found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
         progress(1.0, "done")
         return replace(state, fits=tuple(_sorted(found)))

@@ -35,7 +35,7 @@ def starts(
         evidence: by which starts are compared; no fit is made.
         peaks: frequencies (Hz) at which an effect with a resonance may have it.
         most: how many at most.
-        hints: SI values that a fit of the new unknowns alone has found; one more start that may do.
+        hints: SI values that another fit has found, of the new unknowns or of all; more starts that may do.
 
     A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
     where there is room for two starts, one of them begins with these figures as believed.
@@ -72,8 +72,12 @@ def _at(unknown: Unknown, known: Mapping[str, float]) -> float:
 def _trials(
     unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], hints: Mapping[str, float], draws: int
 ) -> list[np.ndarray]:
-    """The base, as hinted, draws of the new unknowns, and each new effect nearly absent."""
+    """The base, all as hinted, the new unknowns as hinted or drawn, and each new effect nearly absent."""
     trials = [base]
+    if hints:
+        trials.append(
+            np.array([u.z(hints[u.name]) if u.name in hints else z for u, z in zip(unknowns, base, strict=True)])
+        )
     if not new:
         return trials
     if hints:
