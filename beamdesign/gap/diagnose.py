@@ -10,6 +10,8 @@ from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.followed import PLAY, followed
+from beamdesign.gap.fitting.hammering import hammering, refit_hammering
 from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
@@ -20,6 +22,10 @@ from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.where.locate import locate
 from beamdesign.gap.wording import sentences
 
+HAMMERS = (
+    "a joint hammers in its play, so that the motion of small records cannot be repeated: fits follow the records, and "
+    "prediction errors from rest stay larger than the model is wrong"
+)
 CONFIDENT = 0.7
 """Probability of the best hypothesis from which the verdict is not called ambiguous."""
 _WORSE, _NEAR = 1.1, 2.0
@@ -54,17 +60,28 @@ def diagnose(
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
     found = search(data, workers, progress, kept)
-    judged = judge(found)
+    judged, words, plain = judge(found), examined.words, found.null
+    hammers = judged.unknown > 0.5 and (again := _with_play(data, found, progress)) is not None
+    if hammers:
+        assert again is not None
+        found, judged = again
+        words = (*words, HAMMERS)
     best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
     progress(0.96, "what the data can tell")
     told = indistinguishable(data, evidence_of(data))
     progress(0.97, "records held out")
-    tuned, outside = refit(seen, best, workers, kept) if kept_out else (found.null, best)
+    tuned, outside = refit(seen, plain if hammers else best, workers, kept) if kept_out else (plain, best)
+    if hammers:
+        outside = refit_hammering(seen, best)
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     alone = record_evidence(data)
     measured = gap([errors(piece, data.prototype, tuned, outside) for piece in alone], kept_out)
-    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(measured))
+    # What cannot be predicted from rest neither confirms nor refutes.
+    seen_again = (
+        gap([errors(followed(p), data.prototype, tuned, outside) for p in alone], kept_out) if hammers else measured
+    )
+    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(seen_again))
     progress(1.0, "where the gap lies")
     where = locate(data, found, best, evidence_of(data), [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
@@ -79,11 +96,20 @@ def diagnose(
         classes(judged),
         next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
         amended(data.prototype, best).but(tolerance=stated),
-        examined.words,
+        words,
         found,
         (tuned, outside),
         told,
     )
+
+
+def _with_play(data: Dataset, found: Search, progress: Progress) -> tuple[Search, Judgement] | None:
+    """The second search where it explains what the first has not, by play; by anything else it is not believed."""
+    again = hammering(data, found, lambda share, doing: progress(0.9 + 0.06 * share, doing))
+    if again is None:
+        return None
+    judged = judge(again)
+    return (again, judged) if judged.unknown <= 0.5 and PLAY in judged.best.hypothesis.causes else None
 
 
 def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:

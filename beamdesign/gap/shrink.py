@@ -8,6 +8,7 @@ import numpy as np
 from beamdesign.gap.diagnosis import BandGap, Gap, RecordGap
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.followed import FollowedRecord
 from beamdesign.gap.fitting.hypothesis import NOTHING
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.prototype import Prototype
@@ -42,7 +43,7 @@ class Errors:
     noise: float
 
 
-def errors(piece: RecordEvidence, prototype: Prototype, null: Fit, chosen: Fit) -> Errors:
+def errors(piece: RecordEvidence | FollowedRecord, prototype: Prototype, null: Fit, chosen: Fit) -> Errors:
     """Simulate a record with the believed, the tuned and the diagnosed model.
 
     Where a model's loop diverges its prediction is taken to be none: it counts as an error of the whole signal.

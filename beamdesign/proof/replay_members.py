@@ -269,7 +269,11 @@ def _mechanics(
     join("first", "mount", fmpq_poly([figure["outer_stiffness_N_per_m"], figure["outer_damping_N_s_per_m"]]))
     join("inner", "mount", fmpq_poly([figure["inner_stiffness_N_per_m"], figure["inner_damping_N_s_per_m"]]))
     inertia("first", figure["outer_mass_kg"])
-    inertia("inner", figure["inner_mass_kg"] + figure["inner_end_mass_kg"])
+    inner = figure["inner_mass_kg"] + figure["inner_end_mass_kg"]
+    if "joint_backlash" in effects:  # what was weighed with the inner beam, though it is the rod's
+        own = effects["joint_backlash"]
+        inner -= own["counted_share"] * own["rod_mass_kg"]
+    inertia("inner", inner)
     if "second_beam_mode" in effects:
         own = effects["second_beam_mode"]
         frequency, stiffness = turn * own["frequency_Hz"], figure["outer_stiffness_N_per_m"] / own["compliance_share"]

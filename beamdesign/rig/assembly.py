@@ -37,12 +37,15 @@ class Structure:
         filtered: whether the prototype's own low-pass filter follows the sensor.
         effects: names, sorted.
         rig: one of `RIGS`.
+        heard: share of the model's own volts that its controller hears; the rest has to come with the command, from a
+            record that the model is made to follow.
     """
 
     controller: Literal["lag", "proportional", "sampled", "none"]
     filtered: bool = False
     effects: tuple[str, ...] = ()
     rig: str = "twin_beam"
+    heard: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,8 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
         for effect in effects:
             if name in effect.laws:
                 signal = effect.laws[name](signal, sites[effect.name])
+        if name == "error_V" and kinds.heard != 1.0:
+            signal += (1 - kinds.heard) * port["measured_V"]
         port[name] = signal
 
     rate = rig.rates(port, figure, state)

@@ -141,7 +141,7 @@ def fit(
     for _ in range(iterations):
         curvature = np.eye(len(z)) + sum(s.a for s in shares)
         slope = z + sum(s.g for s in shares)
-        before = cost
+        before, last = cost, z
         while damping <= _MOST_DAMPING:
             trial = _step(z, slope, curvature, damping, low, high)
             value = _value(evidence, placement, trial, cost)
@@ -153,7 +153,8 @@ def fit(
         else:
             break
         found = _shares(evidence, placement, z)
-        if found is None:
+        if found is None:  # no further than where the shares are known
+            z, cost = last, before
             break
         shares, cost = found, _cost(found, z)
         if before - cost < _SETTLED * before:

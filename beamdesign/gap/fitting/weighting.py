@@ -7,7 +7,7 @@ thousands of independent samples: what a model lacks is the same from one sample
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -45,10 +45,15 @@ class Weighting:
 
     def __call__(self, signals: np.ndarray) -> np.ndarray:
         """Residuals (N, C) or (N, C, K) in units of misfit: (2 C F,) or (2 C F, K)."""
-        shaped = signals.reshape(*signals.shape[:2], -1) * self.fade[:, None, None]
-        lines = np.fft.rfft(shaped, axis=0)[self.kept] * self.scale.T[:, :, None]
+        shaped = signals.reshape(*signals.shape[:2], -1)
+        lines = self.lines(shaped) * self.scale.T[:, :, None]
         flat = np.concatenate([lines.real, lines.imag]).reshape(-1, shaped.shape[2])
         return flat[:, 0] if signals.ndim == 2 else flat
+
+    def lines(self, signals: np.ndarray) -> np.ndarray:
+        """(F, C, ...) spectrum of channels (N, C, ...) at the lines that count."""
+        faded = signals * self.fade.reshape(-1, *(1,) * (signals.ndim - 1))
+        return np.asarray(np.fft.rfft(faded, axis=0)[self.kept])
 
 
 def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHARE) -> Weighting:
@@ -83,6 +88,28 @@ def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHAR
         noises.append(np.sqrt(noise / count))
         expected += float(np.sum(2 * per_line * noise / unit[kept]))
     return Weighting(channels, np.array(scales), frequencies[kept], np.array(noises), fade, kept, expected)
+
+
+def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
+    """A weighing that counts more as noise.
+
+    Args:
+        weight: as it is.
+        power: (F, C) of the lines of `Weighting.lines`, that nothing can predict.
+    """
+    per_line = INDEPENDENT / (2 * len(weight.frequencies_Hz))
+    whole = 2 * per_line / weight.scale**2 + power.T
+    noise = (weight.noise_std**2)[:, None] * len(weight.fade) + power.T
+    expected = float(np.sum(2 * per_line * noise / whole))
+    return replace(weight, scale=np.sqrt(2 * per_line / whole), expected=expected)
+
+
+def banded(power: np.ndarray, frequencies_Hz: np.ndarray) -> np.ndarray:
+    """Mean (F, C) about every line, over a third of an octave."""
+    low = np.searchsorted(frequencies_Hz, frequencies_Hz / _HALF_BAND)
+    high = np.searchsorted(frequencies_Hz, frequencies_Hz * _HALF_BAND, side="right")
+    total = np.concatenate([np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)])
+    return np.asarray((total[high] - total[low]) / (high - low)[:, None])
 
 
 def floor(record: TimeRecord, weight: Weighting, channel: str = "displacement_m") -> float:
