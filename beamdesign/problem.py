@@ -125,7 +125,11 @@ class DesignProblem(Record):
             yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
 
     def prototype(self, outer: tuple[float, float], inner: tuple[float, float]) -> Prototype:
-        """The prototype with the given sections, (width, wall) in m each, and no controller yet."""
+        """The prototype with the given sections, (width, wall) in m each, and no controller yet.
+
+        Its largest force is the load that it is designed for, where the payload states no other.
+        """
+        force = self.load.tip_force_N if self.payload.largest_force_N is None else self.payload.largest_force_N
 
         def beam(asked: BeamProblem, section: tuple[float, float]) -> Beam:
             return Beam(
@@ -145,7 +149,7 @@ class DesignProblem(Record):
             actuator=self.actuator,
             servovalve=self.servovalve,
             sensor=self.sensor,
-            payload=self.payload,
+            payload=self.payload.but(largest_force_N=force),
             goal=self.goal,
             tolerance=self.tolerance,
         )

@@ -63,11 +63,10 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
     assert lumped["outer_stiffness"] == pytest.approx(486_800.0, rel=3e-3)
     assert lumped["inner_stiffness"] == pytest.approx(157_500.0, rel=3e-3)
     assert prototype.controller is None
-    assert (prototype.goal, prototype.payload, prototype.tolerance) == (
-        problem.goal,
-        problem.payload,
-        problem.tolerance,
-    )
+    assert (prototype.goal, prototype.tolerance) == (problem.goal, problem.tolerance)
+    assert prototype.payload == problem.payload.but(largest_force_N=2000.0)
+    other = problem.but(payload=problem.payload.but(largest_force_N=500.0))
+    assert other.prototype((0.140, 0.0023), (0.100, 0.0032)).payload.largest_force_N == 500.0
     assert (prototype.actuator, prototype.servovalve, prototype.sensor) == (
         problem.actuator,
         problem.servovalve,
