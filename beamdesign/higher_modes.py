@@ -15,9 +15,10 @@ import numpy as np
 
 from beamdesign import lumped, section
 from beamdesign.beam import MODE_MASS_FRACTION, natural_frequencies
+from beamdesign.controller import shape_response
 from beamdesign.loop import critical_gain
 from beamdesign.materials import material
-from beamdesign.prototype import Beam, Lag, Prototype
+from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
 
 MODES = 12
@@ -144,8 +145,8 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
     if prototype.sensor.filter_Hz is not None:
         sensed = sensed / (1 + s / figure["filter_frequency"])
     law = prototype.controller
-    if isinstance(law, Lag):
-        sensed = sensed * (1 + s / (tau * law.zero_Hz)) / (1 + s / (tau * law.pole_Hz))
+    if law is not None:
+        sensed = sensed * shape_response(law, frequency_Hz)
     return Signals(sensed, c_o * (1 - c_o / z))
 
 

@@ -12,7 +12,7 @@ from beamdesign.crossing import Crossing, crossings
 from beamdesign.linear import Plant
 from beamdesign.members import Member, family
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, Proportional, Prototype
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Controller, Prototype
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,14 @@ class Loop:
         opened: denominator of L.
         returned: numerator of L, free of m.
         disturbance: numerator of the closed-loop compliance x / F_d, free of m.
+        demanded: numerator of C S, current over command volts or over noise of the sensor; of the same denominator as
+            S. None where it is not known.
     """
 
     opened: Affine
     returned: fmpq_poly
     disturbance: fmpq_poly
+    demanded: Affine | None = None
 
     @cached_property
     def characteristic(self) -> Affine:
@@ -39,13 +42,19 @@ class Loop:
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
         mass = exact(outer_end_mass)
-        return LoopAtMass(self.opened.at(mass), self.returned, self.disturbance)
+        demanded = None if self.demanded is None else self.demanded.at(mass)
+        return LoopAtMass(self.opened.at(mass), self.returned, self.disturbance, demanded)
 
 
-def close_loop(plant: Plant, controller: Proportional | Lag) -> Loop:
+def close_loop(plant: Plant, controller: Controller) -> Loop:
     """Close the loop of a plant with a controller, equation (12)."""
     law = transfer_function(controller)
-    return Loop(plant.denominator * law.denominator, plant.control * law.numerator, plant.disturbance * law.denominator)
+    return Loop(
+        plant.denominator * law.denominator,
+        plant.control * law.numerator,
+        plant.disturbance * law.denominator,
+        plant.denominator * law.numerator,
+    )
 
 
 def loop(prototype: Prototype) -> Loop:
@@ -88,11 +97,12 @@ class Margins:
 
 @dataclass(frozen=True)
 class LoopAtMass:
-    """The loop at one outer end mass, exact; see `Loop` for the three polynomials."""
+    """The loop at one outer end mass, exact; see `Loop` for the polynomials."""
 
     opened: fmpq_poly
     returned: fmpq_poly
     disturbance: fmpq_poly
+    demanded: fmpq_poly | None = None
 
     @cached_property
     def characteristic(self) -> fmpq_poly:
@@ -135,6 +145,16 @@ class LoopAtMass:
     def sensitivity_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """S = 1 / (1 + L) at the given frequencies, complex."""
         return _respond(self.opened, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+
+    def effort_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
+        """C S, current over volts at the controller's input, A/V at the given frequencies, complex.
+
+        Raises:
+            ValueError: for a loop whose controller is not known apart from its plant.
+        """
+        if self.demanded is None:
+            raise ValueError("the controller of this loop is not known apart from its plant")
+        return _respond(self.demanded, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
 
     def static_compliance(self) -> float:
         """Closed-loop x / F_d at zero frequency, m/N."""

@@ -20,9 +20,10 @@ from math import inf, tau
 import numpy as np
 
 from beamdesign import lumped
+from beamdesign.controller import gain_at_high_frequency
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import loop
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
 
 _STATIC_HZ = 1e-4
@@ -91,7 +92,7 @@ class SensorReach:
         resolution_m: least displacement that is told; None where the prototype does not say.
         hidden_N: largest constant force whose static error is below the resolution.
         noise_m: RMS displacement that the noise stands for, and that the loop follows at low frequency.
-        current_noise_A: RMS current that noise beyond the loop's frequencies drives, at the gain above the zero.
+        current_noise_A: RMS current that noise beyond the loop's frequencies drives, at the controller's gain there.
         rated_share: of that in the rated current.
     """
 
@@ -205,7 +206,7 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
     hidden = None if sensor.resolution_m is None else (sensor.resolution_m / error if error > 0 else inf)
     if sensor.noise_V is None:
         return SensorReach(error, sensor.resolution_m, hidden)
-    fast = law.gain_A_per_V * (law.pole_Hz / law.zero_Hz if isinstance(law, Lag) else 1.0)
+    fast = gain_at_high_frequency(law)
     rated = rated_current(prototype)
     return SensorReach(
         error, sensor.resolution_m, hidden, sensor.noise_V / sensor.gain_V_per_m, fast * sensor.noise_V,

@@ -119,7 +119,28 @@ class Lag(Record):
     zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
 
 
-Controller = Annotated[Proportional | Lag, Field(discriminator="kind")]
+class Section(Record):
+    """C_i(s) = (1 + 2 d s / z + s^2 / z^2) / (1 + 2 e s / p + s^2 / p^2), one second-order section of a controller."""
+
+    zero_Hz: Annotated[Positive, Field(le=1e5, description="z, natural frequency of the numerator")]
+    zero_damping_ratio: Annotated[Positive, Field(le=100, description="d, of the numerator; small is a notch")]
+    pole_Hz: Annotated[Positive, Field(le=1e5, description="p, natural frequency of the denominator")]
+    pole_damping_ratio: Annotated[Positive, Field(le=100, description="e, of the denominator; small is a resonance")]
+
+
+class Structured(Record):
+    """C(s) = (1 + s / zero) / (1 + s / pole) times its second-order sections: a lag with up to three of them."""
+
+    kind: Annotated[Literal["structured"], Field(description="which law, with its own figures")] = "structured"
+    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    pole_Hz: Annotated[Positive, Field(description="lower break frequency")]
+    zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
+    section: Annotated[
+        tuple[Section, ...], Field(min_length=1, max_length=3, description="second-order sections behind the lag")
+    ]
+
+
+Controller = Annotated[Proportional | Lag | Structured, Field(discriminator="kind")]
 
 
 class Payload(Record):
@@ -187,6 +208,15 @@ class Goal(Record):
 
     compliance_m_per_N: Annotated[Positive, Field(description="limit of |x / F_d|")] = COMPLIANCE_LIMIT_M_PER_N
     peak_sensitivity: Annotated[Positive, Field(gt=1, description="limit of max |1 / (1 + L)|")] = 2.0
+    loop_gain: Annotated[
+        Positive | None,
+        Field(description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"),
+    ] = None
+    loop_gain_from_Hz: Annotated[Positive, Field(le=1e5, description="from where on loop_gain is a limit")] = 250.0
+    controller_effort_A_per_V: Annotated[
+        Positive | None,
+        Field(description="limit of |C / (1 + L)|, current over volts of noise or command; none: no limit"),
+    ] = None
 
 
 class Guarantee(Record):

@@ -4,7 +4,8 @@ from math import pi
 
 import numpy as np
 
-from beamdesign.prototype import Lag, Proportional
+from beamdesign.controller import without_sections
+from beamdesign.prototype import Controller, Lag, Proportional
 
 
 def tustin(controller: Proportional | Lag, period_s: float) -> tuple[float, float, float]:
@@ -16,7 +17,7 @@ def tustin(controller: Proportional | Lag, period_s: float) -> tuple[float, floa
 
 
 def digital_law(
-    controller: Proportional | Lag, period_steps: int, step_s: float, delay_periods: int, least_volt: float, rest: float
+    controller: Controller, period_steps: int, step_s: float, delay_periods: int, least_volt: float, rest: float
 ) -> np.ndarray:
     """The controller as `beamdesign.rig.compiled.integrate` takes it.
 
@@ -27,7 +28,11 @@ def digital_law(
         delay_periods: whole periods between reading a sample and giving its current.
         least_volt: step of the converter that reads the sensor, V; 0 for none.
         rest: error voltage (V) in the equilibrium from which a record starts.
+
+    Raises:
+        InputError: for a controller with second-order sections.
     """
-    b0, b1, a1 = tustin(controller, period_steps * step_s)
+    law = without_sections(controller, "scenario", "a sampled loop")
+    b0, b1, a1 = tustin(law, period_steps * step_s)
     gain = controller.gain_A_per_V
     return np.array([period_steps, delay_periods, gain, b0, b1, a1, least_volt, rest, gain * rest])

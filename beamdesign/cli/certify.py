@@ -12,8 +12,8 @@ from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
-    from beamdesign.proof.certificate import Asked, Certificate
-    from beamdesign.prototype import Prototype
+    from beamdesign.proof.certificate import Asked, Certificate, Guaranteed
+    from beamdesign.prototype import Goal, Prototype
 
 
 def certify(
@@ -26,6 +26,14 @@ def certify(
     ] = None,
     peak_sensitivity: Annotated[
         float | None, typer.Option("--peak-sensitivity", help="Claim that max |1/(1+L)| is at most this.")
+    ] = None,
+    loop_gain: Annotated[
+        float | None,
+        typer.Option("--loop-gain", help="Claim that |L| is at most this from the goal's loop_gain_from_Hz up."),
+    ] = None,
+    controller_effort_A_per_V: Annotated[
+        float | None,
+        typer.Option("--controller-effort-A-per-V", help="Claim that |C/(1+L)| is at most this at every frequency."),
     ] = None,
     decay_rate_per_s: Annotated[
         float | None, typer.Option("--decay-rate-per-s", help="Claim that every pole decays faster than this.")
@@ -59,6 +67,8 @@ def certify(
     figures = {
         "--bandwidth-Hz": bandwidth_Hz,
         "--peak-sensitivity": peak_sensitivity,
+        "--loop-gain": loop_gain,
+        "--controller-effort-A-per-V": controller_effort_A_per_V,
         "--decay-rate-per-s": decay_rate_per_s,
         "--gain-margin": gain_margin,
     }
@@ -124,6 +134,10 @@ def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked
         asked.append(Asked("compliance", record.goal.compliance_m_per_N, bandwidth))
     if (peak := figures["--peak-sensitivity"]) is not None:
         asked.append(Asked("peak_sensitivity", peak))
+    if (gain := figures["--loop-gain"]) is not None:
+        asked.append(Asked("loop_gain", gain, from_Hz=record.goal.loop_gain_from_Hz))
+    if (effort := figures["--controller-effort-A-per-V"]) is not None:
+        asked.append(Asked("controller_effort", effort))
     if (rate := figures["--decay-rate-per-s"]) is not None:
         asked.append(Asked("decay_rate", rate))
     if (factor := figures["--gain-margin"]) is not None:
@@ -155,6 +169,8 @@ def _say(record: "Prototype", certificate: "Certificate") -> None:
             f"  guaranteed: peak sensitivity at most {found.peak_sensitivity:.6g}, {met} the goal of"
             f" {goal.peak_sensitivity:g}"
         )
+        for words in _beyond_peak(found, goal):
+            say(f"  guaranteed: {words}")
     for claim in certificate.claims:
         say(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
@@ -162,6 +178,24 @@ def _say(record: "Prototype", certificate: "Certificate") -> None:
     say(f"method: {certificate.method}")
     for line in certificate.scope:
         say(f"  {line}")
+
+
+def _beyond_peak(found: "Guaranteed", goal: "Goal") -> list[str]:
+    """Loop gain and effort beside the goal's limits, as far as it sets any."""
+    lines = []
+    if found.loop_gain is not None and goal.loop_gain is not None:
+        met = "within" if found.loop_gain <= goal.loop_gain else "beyond"
+        lines.append(
+            f"loop gain |L| at most {found.loop_gain:.6g} from {goal.loop_gain_from_Hz:g} Hz up, {met} the goal of"
+            f" {goal.loop_gain:g}"
+        )
+    if found.controller_effort_A_per_V is not None and goal.controller_effort_A_per_V is not None:
+        met = "within" if found.controller_effort_A_per_V <= goal.controller_effort_A_per_V else "beyond"
+        lines.append(
+            f"controller effort |C/(1+L)| at most {found.controller_effort_A_per_V:.6g} A/V, {met} the goal of"
+            f" {goal.controller_effort_A_per_V:g} A/V"
+        )
+    return lines
 
 
 def _hertz(crossing: "Crossing") -> str:
@@ -191,6 +225,7 @@ def _fields(certificate: "Certificate") -> dict[str, Any]:
                 "kind": claim.kind,
                 "limit": claim.limit,
                 "bandwidth_Hz": claim.bandwidth_Hz,
+                "from_Hz": claim.from_Hz,
                 "holds": claim.holds,
                 "reason": claim.reason,
                 "witness": None

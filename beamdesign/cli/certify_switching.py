@@ -40,12 +40,14 @@ def certify_switching(
     rate asked for, or else some rate, is proved both for payload that joins with the tip's velocity and for
     payload at rest; 1 otherwise.
     """
+    from beamdesign.controller import without_sections
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    without_sections(record.controller, prototype, "certify-switching, whose Lyapunov functions are of low order")
     low, high = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     problems = []
     if not low < high:

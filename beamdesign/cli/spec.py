@@ -54,6 +54,7 @@ def spec(
     """
     from math import isfinite
 
+    from beamdesign.controller import without_sections
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
@@ -73,6 +74,8 @@ def spec(
         faults.append(problem_without_controller())
     if faults:
         raise InputError(prototype, faults)
+    assert record.controller is not None
+    without_sections(record.controller, prototype, "a specification, whose circuit and code are those of a lag")
     breaks = [getattr(record.controller, key, 0.0) for key in ("pole_Hz", "zero_Hz")]
     if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * max(breaks):
         reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {max(breaks):g} Hz"

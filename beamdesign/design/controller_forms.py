@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import exp, log, pi
 from typing import Any
 
-from beamdesign.prototype import Lag, Proportional
+from beamdesign.prototype import Controller, Lag, Proportional, Section, Structured
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,14 @@ class ControllerForm:
     names: tuple[str, ...]
     bounds: tuple[tuple[float, float], ...]
     polynomials: Callable[[Sequence[Any]], tuple[list[Any], list[Any]]]
-    record: Callable[[Sequence[float]], Proportional | Lag]
+    record: Callable[[Sequence[float]], Controller]
 
     @property
     def log_bounds(self) -> tuple[tuple[float, float], ...]:
         """Bounds of the logarithms."""
         return tuple((log(low), log(high)) for low, high in self.bounds)
 
-    def rounded(self, logarithms: Sequence[float], digits: int = 6) -> Proportional | Lag:
+    def rounded(self, logarithms: Sequence[float], digits: int = 6) -> Controller:
         """The record at given logarithms, its figures rounded to what a person would copy down."""
         return self.record([float(f"{exp(value):.{digits}g}") for value in logarithms])
 
@@ -59,4 +60,50 @@ FORMS = {
         lambda values: Lag(gain_A_per_V=values[0], pole_Hz=values[1], zero_Hz=values[2]),
     ),
 }
-"""Controllers that `tune` knows, by kind."""
+"""Controllers with a fixed number of figures that `tune` knows, by kind."""
+
+STRUCTURED = "structured_"
+"""What the names of forms with second-order sections begin with; their number follows."""
+
+SECTION_NAMES = ("zero_Hz", "zero_damping_ratio", "pole_Hz", "pole_damping_ratio")
+_SECTION_BOUNDS = ((2.0, 2000.0), (0.05, 5.0), (2.0, 1000.0), (0.1, 5.0))
+"""A pole less damped than 0.1 would ring in the controller itself, and move with its parts."""
+
+
+@cache
+def form_named(kind: str) -> ControllerForm:
+    """One of `FORMS`, or `structured_N`: a lag with N second-order sections."""
+    return FORMS[kind] if kind in FORMS else _structured(kind, int(kind.removeprefix(STRUCTURED)))
+
+
+def _structured(kind: str, sections: int) -> ControllerForm:
+    lag, size = FORMS["lag"], len(SECTION_NAMES)
+    names = tuple(f"section.{k}.{name}" for k in range(1, sections + 1) for name in SECTION_NAMES)
+
+    def polynomials(values: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        numerator, denominator = _lag_polynomials(values[:2])
+        for k in range(sections):
+            zero, zero_damping, pole, pole_damping = values[2 + size * k : 2 + size * (k + 1)]
+            numerator = _times(numerator, _pair(zero, zero_damping))
+            denominator = _times(denominator, _pair(pole, pole_damping))
+        return numerator, denominator
+
+    def record(values: Sequence[float]) -> Structured:
+        parts = [values[3 + size * k : 3 + size * (k + 1)] for k in range(sections)]
+        found = tuple(Section(**dict(zip(SECTION_NAMES, part, strict=True))) for part in parts)
+        return Structured(gain_A_per_V=values[0], pole_Hz=values[1], zero_Hz=values[2], section=found)
+
+    return ControllerForm(kind, lag.names + names, lag.bounds + _SECTION_BOUNDS * sections, polynomials, record)
+
+
+def _pair(frequency_Hz: Any, damping_ratio: Any) -> list[Any]:
+    natural = 2 * pi * frequency_Hz
+    return [1.0, 2 * damping_ratio / natural, 1 / natural**2]
+
+
+def _times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
+    product: list[Any] = [0.0] * (len(left) + len(right) - 1)
+    for i, one in enumerate(left):
+        for j, two in enumerate(right):
+            product[i + j] = product[i + j] + one * two
+    return product

@@ -1,6 +1,7 @@
 """The guarantee at chosen frequencies and masses as smooth CasADi constraints."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import pi
 from typing import Any
@@ -9,9 +10,11 @@ import casadi as ca
 import numpy as np
 from flint import fmpq_poly
 
-from beamdesign.design.controller_forms import FORMS
+from beamdesign.design.controller_forms import form_named
 from beamdesign.members import BilinearPlant
+from beamdesign.proof.performance import Kind
 from beamdesign.proof.rational import nearest
+from beamdesign.prototype import Goal
 from beamdesign.rig.transfer import transfer_polynomials
 from beamdesign.rig.twin_beam import FIGURES
 
@@ -23,24 +26,41 @@ class CheckPoints:
     Attributes:
         sensitivity: (n, 2) frequency in Hz and outer end mass in kg.
         compliance: (k, 2) frequency as a share of the bandwidth, and outer end mass in kg.
+        loop_gain: (l, 2) as for the sensitivity; none where the goal sets no limit.
+        controller_effort: (e, 2) likewise.
     """
 
     sensitivity: np.ndarray
     compliance: np.ndarray
+    loop_gain: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    controller_effort: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
     def with_sensitivity(self, frequency_Hz: float, mass: float) -> "CheckPoints":
         """Also enforce the peak sensitivity at a peak and beside it, where a sharp peak may move to."""
-        new = [[frequency_Hz * factor, mass] for factor in (0.99, 0.997, 1.0, 1.003, 1.01)]
-        return CheckPoints(np.vstack([self.sensitivity, new]), self.compliance)
+        new = [[frequency_Hz * factor, mass] for factor in _BESIDE]
+        return replace(self, sensitivity=np.vstack([self.sensitivity, new]))
+
+    def with_magnitude(self, kind: Kind, frequency_Hz: float, mass: float, from_Hz: float) -> "CheckPoints":
+        """Also enforce peak sensitivity, loop gain (from a frequency up) or effort at a peak and beside it."""
+        if kind == "peak_sensitivity":
+            return self.with_sensitivity(frequency_Hz, mass)
+        least = from_Hz if kind == "loop_gain" else 0.0
+        new = [[max(frequency_Hz * factor, least), mass] for factor in _BESIDE]
+        if kind == "loop_gain":
+            return replace(self, loop_gain=np.vstack([self.loop_gain, new]))
+        return replace(self, controller_effort=np.vstack([self.controller_effort, new]))
 
     def with_compliance(self, share: float, masses: np.ndarray) -> "CheckPoints":
         """Also enforce the compliance at a share of the bandwidth, for all of the masses."""
         new = [[min(share, 1.0), mass] for mass in masses]
-        return CheckPoints(self.sensitivity, np.vstack([self.compliance, new]))
+        return replace(self, compliance=np.vstack([self.compliance, new]))
 
 
-def check_points(low: float, high: float, frequencies: int = 48) -> CheckPoints:
-    """Points to begin with: both ends of the mass range, frequencies from 2 to 300 Hz; proofs add the others."""
+def check_points(low: float, high: float, frequencies: int = 48, goal: Goal | None = None) -> CheckPoints:
+    """Points to begin with: both ends of the mass range, frequencies from 2 to 300 Hz; proofs add the others.
+
+    A goal that limits loop gain or effort adds points of these.
+    """
     masses = np.unique([low, high])
     frequency = np.geomspace(2.0, 300.0, frequencies)
     share = np.array([0.02, 0.5, 0.8, 1.0])
@@ -48,7 +68,19 @@ def check_points(low: float, high: float, frequencies: int = 48) -> CheckPoints:
     def pairs(values: np.ndarray) -> np.ndarray:
         return np.array([(value, mass) for mass in masses for value in values])
 
-    return CheckPoints(pairs(frequency), pairs(share))
+    points = CheckPoints(pairs(frequency), pairs(share))
+    if goal is None:
+        return points
+    if goal.loop_gain is not None:
+        points = replace(points, loop_gain=pairs(goal.loop_gain_from_Hz * np.geomspace(1.0, _FAR, 12)))
+    if goal.controller_effort_A_per_V is not None:
+        points = replace(points, controller_effort=pairs(np.append(np.geomspace(2.0, 1000.0, 40), 1e5)))
+    return points
+
+
+_BESIDE = (0.99, 0.997, 1.0, 1.003, 1.01)
+_FAR = 10.0
+"""Up to how many times the frequency at which its limit begins the loop gain is enforced to begin with."""
 
 
 def _on_axis(coefficients: list[ca.SX], frequency: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -77,9 +109,20 @@ def loop_slack(kind: str, filtered: bool) -> ca.Function:
     return _slack(kind, figures, polynomials)
 
 
-def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]]) -> ca.Function:
+@cache
+def limit_slack(kind: str, filtered: bool) -> ca.Function:
+    """Slacks of the limits on the controller's reach, with the inputs of `loop_slack`.
+
+    Outputs: log(1 / |L|) and log(1 / |C S|), V/A.
+    """
+    figures = ca.SX.sym("figures", len(FIGURES))
+    polynomials = [ca.vertsplit(p) for p in transfer_polynomials(filtered)(figures)]
+    return _slack(kind, figures, polynomials, limits=True)
+
+
+def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bool = False) -> ca.Function:
     """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures."""
-    form = FORMS[kind]
+    form = form_named(kind)
     logarithms = ca.SX.sym("controller", len(form.names))
     frequency = ca.SX.sym("frequency")
     w = 2 * pi * frequency
@@ -95,12 +138,19 @@ def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]]) -> ca.Func
         return ca.log(value[0] ** 2 + value[1] ** 2)
 
     closed = log_square((opened[0] + returned[0], opened[1] + returned[1]))
+    if limits:
+        demanded = 2 * ca.log(gain) + log_square(numerator) + log_square(plant)
+        reached = [(log_square(opened) - log_square(returned)) / 2, (closed - demanded) / 2]
+        return ca.Function("limit_slack", [figures, logarithms, frequency], reached)
     slacks = [(closed - log_square(opened)) / 2, (closed - log_square(force_path)) / 2]
     return ca.Function("loop_slack", [figures, logarithms, frequency], slacks)
 
 
-def member_slack(kind: str, plant: BilinearPlant, factor: float) -> ca.Function:
-    """The same for a plant whose figures stand, with its gain times a factor; its figures are the two end masses."""
+def member_slack(kind: str, plant: BilinearPlant, factor: float, limits: bool = False) -> ca.Function:
+    """`loop_slack`, or with `limits` `limit_slack`, for a plant whose figures stand, with its gain times a factor.
+
+    Its figures are the two end masses.
+    """
     masses = ca.SX.sym("masses", 2)
     outer, inner = ca.vertsplit(masses)
 
@@ -112,7 +162,7 @@ def member_slack(kind: str, plant: BilinearPlant, factor: float) -> ca.Function:
     denominator = coefficients((1.0, d00), (inner, d01), (outer, d10), (outer * inner, d11))
     control = coefficients((factor, plant.control[0]), (factor * inner, plant.control[1]))
     disturbance = coefficients((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))
-    return _slack(kind, masses, [denominator, control, disturbance])
+    return _slack(kind, masses, [denominator, control, disturbance], limits)
 
 
 def guarantee(
@@ -138,12 +188,37 @@ def guarantee(
     Returns:
         log(1 / |S|), one per sensitivity point, and log(|F_d / x|), one per compliance point.
     """
-
-    def at(frequency: ca.MX, masses: ca.MX) -> list[ca.MX]:
-        n = masses.shape[1]
-        everything = ca.vertcat(ca.repmat(figures, 1, n), masses, ca.repmat(inner_end_mass, 1, n))
-        return list(slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency))
-
+    at = _at(slack, figures, inner_end_mass, logarithms)
     sensitivity, _ = at(sensitivity_points[:, 0].T, sensitivity_points[:, 1].T)
     _, stiffness = at(ca.exp(log_bandwidth) * compliance_points[:, 0].T, compliance_points[:, 1].T)
     return sensitivity.T, stiffness.T
+
+
+def reach(
+    slack: ca.Function,
+    figures: ca.MX,
+    inner_end_mass: ca.MX,
+    logarithms: ca.MX,
+    loop_gain_points: ca.MX,
+    effort_points: ca.MX,
+) -> tuple[ca.MX, ca.MX]:
+    """Slacks of `limit_slack` at its check points: log(1 / |L|) and log(1 / |C S|); arguments as of `guarantee`."""
+    at = _at(slack, figures, inner_end_mass, logarithms)
+    loop_gain, _ = at(loop_gain_points[:, 0].T, loop_gain_points[:, 1].T)
+    _, effort = at(effort_points[:, 0].T, effort_points[:, 1].T)
+    return loop_gain.T, effort.T
+
+
+def _at(
+    slack: ca.Function, figures: ca.MX, inner_end_mass: ca.MX, logarithms: ca.MX
+) -> Callable[[ca.MX, ca.MX], list[ca.MX]]:
+    """The slacks at frequencies (1, n) and outer end masses (1, n)."""
+
+    def at(frequency: ca.MX, masses: ca.MX) -> list[ca.MX]:
+        n = masses.shape[1]
+        if n == 0:
+            return [ca.MX(1, 0), ca.MX(1, 0)]
+        everything = ca.vertcat(ca.repmat(figures, 1, n), masses, ca.repmat(inner_end_mass, 1, n))
+        return list(slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency))
+
+    return at

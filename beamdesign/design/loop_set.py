@@ -2,20 +2,31 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import log
+from math import inf, log
 
 import casadi as ca
 import numpy as np
 
-from beamdesign.design.loop_constraints import loop_slack, member_slack
+from beamdesign.design.loop_constraints import limit_slack, loop_slack, member_slack
 from beamdesign.design.loop_search import GridPlant, grid_plant, member_grid
 from beamdesign.linear import LinearRig
 from beamdesign.loop import Loop, close_loop
 from beamdesign.members import Member, MemberRig
 from beamdesign.polynomial import exact
+from beamdesign.proof.certificate import goal_claims
 from beamdesign.proof.performance import Claim
-from beamdesign.proof.rectangle import Rectangle, at_mass, bandwidth, peak_sensitivity, prove_peak, scaled
-from beamdesign.prototype import Lag, Proportional
+from beamdesign.proof.rectangle import (
+    Rectangle,
+    at_mass,
+    bandwidth,
+    largest_effort,
+    largest_loop_gain,
+    peak_sensitivity,
+    prove,
+    prove_peak,
+    scaled,
+)
+from beamdesign.prototype import Controller, Goal
 
 LOOSER_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
@@ -28,10 +39,12 @@ class Constraint:
     Attributes:
         slack: see `beamdesign.design.loop_constraints.loop_slack`.
         looser: logarithm of what the limit of sensitivity is raised by.
-        performs: whether compliance is enforced as well.
+        performs: whether compliance and the limits of loop gain and effort are enforced as well.
+        limits: slacks of those, see `beamdesign.design.loop_constraints.limit_slack`.
     """
 
     slack: ca.Function
+    limits: ca.Function
     looser: float = 0.0
     performs: bool = True
 
@@ -39,9 +52,14 @@ class Constraint:
 def constraints(kind: str, filtered: bool, members: Sequence[Member], active: Collection[int]) -> list[Constraint]:
     """Of a rig without effects, or of the members with the given numbers at both ends of their gains."""
     if not members:
-        return [Constraint(loop_slack(kind, filtered))]
+        return [Constraint(loop_slack(kind, filtered), limit_slack(kind, filtered))]
     return [
-        Constraint(member_slack(kind, rig.bilinear, factor), 0.0 if performs else log(LOOSER_PEAK), performs)
+        Constraint(
+            member_slack(kind, rig.bilinear, factor),
+            member_slack(kind, rig.bilinear, factor, limits=True),
+            0.0 if performs else log(LOOSER_PEAK),
+            performs,
+        )
         for rig, factor, performs in _ends([members[k] for k in sorted(active)])
     ]
 
@@ -99,6 +117,28 @@ class LoopSet:
                     return at_mass(side, claim), k
         return None
 
+    def refuted(self, goal: Goal) -> list[tuple[Claim, int]]:
+        """The goal's limits of sensitivity, loop gain and effort that are refuted, each with a member's number."""
+        peak = self.refuted_peak(goal.peak_sensitivity)
+        found = [] if peak is None else [peak]
+        for asked in goal_claims(goal):
+            for k, rectangle in self.performing.items():
+                claim = prove(rectangle, asked)
+                if not claim.holds:
+                    found.append((claim, k))
+                    break
+        return found
+
+    def excess(self, goal: Goal) -> float:
+        """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
+        performing = list(self.performing.values())
+        shares = [self.peak_sensitivity() / goal.peak_sensitivity]
+        if goal.loop_gain is not None:
+            shares.append(largest_loop_gain(performing, goal.loop_gain_from_Hz) / goal.loop_gain)
+        if goal.controller_effort_A_per_V is not None:
+            shares.append(largest_effort(performing) / goal.controller_effort_A_per_V)
+        return log(max(shares)) if max(shares) < inf else inf
+
     def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
         """Proved of each member that is to perform, Hz."""
         return {k: bandwidth([rectangle], limit_m_per_N) for k, rectangle in self.performing.items()}
@@ -119,7 +159,7 @@ class LoopSet:
 def loop_set(
     rig: LinearRig,
     members: Sequence[Member],
-    controller: Proportional | Lag,
+    controller: Controller,
     inner_end_mass: float,
     masses_kg: tuple[float, float],
 ) -> LoopSet:

@@ -4,9 +4,8 @@ The variables of a program, in this order: logarithms of the controller's parame
 of the guaranteed bandwidth (Hz), and whatever describes the sections.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from itertools import product
 from math import exp, log
 
 import casadi as ca
@@ -14,12 +13,13 @@ import numpy as np
 
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.design.interruption import interruption_waits
-from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee
-from beamdesign.design.loop_set import constraints, first_active, loop_set
+from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, reach
+from beamdesign.design.loop_set import LoopSet, constraints, first_active, loop_set
+from beamdesign.design.worst_points import SHARES, high_peaks, largest_sampled, peak_near
 from beamdesign.linear import LinearRig
-from beamdesign.loop import Loop
 from beamdesign.members import Member
-from beamdesign.prototype import Goal, Lag, Proportional
+from beamdesign.proof.performance import Claim
+from beamdesign.prototype import Controller, Goal
 
 ROUNDS = 24
 """Most rounds of refinement and proof from one start."""
@@ -35,17 +35,14 @@ _STUCK = 1e-4
 _HIGH_PEAK = 0.7
 """Share of the limit from which a peak of the sensitivity counts as high."""
 
-_SPARE = (60, 20)
-"""Slots for further check points of sensitivity and compliance, before a solver is built anew with more."""
+_SPARE = (60, 20, 20, 40)
+"""Slots for further check points of each list, before a solver is built anew with more."""
 
 _SMALLEST_SHARE = 1e-3
 """Least share of the bandwidth at which compliance is enforced: at rest it may vanish, and has no logarithm then."""
 
 LARGEST_BANDWIDTH_HZ = 500.0
 """Most that is guaranteed, also of a rig that keeps the compliance at every frequency."""
-
-_SHARES = np.linspace(0.0, 1.0, 5)
-"""Masses, as shares of the range, at which a compliance found too large is enforced."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,7 @@ class Proved:
         variables: of the program, where it was found.
     """
 
-    controller: Proportional | Lag
+    controller: Controller
     inner_end_mass_kg: float
     bandwidth_Hz: float
     peak_sensitivity: float
@@ -122,14 +119,17 @@ class _Solver:
     """IPOPT for one program: the check points are parameters, in slots that repeat a point where unused."""
 
     def __init__(self, program: LoopProgram, points: CheckPoints, active: Collection[int]):
-        self._slots = (len(points.sensitivity) + _SPARE[0], len(points.compliance) + _SPARE[1])
+        self._slots = tuple(
+            len(given) + (spare if len(given) else 0) for given, spare in zip(_lists(points), _SPARE, strict=True)
+        )
         self._program = program
         count, n = len(program.form.names), len(program.lower)
         variables = ca.MX.sym("variables", n)
         logarithms, inner, log_bandwidth, sections = ca.vertsplit(variables, [0, count, count + 1, count + 2, n])
-        sensitivity_points, compliance_points = (
-            ca.MX.sym(name, k, 2) for name, k in zip("sc", self._slots, strict=True)
+        sensitivity_points, compliance_points, gain_points, effort_points = (
+            ca.MX.sym(name, k, 2) for name, k in zip("scle", self._slots, strict=True)
         )
+        goal = program.goal
         inside = ca.MX.sym("inside")
         slacks = []
         for constraint in constraints(program.form.kind, program.filtered, program.members, active):
@@ -142,15 +142,25 @@ class _Solver:
                 sensitivity_points,
                 compliance_points,
             )
-            slacks.append(sensitivity + log(program.goal.peak_sensitivity) + constraint.looser - inside)
-            if constraint.performs:
-                slacks.append(stiffness + log(program.goal.compliance_m_per_N) - _INSIDE)
+            slacks.append(sensitivity + log(goal.peak_sensitivity) + constraint.looser - inside)
+            if not constraint.performs:
+                continue
+            slacks.append(stiffness + log(goal.compliance_m_per_N) - _INSIDE)
+            loop_gain, effort = reach(
+                constraint.limits, program.figures(sections), inner, logarithms, gain_points, effort_points
+            )
+            if goal.loop_gain is not None:
+                slacks.append(loop_gain + log(goal.loop_gain) - inside)
+            if goal.controller_effort_A_per_V is not None:
+                slacks.append(effort + log(goal.controller_effort_A_per_V) - inside)
         self._solver = ca.nlpsol(
             "loop",
             "ipopt",
             {
                 "x": variables,
-                "p": ca.vertcat(ca.vec(sensitivity_points), ca.vec(compliance_points), inside),
+                "p": ca.vertcat(
+                    *map(ca.vec, (sensitivity_points, compliance_points, gain_points, effort_points)), inside
+                ),
                 "f": program.objective(variables),
                 "g": ca.vertcat(*slacks, program.structure(variables)),
             },
@@ -167,7 +177,7 @@ class _Solver:
 
     def holds(self, points: CheckPoints) -> bool:
         """Whether there are slots for all of the points."""
-        return len(points.sensitivity) <= self._slots[0] and len(points.compliance) <= self._slots[1]
+        return all(len(given) <= slots for given, slots in zip(_lists(points), self._slots, strict=True))
 
     def __call__(self, start: np.ndarray, points: CheckPoints, inside: float, reach: float) -> np.ndarray:
         """Minimise the objective with the guarantee enforced at the points.
@@ -183,7 +193,7 @@ class _Solver:
         """
         slots = [
             np.vstack([given, np.repeat(given[:1], count - len(given), axis=0)]).ravel(order="F")
-            for given, count in zip((points.sensitivity, points.compliance), self._slots, strict=True)
+            for given, count in zip(_lists(points), self._slots, strict=True)
         ]
         lower, upper = np.maximum(self._program.lower, start - reach), np.minimum(self._program.upper, start + reach)
         given = np.concatenate([*slots, [inside]])
@@ -192,23 +202,8 @@ class _Solver:
         return np.clip(np.asarray(found["x"]).ravel(), lower, upper)
 
 
-def _peak_near(loop: Loop, frequency_Hz: float, mass: float, low: float, high: float) -> tuple[float, float]:
-    """Frequency and mass of the peak of |S| that a point lies on, by small grids that climb and zoom in."""
-    for spread in (0.03, 0.03, 0.03, 0.01, 0.003):
-        frequencies = frequency_Hz * np.geomspace(1 / (1 + spread), 1 + spread, 21)
-        masses = np.unique(np.clip(mass + spread * (high - low) * np.linspace(-3, 3, 7), low, high))
-        peaks = np.array([np.abs(loop.at(float(value)).sensitivity_response(frequencies)) for value in masses])
-        i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
-        frequency_Hz, mass = float(frequencies[j]), float(masses[i])
-    return frequency_Hz, mass
-
-
-def _largest_sampled(loop: Loop, low: float, high: float) -> tuple[float, float, float]:
-    """Largest |S| on a coarse grid, its frequency and mass; the proof's witness need not be near the worst peak."""
-    frequencies, masses = np.geomspace(1.0, 400.0, 400), low + _SHARES * (high - low)
-    peaks = np.array([np.abs(loop.at(float(mass)).sensitivity_response(frequencies)) for mass in masses])
-    i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
-    return float(peaks[i, j]), float(frequencies[j]), float(masses[i])
+def _lists(points: CheckPoints) -> tuple[np.ndarray, ...]:
+    return points.sensitivity, points.compliance, points.loop_gain, points.controller_effort
 
 
 def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -> CheckPoints:
@@ -222,13 +217,27 @@ def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -
         return points
     controller = program.form.rounded(anchor[:count].tolist())
     loops = loop_set(rig, program.members, controller, float(anchor[count]), (low, high)).ends()
-    frequencies = np.geomspace(1.0, 400.0, 1200)
-    for loop, mass in product(loops, np.unique(low + _SHARES * (high - low))):
-        size = np.abs(loop.at(float(mass)).sensitivity_response(frequencies))
-        inner = size[1:-1]
-        peaks = (inner > size[:-2]) & (inner >= size[2:]) & (inner > _HIGH_PEAK * program.goal.peak_sensitivity)
-        for frequency in frequencies[1:-1][peaks]:
-            points = points.with_sensitivity(float(frequency), float(mass))
+    for loop in loops:
+        for frequency, mass in high_peaks(loop, low, high, _HIGH_PEAK * program.goal.peak_sensitivity):
+            points = points.with_sensitivity(frequency, mass)
+    return points
+
+
+def _with_refuted(
+    points: CheckPoints, loops: LoopSet, refuted: Sequence[tuple[Claim, int]], program: LoopProgram
+) -> CheckPoints:
+    """Also enforce each refuted limit where its proof failed, and at the worst peak that sampling shows."""
+    low, high = program.outer_end_mass_kg
+    for claim, _ in refuted:
+        from_Hz = claim.from_Hz or 0.0
+        assert claim.witness_frequency_Hz is not None
+        assert claim.witness_outer_end_mass_kg is not None
+        witness = (claim.witness_frequency_Hz, claim.witness_outer_end_mass_kg)
+        sampled = [(*largest_sampled(loop, claim.kind, low, high, from_Hz), loop) for loop in loops.ends()]
+        worst = max(sampled, key=lambda found: found[0])
+        for place in (witness, worst[1:3]):
+            peak = peak_near(worst[3], claim.kind, *place, low, high, from_Hz)
+            points = points.with_magnitude(claim.kind, *peak, from_Hz)
     return points
 
 
@@ -242,22 +251,22 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     """
     count = len(program.form.names)
     low, high = program.outer_end_mass_kg
-    points, inside, reach = check_points(low, high), _INSIDE, program.reach
+    points, inside, within = check_points(low, high, goal=program.goal), _INSIDE, program.reach
     active = first_active(program.members)
     solver = _Solver(program, points, active)
     anchor, best = np.clip(start, program.lower, program.upper), None
     fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
     reason, certificates = "no round of refinement was proved", 0
-    while certificates < ROUNDS and reach > _SMALLEST_REACH:
+    while certificates < ROUNDS and within > _SMALLEST_REACH:
         if not solver.holds(points):
             solver = _Solver(program, points, active)
-        variables = solver(anchor, points, inside, reach)
+        variables = solver(anchor, points, inside, within)
         if not np.isfinite(variables).all():
             return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
         rig = program.rig(variables[count + 2 :])
         if rig is None:
             reason = "the refined sizes are no pair of tubes"
-            reach *= 0.4
+            within *= 0.4
             continue
         controller = program.form.rounded([float(value) for value in variables[:count]])
         inner = round(float(variables[count]), 6)
@@ -269,27 +278,20 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
                 active.update(unstable)
                 solver = _Solver(program, points, active)
             elif fenced is anchor:
-                reach *= 0.4
+                within *= 0.4
             else:
                 points, fenced = _with_peaks(points, program, anchor), anchor
             continue
         moved, anchor = float(np.abs(variables - anchor).max()), variables
-        refuted = loops.refuted_peak(program.goal.peak_sensitivity)
-        if refuted is not None:
-            claim, member = refuted
-            reason = f"peak sensitivity refuted: {claim.reason}"
-            assert claim.witness_frequency_Hz is not None
-            assert claim.witness_outer_end_mass_kg is not None
-            witness = (claim.witness_frequency_Hz, claim.witness_outer_end_mass_kg)
-            sampled = [(*_largest_sampled(loop, low, high), loop) for loop in loops.ends()]
-            worst = max(sampled, key=lambda found: found[0])
-            for place in (witness, worst[1:3]):
-                points = points.with_sensitivity(*_peak_near(worst[3], *place, low, high))
-            if member not in active:
-                active.add(member)
+        refuted = loops.refuted(program.goal)
+        if refuted:
+            reason = f"{refuted[0][0].kind.replace('_', ' ')} refuted: {refuted[0][0].reason}"
+            points = _with_refuted(points, loops, refuted, program)
+            if not active.issuperset(member for _, member in refuted):
+                active.update(member for _, member in refuted)
                 solver = _Solver(program, points, active)
                 continue
-            excess = log(loops.peak_sensitivity() / program.goal.peak_sensitivity)
+            excess = loops.excess(program.goal)
             if moved < _STUCK:
                 inside += excess
             else:
@@ -308,11 +310,11 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             best = found if best is None else min(best, found, key=program.cost)
         aimed = exp(variables[count + 1])
         if bandwidth < aimed * (1 - 1e-4) or bandwidth < needed_Hz <= aimed:  # refuted between the check points
-            points = points.with_compliance(max(bandwidth / aimed, _SMALLEST_SHARE), low + _SHARES * (high - low))
+            points = points.with_compliance(max(bandwidth / aimed, _SMALLEST_SHARE), low + SHARES * (high - low))
             slow = {k for k, value in bandwidths.items() if value < aimed * (1 - 1e-4)}
             if not active.issuperset(slow):
                 active |= slow
                 solver = _Solver(program, points, active)
-        elif moved < 0.99 * reach:
+        elif moved < 0.99 * within:
             break
     return Refinement(best, certificates, "" if best else reason)

@@ -13,10 +13,14 @@ from beamdesign.proof.performance import (
     Claim,
     Kind,
     bandwidth_where_stable,
+    effort_where_stable,
+    loop_gain_where_stable,
     peak_sensitivity_where_stable,
     prove_compliance,
+    prove_controller_effort,
     prove_decay_rate,
     prove_gain_margin,
+    prove_loop_gain,
     prove_peak_sensitivity,
 )
 from beamdesign.proof.rational import nearest
@@ -28,7 +32,7 @@ METHOD = (
     " one Routh test per range between them; inequalities over mass and frequency by real-root isolation"
 )
 
-_UNITS = {"compliance": " m/N", "peak_sensitivity": "", "decay_rate": " 1/s", "gain_margin": " times the gain"}
+_UNITS = {"controller_effort": " A/V", "decay_rate": " 1/s", "gain_margin": " times the gain"}
 
 
 @dataclass(frozen=True)
@@ -37,21 +41,32 @@ class Asked:
 
     Attributes:
         kind: what is claimed.
-        limit: its figure: m/N, a plain number, 1/s or a factor.
+        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
         bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
+        from_Hz: for a loop gain, the frequency from which on it is claimed.
     """
 
     kind: Kind
     limit: float
     bandwidth_Hz: float = inf
+    from_Hz: float = 0.0
 
 
 @dataclass(frozen=True)
 class Guaranteed:
-    """The best figures that are proved of a loop that is stable over the whole range, rounded to the safe side."""
+    """The best figures that are proved of a loop that is stable over the whole range, rounded to the safe side.
+
+    Attributes:
+        bandwidth_Hz: for the goal's compliance.
+        peak_sensitivity: max |1 / (1 + L)|.
+        loop_gain: max |L| from the goal's frequency up; None where the goal sets it no limit.
+        controller_effort_A_per_V: max |C / (1 + L)|; None likewise.
+    """
 
     bandwidth_Hz: float
     peak_sensitivity: float
+    loop_gain: float | None = None
+    controller_effort_A_per_V: float | None = None
 
 
 @dataclass(frozen=True)
@@ -137,6 +152,10 @@ def decide(closed: Loop, asked: Asked, low_kg: float, high_kg: float) -> Claim:
             return prove_compliance(closed, asked.limit, asked.bandwidth_Hz, low_kg, high_kg)
         case "peak_sensitivity":
             return prove_peak_sensitivity(closed, asked.limit, low_kg, high_kg)
+        case "loop_gain":
+            return prove_loop_gain(closed, asked.limit, asked.from_Hz, low_kg, high_kg)
+        case "controller_effort":
+            return prove_controller_effort(closed, asked.limit, low_kg, high_kg)
         case "decay_rate":
             return prove_decay_rate(closed, asked.limit, low_kg, high_kg)
         case "gain_margin":
@@ -151,12 +170,30 @@ def _guarantees(closed: Loop, goal: Goal, low_kg: float, high_kg: float) -> tupl
     proved = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
     if bandwidth > 0:
         proved.append(Claim("compliance", goal.compliance_m_per_N, ends, True, bandwidth))
-    return Guaranteed(bandwidth, peak), proved
+    gain = effort = None
+    if goal.loop_gain is not None:
+        gain = loop_gain_where_stable(closed, goal.loop_gain_from_Hz, *masses)
+        proved.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
+    if goal.controller_effort_A_per_V is not None:
+        effort = effort_where_stable(closed, *masses)
+        proved.append(Claim("controller_effort", effort, ends, True))
+    return Guaranteed(bandwidth, peak, gain, effort), proved
+
+
+def goal_claims(goal: Goal) -> tuple[Asked, ...]:
+    """The goal's limits of loop gain and effort as claims, as far as it sets any."""
+    asked = []
+    if goal.loop_gain is not None:
+        asked.append(Asked("loop_gain", goal.loop_gain, from_Hz=goal.loop_gain_from_Hz))
+    if goal.controller_effort_A_per_V is not None:
+        asked.append(Asked("controller_effort", goal.controller_effort_A_per_V))
+    return tuple(asked)
 
 
 def implies(one: Claim, other: Claim) -> bool:
     """Whether a claim of the same kind, if it holds, says at least as much as another."""
     stronger = one.limit <= other.limit and (one.bandwidth_Hz or 0.0) >= (other.bandwidth_Hz or 0.0)
+    stronger = stronger and (one.from_Hz or 0.0) <= (other.from_Hz or 0.0)
     return one.holds and one.kind == other.kind and stronger
 
 
@@ -165,12 +202,15 @@ def describe(claim: Claim) -> str:
     if claim.kind == "compliance":
         up_to = "at every frequency" if isinf(claim.bandwidth_Hz or 0) else f"up to {claim.bandwidth_Hz:.7g} Hz"
         return f"compliance |x/F_d| at most {claim.limit:.6g} m/N {up_to}"
+    if claim.kind == "loop_gain":
+        return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
     name = {
         "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
+        "controller_effort": "controller effort |C/(1+L)| at most",
         "decay_rate": "decay rate of every pole above",
         "gain_margin": "stable at every gain up to" if claim.limit >= 1 else "stable at every gain down to",
     }[claim.kind]
-    return f"{name} {claim.limit:.6g}{_UNITS[claim.kind]}"
+    return f"{name} {claim.limit:.6g}{_UNITS.get(claim.kind, '')}"
 
 
 def _summary(prototype: Prototype, stability: StabilityMap, claims: Sequence[Claim]) -> str:

@@ -115,11 +115,17 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
     law = transfer_function(controller)
     yield "# From error voltage (V) to current (A); the polynomials are what counts."
     yield "[controller]"
-    for name, value in controller.model_dump().items():
+    figures = controller.model_dump()
+    sections = figures.pop("section", ())
+    for name, value in figures.items():
         yield f'{name} = "{value if isinstance(value, str) else text(exact(value))}"'
     yield f"numerator = {_list(law.numerator)}"
     yield f"denominator = {_list(law.denominator)}"
     yield ""
+    for section in sections:
+        yield "[[controller.section]]"
+        yield from (f'{name} = "{text(exact(value))}"' for name, value in section.items())
+        yield ""
 
 
 def polynomial_lines(loop: Loop, table: str = "polynomials") -> Iterator[str]:
@@ -272,6 +278,8 @@ def claim_lines(claim: Claim) -> Iterator[str]:
     yield f'limit = "{text(exact(claim.limit))}"'
     if claim.bandwidth_Hz is not None:
         yield f'bandwidth_Hz = "{_finite(claim.bandwidth_Hz)}"'
+    if claim.from_Hz is not None:
+        yield f'from_Hz = "{text(exact(claim.from_Hz))}"'
     yield f"holds = {_bool(claim.holds)}"
     if not claim.holds:
         yield f"reason = {quoted(claim.reason)}"

@@ -7,7 +7,7 @@ import numpy as np
 from flint import fmpq, fmpq_poly
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import exact, roots
+from beamdesign.polynomial import Affine, exact, roots
 from beamdesign.proof.rational import nearest
 
 _FREQUENCIES = np.geomspace(1e-1, 1e5, 400)  # rad/s
@@ -65,6 +65,28 @@ def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
             break
         reach, spread = reach * _SHRINK, spread**_SHRINK
     return max(best, 1.0)
+
+
+def loop_gain(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) -> float:
+    """Largest |L| seen from a frequency up, over sampled masses and frequencies."""
+    start = 2 * np.pi * max(from_Hz, 1e-3)
+    return _largest_ratio(Affine(loop.returned, fmpq_poly([0])), loop.opened, np.geomspace(start, 1e6, 2000), low, high)
+
+
+def controller_effort(loop: Loop, low: fmpq, high: fmpq) -> float:
+    """Largest |C S| seen over sampled masses and frequencies, A/V."""
+    assert loop.demanded is not None
+    return _largest_ratio(loop.demanded, loop.characteristic, np.geomspace(1e-2, 1e6, 3000), low, high)
+
+
+def _largest_ratio(above: Affine, below: Affine, frequencies: np.ndarray, low: fmpq, high: fmpq) -> float:
+    degree = max(p.degree() for family in (above, below) for p in (family.constant, family.slope))
+    s = 1j * frequencies
+    values = [np.polyval(_floats(p, degree), s) for p in (above.constant, above.slope, below.constant, below.slope)]
+    return max(
+        float(np.abs((values[0] + mass * values[1]) / (values[2] + mass * values[3])).max())
+        for mass in sampled_masses(low, high)
+    )
 
 
 def decay_rate(loop: Loop, low: fmpq, high: fmpq) -> float:

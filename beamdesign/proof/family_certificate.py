@@ -12,11 +12,19 @@ from beamdesign.members import Family, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
 from beamdesign.proof.family_document import Proved, document
-from beamdesign.proof.performance import Claim
+from beamdesign.proof.performance import INEQUALITIES, Claim
 from beamdesign.proof.rational import nearest, simple_between
-from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity, prove, scaled
+from beamdesign.proof.rectangle import (
+    Rectangle,
+    bandwidth,
+    largest_effort,
+    largest_loop_gain,
+    peak_sensitivity,
+    prove,
+    scaled,
+)
 from beamdesign.proof.stability import Range, StabilityMap, in_words, stable_ranges
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Goal, Prototype
 from beamdesign.rig.effects import library
 
 _STEPS, _HALVINGS = 64, 24
@@ -59,7 +67,7 @@ def certify_family(prototype: Prototype, low_kg: float, high_kg: float, claims: 
     guaranteed: Guaranteed | None = None
     reached: list[Claim] = []
     if stability.stable:
-        guaranteed, reached = _guarantees(proved, prototype.goal.compliance_m_per_N, (low_kg, high_kg))
+        guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
     text = document(prototype, found, proved, stability, written, _summary(prototype, found, stability, written))
     method = f"{METHOD}; {scope(prototype, found)}"
@@ -70,13 +78,14 @@ def certify_family(prototype: Prototype, low_kg: float, high_kg: float, claims: 
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     """A claim about every member: the first that refutes it, or that it holds."""
-    performance = asked.kind in ("compliance", "peak_sensitivity")
+    performance = asked.kind in INEQUALITIES
     for part in proved:
         if performance and part.stable.unstable_side() is not None:
             reason = "not every member is stable for all of these masses and factors on the gain"
             bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
             masses = nearest(part.stable.low), nearest(part.stable.high)
-            return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason)
+            from_Hz = asked.from_Hz if asked.kind == "loop_gain" else None
+            return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason, from_Hz=from_Hz)
     claim: Claim | None = None
     for part in proved:
         rectangle = part.performing if performance else part.stable
@@ -90,16 +99,21 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     return claim
 
 
-def _guarantees(
-    proved: Sequence[Proved], compliance: float, ends: tuple[float, float]
-) -> tuple[Guaranteed, list[Claim]]:
+def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float]) -> tuple[Guaranteed, list[Claim]]:
     """The best figures that every member has, and each as a claim that holds."""
     performing = [part.performing for part in proved if part.performing is not None]
-    reached, peak = bandwidth(performing, compliance), peak_sensitivity(performing)
+    reached, peak = bandwidth(performing, goal.compliance_m_per_N), peak_sensitivity(performing)
     claims = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
     if reached > 0:
-        claims.append(Claim("compliance", compliance, ends, True, reached))
-    return Guaranteed(reached, peak), claims
+        claims.append(Claim("compliance", goal.compliance_m_per_N, ends, True, reached))
+    gain = effort = None
+    if goal.loop_gain is not None:
+        gain = largest_loop_gain(performing, goal.loop_gain_from_Hz)
+        claims.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
+    if goal.controller_effort_A_per_V is not None:
+        effort = largest_effort(performing)
+        claims.append(Claim("controller_effort", effort, ends, True))
+    return Guaranteed(reached, peak, gain, effort), claims
 
 
 def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> StabilityMap:

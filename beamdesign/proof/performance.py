@@ -1,7 +1,8 @@
 """Performance that holds for every outer end mass of a range, proved in rational arithmetic.
 
-Four claims: compliance up to a bandwidth, peak sensitivity, decay rate, gain margin. The first two are inequalities
-quadratic in the mass (see `quadratic_nonnegative`), the other two are stability of related families. Each presupposes
+Six claims: compliance up to a bandwidth, peak sensitivity, loop gain above a frequency, controller effort, decay rate,
+gain margin. The first four are inequalities quadratic in the mass (see `quadratic_nonnegative`), the other two are
+stability of related families. Each presupposes
 that the loop is stable over the range, which is proved first. For each there is the inverse question as well: the best
 figure that can be proved, rounded to the safe side.
 """
@@ -20,20 +21,28 @@ from beamdesign.proof.quadratic import Verdict, quadratic_nonnegative
 from beamdesign.proof.rational import bounds, nearest, shortened
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.statements import (
+    Coefficients,
     compliance_slack,
+    effort_slack,
     frequency_below,
     gain_edges,
+    loop_gain_slack,
     sensitivity_slack,
     shifted,
     squared_frequency_above,
+    squared_frequency_below,
 )
 
-Kind = Literal["compliance", "peak_sensitivity", "decay_rate", "gain_margin"]
+Kind = Literal["compliance", "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin"]
+
+INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+"""Claims about magnitudes, as opposed to those about poles."""
 
 LARGEST_GAIN_MARGIN = 1e6
 """Where even this factor is harmless, it is what `guaranteed_gain_margin` gives."""
 
 _RELATIVE_STEP = 5e-5
+_ZERO = fmpq(0)
 
 
 @dataclass(frozen=True)
@@ -62,12 +71,13 @@ class Claim:
 
     Attributes:
         kind: what is claimed.
-        limit: its figure: m/N, a plain number, 1/s or a factor.
+        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
         outer_end_mass_kg: the range.
         holds: whether it is proved; if not, it is refuted.
         bandwidth_Hz: for a compliance, the frequency up to which it is claimed; infinite for all frequencies.
         reason: in words, why it does not hold; empty where it does.
         witness: what refutes it; None where it holds.
+        from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
     """
 
     kind: Kind
@@ -77,6 +87,7 @@ class Claim:
     bandwidth_Hz: float | None = None
     reason: str = ""
     witness: Witness | None = None
+    from_Hz: float | None = None
 
     @property
     def witness_outer_end_mass_kg(self) -> float | None:
@@ -178,6 +189,49 @@ def prove_peak_sensitivity(loop: Loop, limit: float | fmpq, low: float | fmpq, h
         return _refused("peak_sensitivity", bound, masses, loop.characteristic)
     verdict = quadratic_nonnegative(*sensitivity_slack(loop, bound), *masses, fmpq(0), None)
     return _inequality("peak_sensitivity", bound, masses, verdict, "|1/(1+L)| exceeds the limit")
+
+
+def prove_loop_gain(
+    loop: Loop, limit: float | fmpq, from_Hz: float | fmpq, low: float | fmpq, high: float | fmpq
+) -> Claim:
+    """Whether |L| is at most the limit at every frequency from `from_Hz` up, for every mass in [low, high].
+
+    A loop whose gain stays small there is not unsettled by whatever the model leaves out above, as long as that turns
+    its phase as it likes but raises its gain by no more than 1 / limit.
+    """
+    bound, masses = _positive(limit), _rationals(low, high)
+    start = _rational(from_Hz)
+    if start < 0:
+        raise ValueError(f"a frequency must not be negative, is {from_Hz}")
+    words = "|L| exceeds the limit"
+    claim = _settled("loop_gain", loop, bound, masses, loop_gain_slack(loop, bound), words, start)
+    return replace(claim, from_Hz=nearest(start))
+
+
+def prove_controller_effort(loop: Loop, limit_A_per_V: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
+    """Whether |C S|, current over volts at the controller's input, is at most the limit at every frequency and mass.
+
+    Raises:
+        ValueError: for a loop whose controller is not known apart from its plant.
+    """
+    bound, masses = _positive(limit_A_per_V), _rationals(low, high)
+    return _settled("controller_effort", loop, bound, masses, effort_slack(loop, bound), "|C S| exceeds the limit")
+
+
+def _settled(
+    kind: Kind,
+    loop: Loop,
+    limit: fmpq,
+    masses: tuple[fmpq, fmpq],
+    slack: Coefficients,
+    words: str,
+    from_Hz: fmpq = _ZERO,
+) -> Claim:
+    """An inequality from a frequency up, where the loop is stable."""
+    if not is_stable_over(loop.characteristic, *masses):
+        return _refused(kind, limit, masses, loop.characteristic)
+    verdict = quadratic_nonnegative(*slack, *masses, squared_frequency_below(from_Hz), None)
+    return _inequality(kind, limit, masses, verdict, words)
 
 
 def prove_decay_rate(loop: Loop, rate_per_s: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
@@ -289,6 +343,25 @@ def peak_sensitivity_where_stable(loop: Loop, low: fmpq, high: fmpq, start: floa
         return quadratic_nonnegative(*sensitivity_slack(loop, limit), low, high, fmpq(0), None).holds
 
     return _least_proved(estimates.peak_sensitivity(loop, low, high) if start is None else start, proves, 1e12)
+
+
+def loop_gain_where_stable(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) -> float:
+    """The least limit of |L| from a frequency up that is proved, rounded up; for a range proved to be stable."""
+    start = squared_frequency_below(exact(from_Hz))
+
+    def proves(limit: fmpq) -> bool:
+        return quadratic_nonnegative(*loop_gain_slack(loop, limit), low, high, start, None).holds
+
+    return _least_proved(estimates.loop_gain(loop, from_Hz, low, high), proves, 1e12)
+
+
+def effort_where_stable(loop: Loop, low: fmpq, high: fmpq) -> float:
+    """The least limit of |C S| (A/V) that is proved, rounded up; for a range proved to be stable."""
+
+    def proves(limit: fmpq) -> bool:
+        return quadratic_nonnegative(*effort_slack(loop, limit), low, high, _ZERO, None).holds
+
+    return _least_proved(estimates.controller_effort(loop, low, high), proves, 1e12)
 
 
 def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:

@@ -7,7 +7,8 @@ The sides decide performance as well. At one frequency the map from (m, g) to o(
 compliance but for a factor, is affine to the complex plane: where it is one to one, the interior of the rectangle goes
 to the interior of its image, and where it is not, the sides have the whole image. Either way the least magnitude, if it
 is not zero, stands on a side. The map to 1/S = 1 + g r / o(m) is in polar coordinates about 1 a product of a function
-of m alone with g, and the argument is a function of m alone, monotonic or constant: the same two cases.
+of m alone with g, and the argument is a function of m alone, monotonic or constant: the same two cases. 1/(C S) is 1/S
+over a number, and |L| grows with g, so that it is largest on a side.
 """
 
 from collections.abc import Sequence
@@ -22,9 +23,13 @@ from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.performance import (
     Claim,
     bandwidth_where_stable,
+    effort_where_stable,
+    loop_gain_where_stable,
     peak_sensitivity_where_stable,
     prove_compliance,
+    prove_controller_effort,
     prove_decay_rate,
+    prove_loop_gain,
     prove_peak_sensitivity,
 )
 from beamdesign.proof.rational import nearest
@@ -45,11 +50,13 @@ class GainLoop:
         opened: denominator of L, free of the factor.
         slope: numerator of L at a factor of one.
         disturbance: numerator of the closed-loop compliance.
+        demanded: numerator of C S, free of the factor, which is one on the valve or its flow and not on the controller.
     """
 
     opened: Affine
     slope: fmpq_poly
     disturbance: fmpq_poly
+    demanded: Affine | None = None
 
     @property
     def returned(self) -> fmpq_poly:
@@ -118,7 +125,12 @@ class Rectangle:
             return over_mass
         return over_mass + [
             Side(
-                GainLoop(Affine(self.loop.opened.at(mass), _ZERO), self.loop.returned, self.loop.disturbance),
+                GainLoop(
+                    Affine(self.loop.opened.at(mass), _ZERO),
+                    self.loop.returned,
+                    self.loop.disturbance,
+                    None if self.loop.demanded is None else Affine(self.loop.demanded.at(mass), _ZERO),
+                ),
                 self.least,
                 self.most,
                 mass=mass,
@@ -162,6 +174,20 @@ def peak_sensitivity(rectangles: Sequence[Rectangle]) -> float:
     return worst
 
 
+def largest_loop_gain(rectangles: Sequence[Rectangle], from_Hz: float) -> float:
+    """The least limit of |L| from a frequency up that is proved on rectangles that are stable: at their most gain."""
+    return max(loop_gain_where_stable(scaled(one.loop, one.most), from_Hz, one.low, one.high) for one in rectangles)
+
+
+def largest_effort(rectangles: Sequence[Rectangle]) -> float:
+    """The least limit of |C S|, A/V, that is proved on rectangles that are stable."""
+    return max(
+        effort_where_stable(side.loop, side.low, side.high)  # type: ignore[arg-type]
+        for rectangle in rectangles
+        for side in rectangle.sides()
+    )
+
+
 def prove_peak(side: Side, limit: float) -> Claim:
     """Prove or refute a limit of the sensitivity on one side."""
     return prove_peak_sensitivity(side.loop, limit, side.low, side.high)  # type: ignore[arg-type]
@@ -178,7 +204,14 @@ def _peak(side: Side) -> float:
 def prove(rectangle: Rectangle, asked: "Asked") -> Claim:
     """Prove or refute a claim on a rectangle."""
     masses = (nearest(rectangle.low), nearest(rectangle.high))
-    held = Claim(asked.kind, asked.limit, masses, True, asked.bandwidth_Hz if asked.kind == "compliance" else None)
+    held = Claim(
+        asked.kind,
+        asked.limit,
+        masses,
+        True,
+        asked.bandwidth_Hz if asked.kind == "compliance" else None,
+        from_Hz=asked.from_Hz if asked.kind == "loop_gain" else None,
+    )
     if asked.kind == "gain_margin":
         side = rectangle.widened(exact(asked.limit)).unstable_side()
         if side is None:
@@ -190,6 +223,12 @@ def prove(rectangle: Rectangle, asked: "Asked") -> Claim:
                 claim = prove_compliance(side.loop, asked.limit, asked.bandwidth_Hz, side.low, side.high)  # type: ignore[arg-type]
             case "peak_sensitivity":
                 claim = prove_peak(side, asked.limit)
+            case "controller_effort":
+                claim = prove_controller_effort(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
+            case "loop_gain":
+                if side.factor is None:
+                    continue
+                claim = prove_loop_gain(side.loop, asked.limit, asked.from_Hz, side.low, side.high)  # type: ignore[arg-type]
             case "decay_rate":
                 claim = prove_decay_rate(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
         if not claim.holds:

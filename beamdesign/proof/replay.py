@@ -27,6 +27,7 @@ FLOAT_ROUNDING = fmpq(1, 10**14)
 """How far a figure in rad/s may be from 2 pi times the one in Hz: both are decimals of floats."""
 
 S = fmpq_poly([0, 1])
+NONE = fmpq(0)
 Pair = tuple[fmpq, fmpq]
 Polynomials = tuple[fmpq_poly, fmpq_poly]
 
@@ -115,8 +116,9 @@ def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
     if not same:
         return  # what follows would be about some other loop
     yield from _stability(table["stability"], stated["p0"], stated["p1"], low, high)
+    law = tuple(_polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
     for claim in table.get("claim", []):
-        yield _claim(claim, stated, low, high)
+        yield _claim(claim, stated, law, low, high)
 
 
 # The figures, and the polynomials they give.
@@ -140,6 +142,8 @@ def _figures(table: dict[str, Any]) -> Iterator[tuple[bool, str]]:
             fits = numerator[0] == gain and denominator[0] == 1 and max(numerator.degree(), denominator.degree()) == 1
             fits = fits and numerator[1] > 0 and denominator[1] > 0
             breaks = [("zero_Hz", gain / numerator[1]), ("pole_Hz", 1 / denominator[1])] if fits else []
+        case "structured":
+            breaks, fits = [], _sections_agree(controller, numerator, denominator)
         case "transfer_function":
             breaks, fits = [], True
         case other:
@@ -154,6 +158,41 @@ def _figures(table: dict[str, Any]) -> Iterator[tuple[bool, str]]:
 
 
 MAY_BE_ZERO = ("outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa", "inner_end_mass_kg")
+
+
+def _sections_agree(controller: dict[str, Any], numerator: fmpq_poly, denominator: fmpq_poly) -> bool:
+    """Whether the polynomials are those of the listed lag and sections, but for the rounding of 2 pi f.
+
+    All factors have positive coefficients only, so that each coefficient of their product is a sum of positive terms
+    and is off by no more, relatively, than as many roundings as a term has factors 1 / (2 pi f): one per power of s.
+    """
+
+    def factor(hertz: str, damping: str | None = None) -> arb_poly:
+        time = 1 / (2 * arb.pi() * arb(rational(hertz)))
+        return arb_poly([1, time] if damping is None else [1, 2 * arb(rational(damping)) * time, time * time])
+
+    listed = [rational(value) for table in controller["section"] for value in table.values()]
+    listed += [rational(controller[name]) for name in ("gain_A_per_V", "zero_Hz", "pole_Hz")]
+    if not all(value > 0 for value in listed):
+        return False
+    above, below = (
+        factor(controller["zero_Hz"]) * arb(rational(controller["gain_A_per_V"])),
+        factor(controller["pole_Hz"]),
+    )
+    for table in controller["section"]:
+        above *= factor(table["zero_Hz"], table["zero_damping_ratio"])
+        below *= factor(table["pole_Hz"], table["pole_damping_ratio"])
+    return all(
+        stated.degree() == expected.degree()
+        and stated[0] == start
+        and all(
+            bool(abs(arb(stated[k]) / expected[k] - 1) < 2 * k * FLOAT_ROUNDING) for k in range(1, stated.degree() + 1)
+        )
+        for stated, expected, start in (
+            (numerator, above, rational(controller["gain_A_per_V"])),
+            (denominator, below, fmpq(1)),
+        )
+    )
 
 
 def _same_frequency(hertz: fmpq, radians: fmpq) -> bool:
@@ -530,7 +569,12 @@ def _on_axis(polynomial: fmpq_poly, interval: Pair) -> bool:
 # Performance.
 
 
-def _claim(claim: dict[str, Any], stated: dict[str, fmpq_poly], low: fmpq, high: fmpq) -> tuple[bool, str]:
+INEQUALITIES = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+
+
+def _claim(
+    claim: dict[str, Any], stated: dict[str, fmpq_poly], law: Sequence[fmpq_poly], low: fmpq, high: fmpq
+) -> tuple[bool, str]:
     """One claim: it holds if it says so, and fails (at its witness) if it says so."""
     kind, limit, holds = claim["kind"], rational(claim["limit"]), claim["holds"]
     p0, p1, returned = stated["p0"], stated["p1"], stated["returned"]
@@ -540,19 +584,15 @@ def _claim(claim: dict[str, Any], stated: dict[str, fmpq_poly], low: fmpq, high:
     stable = Family(p0, p1).is_stable_over(low, high)
     witness = claim.get("witness")
     true_at_witness = True
-    if kind in ("compliance", "peak_sensitivity"):
-        none = fmpq_poly([0])
-        top = (stated["disturbance"], none) if kind == "compliance" else (p0 - returned, p1)
-        until = None
-        if kind == "compliance":
-            words += f" m/N up to {claim['bandwidth_Hz']} Hz"
-            if claim["bandwidth_Hz"] != "infinite":
-                until = _ends((2 * arb.pi() * arb(rational(claim["bandwidth_Hz"]))) ** 2)[1]
-        slack = Slack(limit, (p0, p1), top)
-        truth = stable and slack.nonnegative(low, high, until)
+    if kind in INEQUALITIES:
+        more, start, until = band(claim)
+        words += more
+        bottom, top = magnitudes(kind, (p0 - returned, p1), returned, stated["disturbance"], law)
+        slack = Slack(limit, bottom, top)
+        truth = stable and slack.nonnegative(low, high, until, start)
         if witness and "squared_frequency" in witness:
             mass, square = rational(witness["outer_end_mass_kg"]), rational(witness["squared_frequency"])
-            beyond = until is not None and square > until
+            beyond = square < start or (until is not None and square > until)
             true_at_witness = not low <= mass <= high or square < 0 or beyond or slack.at(mass, square) >= 0
             witness = None
     elif kind == "decay_rate":
@@ -575,7 +615,7 @@ def _claim(claim: dict[str, Any], stated: dict[str, fmpq_poly], low: fmpq, high:
         raise Malformed(f"claim.kind {kind!r} is not known here")
     if witness:  # against stability, of the family that the claim is about
         mass = rational(witness["outer_end_mass_kg"])
-        if kind in ("compliance", "peak_sensitivity"):
+        if kind in INEQUALITIES:
             family = Family(p0, p1)
         true_at_witness = not low <= mass <= high or family.is_stable(mass)
     if "witness" in claim and (holds or true_at_witness):
@@ -583,6 +623,44 @@ def _claim(claim: dict[str, Any], stated: dict[str, fmpq_poly], low: fmpq, high:
     if truth is not holds:
         return False, f"{'not proved' if holds else 'holds after all'}: {words}"
     return True, words if holds else f"refuted: {words}"
+
+
+def band(claim: dict[str, Any]) -> tuple[str, fmpq, fmpq | None]:
+    """Of a claim about a magnitude: unit and frequencies in words, and the least and largest w^2 (None: no end)."""
+
+    def square(hertz: str) -> Pair:
+        return _ends((2 * arb.pi() * arb(rational(hertz))) ** 2)
+
+    if claim["kind"] == "compliance":
+        until = None if claim["bandwidth_Hz"] == "infinite" else square(claim["bandwidth_Hz"])[1]
+        return f" m/N up to {claim['bandwidth_Hz']} Hz", fmpq(0), until
+    if claim["kind"] == "loop_gain":
+        if rational(claim["from_Hz"]) < 0:
+            raise Malformed("a loop gain is claimed from a frequency that is not negative")
+        return f" from {claim['from_Hz']} Hz up", max(square(claim["from_Hz"])[0], fmpq(0)), None
+    return " A/V" if claim["kind"] == "controller_effort" else "", fmpq(0), None
+
+
+def magnitudes(
+    kind: str, opened: Polynomials, returned: fmpq_poly, disturbance: fmpq_poly, law: Sequence[fmpq_poly]
+) -> tuple[Polynomials, Polynomials]:
+    """Denominator and numerator of what a claim bounds, each over the mass; `law` is the controller.
+
+    With p = opened + returned: x / F_d = disturbance / p, S = opened / p, L = returned / opened, and C S is
+    (opened / law denominator) (law numerator) / p, the controller's denominator being a factor of `opened`.
+    """
+    closed, none = (opened[0] + returned, opened[1]), fmpq_poly([0])
+    match kind:
+        case "compliance":
+            return closed, (disturbance, none)
+        case "peak_sensitivity":
+            return closed, opened
+        case "loop_gain":
+            return opened, (returned, none)
+    if any(divmod(part, law[1])[1] != 0 for part in opened):
+        raise Malformed("the controller's poles are not those of the open loop")
+    above, below = law
+    return closed, (opened[0] / below * above, opened[1] / below * above)
 
 
 class Slack:
@@ -601,8 +679,8 @@ class Slack:
         a, b, c = (polynomial(square) for polynomial in self.coefficients)
         return (a * mass + b) * mass + c
 
-    def nonnegative(self, low: fmpq, high: fmpq, until: fmpq | None) -> bool:
-        """Whether it is nowhere negative for masses in [low, high] and 0 <= w^2 <= until (None: no end).
+    def nonnegative(self, low: fmpq, high: fmpq, until: fmpq | None, start: fmpq = NONE) -> bool:
+        """Whether it is nowhere negative for masses in [low, high] and start <= w^2 <= until (None: no end).
 
         Its least value over the mass lies at an end, or at the vertex: the signs of the curvature, of the slope at
         both ends, of the values there and of the discriminant decide. One point settles each interval between the
@@ -613,8 +691,8 @@ class Slack:
         deciding += [a * m**2 + b * m + c for m in (low, high)]
         deciding.append(b * b - 4 * a * c)
         if until is None:
-            until = max((_bound(q) for q in deciding if q.degree() > 0), default=fmpq(1))
-        points, _ = _pieces(deciding, fmpq(0), until)
+            until = max([2 * start + 1, *(_bound(q) for q in deciding if q.degree() > 0)])
+        points, _ = _pieces(deciding, start, until)
         return all(self._nonnegative_at(x, low, high) for x in points)
 
     def _nonnegative_at(self, x: fmpq, low: fmpq, high: fmpq) -> bool:

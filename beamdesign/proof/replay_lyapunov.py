@@ -223,6 +223,8 @@ class Loop:
             if fits and size == 2:
                 pairs.append((rational(self.controller["zero_Hz"]), top[0] / top[1]))
                 pairs.append((rational(self.controller["pole_Hz"]), bottom[0] / bottom[1]))
+        elif self.controller["kind"] != "transfer_function":
+            raise Malformed(f"controller.kind {self.controller['kind']!r} is not known here")
         agree = fits and all(
             radians > 0 and abs(2 * arb.pi() * arb(hertz) / arb(radians) - 1) < arb(FLOAT_ROUNDING)
             for hertz, radians in pairs

@@ -108,15 +108,12 @@ def _claim(claim: dict[str, Any], members: "Sequence[Member]", whole: bool, low:
         raise Malformed("a claim needs holds = true or false, and a positive limit")
     words = f"{kind} {claim['limit']}"
     truth: Callable[[Member], bool]
-    if kind in ("compliance", "peak_sensitivity"):
-        until = None
-        if kind == "compliance":
-            words += f" m/N up to {claim['bandwidth_Hz']} Hz"
-            if claim["bandwidth_Hz"] != "infinite":
-                until = single._ends((2 * arb.pi() * arb(rational(claim["bandwidth_Hz"]))) ** 2)[1]
+    if kind in single.INEQUALITIES:
+        more, start, until = single.band(claim)
+        words += more
 
         def truth(member: Member) -> bool:
-            return member.performs(kind, limit, low, high, until)
+            return member.performs(kind, limit, low, high, start, until)
     elif kind == "decay_rate":
 
         def truth(member: Member) -> bool:
@@ -146,6 +143,7 @@ class Member:
         stated = {name: single._polynomial(entry["polynomials"][name]) for name in names}
         self.opened, self.p1 = stated["p0"] - stated["returned"], stated["p1"]
         self.returned, self.disturbance = stated["returned"], stated["disturbance"]
+        self.law = tuple(single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
         self.follows = single._proportional(_rebuilt(table, entry.get("frozen", {})), stated)
 
     def is_stable_over(self, low: fmpq, high: fmpq, s: fmpq_poly = S, gain: Pair | None = None) -> bool:
@@ -158,23 +156,25 @@ class Member:
             side.is_stable_over(least, most) for side in over_gain
         )
 
-    def performs(self, kind: str, limit: fmpq, low: fmpq, high: fmpq, until: fmpq | None) -> bool:
+    def performs(self, kind: str, limit: fmpq, low: fmpq, high: fmpq, start: fmpq, until: fmpq | None) -> bool:
         """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least.
 
         A member without factors for performance is not asked.
         """
-        compliance = kind == "compliance"
         if self.performance is None:
             return True
         for factor in set(self.performance):
-            top = (self.disturbance, ZERO) if compliance else (self.opened, self.p1)
-            slack = single.Slack(limit, (self.opened + factor * self.returned, self.p1), top)
-            if not slack.nonnegative(low, high, until):
+            over_mass = (self.opened, self.p1)
+            bottom, top = single.magnitudes(kind, over_mass, factor * self.returned, self.disturbance, self.law)
+            if not single.Slack(limit, bottom, top).nonnegative(low, high, until, start):
                 return False
+        if kind == "loop_gain":  # it grows with the factor
+            return True
         for mass in {low, high}:
-            opened = self.opened + mass * self.p1
-            top = (self.disturbance if compliance else opened, ZERO)
-            if not single.Slack(limit, (opened, self.returned), top).nonnegative(*self.performance, until):
+            opened = (self.opened + mass * self.p1, ZERO)
+            (_, _), top = single.magnitudes(kind, opened, ZERO, self.disturbance, self.law)
+            slack = single.Slack(limit, (opened[0], self.returned), top)
+            if not slack.nonnegative(*self.performance, until, start):
                 return False
         return True
 

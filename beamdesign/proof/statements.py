@@ -52,6 +52,28 @@ def sensitivity_slack(loop: Loop, limit: fmpq) -> Coefficients:
     return magnitude_slack(limit, loop.characteristic, loop.opened)
 
 
+def loop_gain_slack(loop: Loop, limit: fmpq) -> Coefficients:
+    """limit^2 |opened|^2 - |returned|^2 for the loop gain returned / opened."""
+    return magnitude_slack(limit, loop.opened, Affine(loop.returned, fmpq_poly([0])))
+
+
+def effort_slack(loop: Loop, limit_A_per_V: fmpq) -> Coefficients:
+    """limit^2 |p|^2 - |demanded|^2 for the controller effort C S = demanded / p.
+
+    Raises:
+        ValueError: for a loop whose controller is not known.
+    """
+    if loop.demanded is None:
+        raise ValueError("the controller of this loop is not known apart from its plant")
+    return magnitude_slack(limit_A_per_V, loop.characteristic, loop.demanded)
+
+
+def squared_frequency_below(frequency_Hz: fmpq) -> fmpq:
+    """A rational at or just below (2 pi f)^2, (rad/s)^2."""
+    with ctx.workprec(128):
+        return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)[0]
+
+
 def shifted(family: Affine, rate: fmpq) -> Affine:
     """The family in s - rate: stable exactly where every root of the given one lies to the left of -rate."""
     shift = fmpq_poly([-rate, 1])

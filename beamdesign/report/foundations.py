@@ -59,6 +59,10 @@ def _of_claim(claim: Claim) -> Statement:
             )
         case "peak_sensitivity":
             words = f"|1/(1+L)| at most {decimal(claim.limit, 6)} at every frequency"
+        case "loop_gain":
+            words = f"|L| at most {decimal(claim.limit, 6)} from {decimal(claim.from_Hz or 0.0, 6)} Hz up"
+        case "controller_effort":
+            words = f"|C/(1+L)| at most {quantity(claim.limit, 'A/V')} at every frequency"
         case "decay_rate":
             words = f"every motion dies out at least as fast as exp(-{decimal(claim.limit, 6)} t / s)"
         case "gain_margin":

@@ -250,7 +250,9 @@ def _place(z: float) -> float:
 def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
     """A controller in one line."""
     gain = quantity(controller.gain_A_per_V, "A/V")
-    law = f"lag {controller.pole_Hz:.4g}/{controller.zero_Hz:.4g} Hz" if isinstance(controller, Lag) else "proportional"
+    law = (
+        f"lag {controller.pole_Hz:.4g}/{controller.zero_Hz:.4g} Hz" if isinstance(controller, Lag) else controller.kind
+    )
     return f"{law} at {gain}, {inner_end_mass_kg:.3g} kg inside"
 
 

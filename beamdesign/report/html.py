@@ -10,7 +10,7 @@ from beamdesign.design.checks import Check
 from beamdesign.design.pair import CheckedPair
 from beamdesign.loop import loop
 from beamdesign.lumped import notes
-from beamdesign.prototype import Lag, Proportional
+from beamdesign.prototype import Controller, Proportional, Structured
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
 from beamdesign.report.lumped_table import lumped_rows
@@ -102,20 +102,30 @@ def check_row(check: Check) -> tuple[str, str, str, str, bool, float]:
     )
 
 
-def controller_rows(controller: Proportional | Lag) -> list[tuple[str, str, str]]:
+def controller_rows(controller: Controller) -> list[tuple[str, str, str]]:
     """Each figure of a controller: name, value in full, what it means."""
     rows = [("gain", quantity(controller.gain_A_per_V, "A/V", 7), "K_sa, valve current per error voltage when static")]
-    if isinstance(controller, Lag):
+    if not isinstance(controller, Proportional):
+        above = "gain above the zero" + (", before the sections" if isinstance(controller, Structured) else "")
         drop = controller.pole_Hz / controller.zero_Hz
         rows += [
             ("pole", quantity(controller.pole_Hz, "Hz", 7), "from here up the gain falls"),
             ("zero", quantity(controller.zero_Hz, "Hz", 7), "from here up it stays level again"),
             (
-                "gain above the zero",
+                above,
                 quantity(controller.gain_A_per_V * drop, "A/V"),
                 f"1/{decimal(1 / drop, 3)} of the static gain",
             ),
         ]
+    for k, section in enumerate(controller.section if isinstance(controller, Structured) else (), start=1):
+        zero, pole = (
+            f"{quantity(frequency, 'Hz', 7)}, damping ratio {decimal(damping, 6)}"
+            for frequency, damping in (
+                (section.zero_Hz, section.zero_damping_ratio),
+                (section.pole_Hz, section.pole_damping_ratio),
+            )
+        )
+        rows += [(f"zeros of section {k}", zero, "numerator"), (f"poles of section {k}", pole, "denominator")]
     return rows
 
 

@@ -15,7 +15,38 @@ def lag_current(gain: Any, pole: Any, zero: Any, error: Any, slow: Any) -> Any:
     return gain * (slow + (error - slow) * pole / zero)
 
 
+SECTION_FIGURES = ("zero", "zero_damping_ratio", "pole", "pole_damping_ratio")
+"""Of each second-order section of a controller; frequencies in rad/s."""
+
+
+def section_figures(count: int) -> tuple[str, ...]:
+    """Names of the figures of so many sections."""
+    return tuple(f"section_{k}_{name}" for k in range(1, count + 1) for name in SECTION_FIGURES)
+
+
+def section_states(count: int) -> tuple[str, ...]:
+    """Names of their states: the input through 1 / (1 + 2 e s / p + s^2 / p^2), and its rate."""
+    return tuple(f"section_{k}_{end}" for k in range(1, count + 1) for end in ("V", "V_per_s"))
+
+
+def _sections(port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
+    """Current of a lag with the sections that have states, A, and the rates of those."""
+    signal = lag_current(1.0, figure["pole"], figure["zero"], port["error_V"], state["slow_error_V"])
+    rates: dict[str, Any] = {}
+    k = 1
+    while f"section_{k}_V" in state:
+        zero, zero_damping, pole, pole_damping = (figure[f"section_{k}_{name}"] for name in SECTION_FIGURES)
+        slow, rate = state[f"section_{k}_V"], state[f"section_{k}_V_per_s"]
+        bent = pole**2 * (signal - slow) - 2 * pole_damping * pole * rate
+        rates |= {f"section_{k}_V": rate, f"section_{k}_V_per_s": bent}
+        signal = slow + 2 * zero_damping * rate / zero + bent / zero**2
+        k += 1
+    return figure["gain"] * signal, rates
+
+
 def _controller(port: Signals, figure: Signals, state: Signals) -> Any:
+    if "section_1_V" in state:
+        return _sections(port, figure, state)[0]
     if "slow_error_V" in state:
         return lag_current(figure["gain"], figure["pole"], figure["zero"], port["error_V"], state["slow_error_V"])
     return port.get("sampled_current_A", figure["gain"] * port["error_V"])
@@ -30,7 +61,8 @@ def _filtered(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
 def _slow_error(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     if "slow_error_V" not in state:
         return {}
-    return {"slow_error_V": low_pass_rate(figure["pole"], port["error_V"], state["slow_error_V"])}
+    more = _sections(port, figure, state)[1] if "section_1_V" in state else {}
+    return {"slow_error_V": low_pass_rate(figure["pole"], port["error_V"], state["slow_error_V"])} | more
 
 
 SENSOR = Component(

@@ -3,10 +3,11 @@
 from math import pi
 
 from beamdesign import lumped
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Proportional, Prototype, Structured
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import Structure
 from beamdesign.rig.effects import library, problems
+from beamdesign.rig.electronics import section_figures
 
 
 def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
@@ -24,9 +25,13 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
         wrong.append(problem_without_controller())
     if wrong:
         raise InputError(prototype.name, wrong)
-    kind = "lag" if isinstance(prototype.controller, Lag) else "proportional"
-    filtered = prototype.sensor.filter_Hz is not None
-    return Structure("sampled" if sampled else kind, filtered, tuple(sorted(prototype.effects)))  # type: ignore[arg-type]
+    law = prototype.controller
+    assert law is not None  # else there was a problem
+    filtered, effects = prototype.sensor.filter_Hz is not None, tuple(sorted(prototype.effects))
+    if sampled:
+        return Structure("sampled", filtered, effects)
+    sections = len(law.section) if isinstance(law, Structured) else 0
+    return Structure(law.kind, filtered, effects, sections=sections)
 
 
 def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: float) -> dict[str, float]:
@@ -46,9 +51,16 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
         "supply_pressure": prototype.supply.pressure_Pa,
         "believed_sensor_gain": prototype.sensor.gain_V_per_m,
         "gain": controller.gain_A_per_V,
-        "pole": 2 * pi * controller.pole_Hz if isinstance(controller, Lag) else 1.0,
-        "zero": 2 * pi * controller.zero_Hz if isinstance(controller, Lag) else 1.0,
+        "pole": 1.0 if isinstance(controller, Proportional) else 2 * pi * controller.pole_Hz,
+        "zero": 1.0 if isinstance(controller, Proportional) else 2 * pi * controller.zero_Hz,
     }
+    if isinstance(controller, Structured):
+        own = [
+            figure
+            for s in controller.section
+            for figure in (2 * pi * s.zero_Hz, s.zero_damping_ratio, 2 * pi * s.pole_Hz, s.pole_damping_ratio)
+        ]
+        values |= dict(zip(section_figures(len(controller.section)), own, strict=True))
     for name, table in effect_parameters_of(prototype).items():
         values |= {f"{name}.{key}": value for key, value in table.items()}
     return values

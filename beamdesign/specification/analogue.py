@@ -9,7 +9,7 @@ from flint import fmpq
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import certify
-from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.prototype import Lag, Proportional, Prototype, Structured
 from beamdesign.specification.lag_amplifier import LagAmplifier, lag_amplifier
 from beamdesign.specification.preferred_values import Series
 
@@ -79,6 +79,8 @@ def analogue_controllers(
     asked = prototype.controller
     if asked is None:
         raise ValueError("the prototype has no [controller]")
+    if isinstance(asked, Structured):
+        raise ValueError("the circuit is that of a lag, without second-order sections")
     found: dict[tuple[float | None, ...], AnalogueController] = {}
     for resistors, capacitors in SERIES:
         told(f"analogue controller, {resistors}")

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from beamdesign.controller import without_sections
 from beamdesign.loop import loop
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import Certificate, certify
@@ -143,8 +144,8 @@ def digital_controller(
     prototype: Prototype, masses_kg: tuple[float, float], looked_at: tuple[float, ...], rate_Hz: float | None
 ) -> DigitalController:
     """The difference equation; where no rate is asked for, it is raised until the sampled-data loop is proved."""
-    controller = prototype.controller
-    assert controller is not None
+    assert prototype.controller is not None
+    controller = without_sections(prototype.controller, prototype.name, "a difference equation")
     closed = loop(prototype)
     crossover = max(closed.at(mass).margins().crossover_Hz for mass in looked_at)
     upper = max(controller.pole_Hz, controller.zero_Hz) if isinstance(controller, Lag) else 0.0

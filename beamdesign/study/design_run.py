@@ -9,7 +9,7 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import Sizing, size
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.problem import DesignProblem
-from beamdesign.proof.certificate import Asked, Certificate, certify
+from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
 from beamdesign.prototype import Guarantee, Prototype
 
 CERTIFICATE_NAME = "certificate.toml"
@@ -80,6 +80,7 @@ def certified(
     claims = (
         Asked("peak_sensitivity", proved.peak_sensitivity),
         Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
+        *goal_claims(prototype.goal),
     )
     certificate = certify(prototype, *masses_kg, claims)
     guarantee = Guarantee(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign import records
+from beamdesign.controller import without_sections
 from beamdesign.gap.data.columns import read_columns, uniform_times
 from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
 from beamdesign.gap.data.inputs import without_noise
@@ -171,11 +172,13 @@ def read_dataset(folder: str | Path) -> Dataset:
     prototype = read_prototype(path.parent / entry.prototype)
     if problems := _missing_controllers(entry, prototype):
         raise InputError(path, problems)
+    if prototype.controller is not None:
+        without_sections(prototype.controller, path.parent / entry.prototype, "the model of a data set")
 
     def controller(given: Controller | None) -> Controller:
         chosen = given or prototype.controller
         assert chosen is not None  # checked above
-        return chosen
+        return without_sections(chosen, path, "a record of a data set")
 
     taken = tuple(
         _time_record(path.parent / row.file, row, controller(row.controller), warnings) for row in entry.record
@@ -266,6 +269,6 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
     else:
         given = dict(row.controller)
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
-    found = records.parse(_Gained, table, path).controller
+    found = without_sections(records.parse(_Gained, table, path).controller, path, "a record of a data set")
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V)
