@@ -13,6 +13,7 @@ fails, the piece is halved.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
@@ -48,16 +49,26 @@ class SampledVerdict:
     looked_at: int
 
 
+class ClosedOverMass(Protocol):
+    """A loop whose matrix from sample to sample is known over the outer end mass."""
+
+    def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
+        """The matrix, enclosed for all masses from `low` to `high`."""
+
+    def matrix(self, mass: fmpq) -> np.ndarray:
+        """The matrix at one mass, in floats."""
+
+
 @dataclass(frozen=True)
-class SampledLoop:
-    """The loop over the outer end mass, exact; the rows of the outer tip's velocity are divided by the total mass.
+class HeldPlant:
+    """The plant over the outer end mass, exact; the rows of the outer tip's velocity are divided by the total mass.
 
     Attributes:
         a: (n, n) of the plant in balanced states; b: (n, 1) from the current; c: (1, n) to the sensor's volts.
         velocity: index of the row that the total mass divides.
         bare_mass: kg.
-        law: the difference equation.
-        delayed: whether the current is put out one period after its sample.
+        force: (n, 1) from the disturbance on the outer tip, N.
+        tip: (1, n) to its displacement, m.
     """
 
     a: fmpq_mat
@@ -65,21 +76,48 @@ class SampledLoop:
     c: fmpq_mat
     velocity: int
     bare_mass: fmpq
+    force: fmpq_mat
+    tip: fmpq_mat
+
+    def moved(self, low: fmpq, high: fmpq, rate_Hz: float) -> arb_mat:
+        """exp([[A, B], [0, 0]] T), enclosed for all masses from `low` to `high`: its upper rows are Phi and Gamma."""
+        return self._exponential(self.b, low, high, rate_Hz)
+
+    def pushed(self, mass: fmpq, rate_Hz: float) -> arb_mat:
+        """The same with the force, held between samples, in place of the current."""
+        return self._exponential(self.force, mass, mass, rate_Hz)
+
+    def _exponential(self, held: fmpq_mat, low: fmpq, high: fmpq, rate_Hz: float) -> arb_mat:
+        n = self.a.nrows()
+        share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
+        step = arb(1) / arb(exact(rate_Hz))
+        whole = [[arb(0)] * (n + 1) for _ in range(n + 1)]
+        for i in range(n):
+            scale = step * share if i == self.velocity else step
+            whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(held[i, 0]) * scale]
+        return arb_mat(whole).exp()
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """The loop of a difference equation over the outer end mass.
+
+    Attributes:
+        plant: between samples.
+        law: the difference equation.
+        delayed: whether the current is put out one period after its sample.
+    """
+
+    plant: HeldPlant
     law: DifferenceEquation
     delayed: bool
 
     def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
         """The closed loop's matrix from sample to sample, enclosed for all masses from `low` to `high`."""
-        n = self.a.nrows()
-        share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
-        step = arb(1) / arb(exact(self.law.rate_Hz))
-        whole = [[arb(0)] * (n + 1) for _ in range(n + 1)]
-        for i in range(n):
-            scale = step * share if i == self.velocity else step
-            whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(self.b[i, 0]) * scale]
-        moved = arb_mat(whole).exp()
+        n = self.plant.a.nrows()
+        moved = self.plant.moved(low, high, self.law.rate_Hz)
         b0, b1, a1 = (arb(exact(v)) for v in (self.law.b0, self.law.b1, self.law.a1))
-        c = [arb(self.c[0, j]) for j in range(n)]
+        c = [arb(self.plant.c[0, j]) for j in range(n)]
         phi = [[moved[i, j] for j in range(n)] for i in range(n)]
         gamma = [moved[i, n] for i in range(n)]
         memory = [-(b1 - a1 * b0) * cj for cj in c] + [-a1]  # what the law keeps of this sample for the next
@@ -97,7 +135,16 @@ class SampledLoop:
 
 
 def sampled_loop(prototype: Prototype, law: DifferenceEquation, delayed: bool) -> SampledLoop:
-    """The sampled-data loop of a prototype.
+    """The sampled-data loop of a prototype with a difference equation.
+
+    Raises:
+        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
+    """
+    return SampledLoop(held_plant(prototype), law, delayed)
+
+
+def held_plant(prototype: Prototype) -> HeldPlant:
+    """The plant of a prototype, whose inputs are held between samples.
 
     Raises:
         InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
@@ -113,7 +160,9 @@ def sampled_loop(prototype: Prototype, law: DifferenceEquation, delayed: bool) -
     balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
     current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
     volts = fmpq_mat(1, n, [c[1, j] * scales[j] for j in range(n)])
-    return SampledLoop(balanced, current, volts, velocity, mass, law, delayed)
+    force = fmpq_mat(n, 1, [b[i, 0] / scales[i] for i in range(n)])
+    tip = fmpq_mat(1, n, [c[0, j] * scales[j] for j in range(n)])
+    return HeldPlant(balanced, current, volts, velocity, mass, force, tip)
 
 
 def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
@@ -127,7 +176,7 @@ def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
     return [fmpq(2) ** int(np.rint(np.log2(s))) for s in scale]
 
 
-def prove_sampled(loop: SampledLoop, low_kg: float, high_kg: float) -> SampledVerdict:
+def prove_sampled(loop: ClosedOverMass, low_kg: float, high_kg: float) -> SampledVerdict:
     """Prove stability for every outer end mass of a closed range, or say at which mass it does not hold."""
     low, high = exact(low_kg), exact(high_kg)
     largest, proved, seen = 0.0, 0, 0

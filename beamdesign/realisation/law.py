@@ -1,0 +1,83 @@
+"""What the controller does in one period, written once for every arithmetic.
+
+Integers, floats of 32 bits, exact linear forms and C text are made from the same lines by exchanging the operations.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
+
+from beamdesign.realisation.sections import Section
+
+V = TypeVar("V")
+
+
+class Arithmetic(Protocol[V]):
+    """The operations of the law; names are those of coefficients, states and signals."""
+
+    def read(self, state: str) -> V:
+        """A state, rounded to a word."""
+
+    def multiply(self, coefficient: str, value: V) -> V:
+        """A coefficient times a word."""
+
+    def add(self, one: V, other: V) -> V:
+        """A sum."""
+
+    def subtract(self, one: V, other: V) -> V:
+        """A difference."""
+
+    def signal(self, name: str, value: V) -> V:
+        """A named signal: limited to what a word holds."""
+
+    def current(self, value: V) -> V:
+        """The gain times a word, limited to the largest current."""
+
+    def advance(self, state: str, coefficient: str, value: V, held: bool) -> None:
+        """Add a coefficient times a word to a state; `held`: not while that drives a limited current further."""
+
+
+def one_period(sections: Sequence[Section], error: V, arithmetic: Arithmetic[V]) -> V:
+    """The current of one sample; all states are advanced after it is known.
+
+    Anti-windup: while the current is at its limit, sections of first order whose output follows the state more than
+    the input (direct term below one, a lag) do not move further in that direction. The other sections are stable
+    filters of unit static gain and run on.
+    """
+    value, advances = error, []
+    for number, section in enumerate(sections, 1):
+        x = arithmetic.read(f"x{number}")
+        missing = arithmetic.subtract(value, x)
+        if section.order == 1:
+            d = arithmetic.signal(f"d{number}", missing)
+            value = arithmetic.add(x, arithmetic.multiply(f"direct{number}", d))
+            advances.append((f"x{number}", f"follow{number}", d, section.direct < 1))
+        else:
+            w = arithmetic.read(f"w{number}")
+            missing = arithmetic.subtract(missing, arithmetic.multiply(f"damping{number}", w))
+            d = arithmetic.signal(f"d{number}", missing)
+            value = arithmetic.add(x, arithmetic.multiply(f"slope{number}", w))
+            value = arithmetic.add(value, arithmetic.multiply(f"direct{number}", d))
+            advances.append((f"x{number}", f"follow{number}", w, False))
+            advances.append((f"w{number}", f"follow{number}", d, False))
+        value = arithmetic.signal(f"y{number}", value)
+    current = arithmetic.current(value)
+    for state, coefficient, given, held in advances:
+        arithmetic.advance(state, coefficient, given, held)
+    return current
+
+
+def states_of(sections: Sequence[Section]) -> tuple[str, ...]:
+    """Names of the states, in order."""
+    return tuple(f"{letter}{number}" for number, section in enumerate(sections, 1) for letter in "xw"[: section.order])
+
+
+def coefficients_of(sections: Sequence[Section]) -> dict[str, float]:
+    """Values of all coefficients of the sections by name; the gain is not among them."""
+    named: dict[str, float] = {}
+    for number, section in enumerate(sections, 1):
+        named[f"follow{number}"] = section.follow
+        if section.order == 2:
+            named[f"damping{number}"] = section.damping
+            named[f"slope{number}"] = section.slope
+        named[f"direct{number}"] = section.direct
+    return named

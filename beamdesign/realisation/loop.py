@@ -1,0 +1,120 @@
+"""The sampled-data loop of a controller as realised: hold, word by word, and one period for computing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb, arb_mat, ctx, fmpq
+
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Prototype
+from beamdesign.realisation.linear_forms import LinearLaw
+from beamdesign.realisation.realise import Realisation, floats
+from beamdesign.specification.sampled_loop import HeldPlant, held_plant
+
+_BITS = 128
+
+
+@dataclass(frozen=True)
+class RealisedLoop:
+    """The loop over the outer end mass, without command; roundings and limits left out, which are bounded elsewhere.
+
+    States are those of the plant, the current being put out where it is late, and those of the law.
+
+    Attributes:
+        plant: between samples.
+        realisation: the controller.
+        delayed: whether the current is put out one period after its sample.
+    """
+
+    plant: HeldPlant
+    realisation: Realisation
+    delayed: bool
+
+    def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
+        """The closed loop's matrix from sample to sample, enclosed for all masses from `low` to `high`."""
+        law, c = self.realisation.linear, self.plant.c
+        n, m = c.ncols(), len(law.states)
+        moved = self.plant.moved(low, high, self.realisation.rate_Hz)
+        phi = [[moved[i, j] for j in range(n)] for i in range(n)]
+        gamma = [moved[i, n] for i in range(n)]
+        volts = [arb(c[0, j]) for j in range(n)]
+        memory = [[-arb(law.b[i, 0]) * v for v in volts] + [arb(law.a[i, j]) for j in range(m)] for i in range(m)]
+        direct = arb(law.d[0, 0])
+        current = [-direct * v for v in volts] + [arb(law.c[0, j]) for j in range(m)]
+        if not self.delayed:
+            rows = [
+                [phi[i][j] + gamma[i] * current[j] for j in range(n)] + [gamma[i] * value for value in current[n:]]
+                for i in range(n)
+            ]
+            return arb_mat([*rows, *memory])
+        rows = [[*phi[i], gamma[i], *[arb(0)] * m] for i in range(n)]
+        later = [[*row[:n], arb(0), *row[n:]] for row in (current, *memory)]
+        return arb_mat([*rows, *later])
+
+    def matrix(self, mass: fmpq) -> np.ndarray:
+        """The same at one mass, in floats."""
+        return middle(self.enclosed(mass, mass))
+
+
+@dataclass(frozen=True)
+class RoundedLoop:
+    """The loop at one mass with everything that enters it, in floats: x+ = A x + B u, y = C x + D u.
+
+    Attributes:
+        a, b, c, d: inputs u are the force on the tip (N, held) and the roundings of the law; outputs y the displacement
+            of the tip (m), the current (A) computed at the sample, and the error (V).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+
+
+def realised_loop(prototype: Prototype, realisation: Realisation, delayed: bool = True) -> RealisedLoop:
+    """The loop of a prototype's plant and a realised controller.
+
+    Raises:
+        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
+    """
+    return RealisedLoop(held_plant(prototype), realisation, delayed)
+
+
+def rounded_loop(loop: RealisedLoop, mass_kg: float) -> RoundedLoop:
+    """The loop at one outer end mass with its roundings as inputs."""
+    mass, law, plant = exact(mass_kg), loop.realisation.linear, loop.plant
+    with ctx.workprec(_BITS):
+        a = loop.matrix(mass)
+        pushed = middle(plant.pushed(mass, loop.realisation.rate_Hz))
+        moved = middle(plant.moved(mass, mass, loop.realisation.rate_Hz))
+    n, m, late = plant.a.nrows(), len(law.states), int(loop.delayed)
+    inputs = 1 + len(law.roundings)
+    volts, tip = floats(plant.c), floats(plant.tip)
+    b = np.zeros((n + late + m, inputs))
+    b[:n, 0] = pushed[:n, n]
+    given = floats(law.g)
+    if late:
+        b[n, 1:] = given
+    else:
+        b[:n, 1:] = moved[:n, n : n + 1] @ given
+    b[n + late :, 1:] = floats(law.f)
+    c, d = np.zeros((3, n + late + m)), np.zeros((3, inputs))
+    c[0, :n], c[2, :n] = tip[0], -volts[0]
+    c[1, :n], c[1, n + late :] = -floats(law.d)[0, 0] * volts[0], floats(law.c)[0]
+    d[1, 1:] = given
+    return RoundedLoop(a, b, c, d)
+
+
+def middle(balls: arb_mat) -> np.ndarray:
+    """Midpoints in floats."""
+    return np.array([[float(balls[i, j].mid()) for j in range(balls.ncols())] for i in range(balls.nrows())])
+
+
+def responses(law: LinearLaw, frequency_Hz: np.ndarray, rate_Hz: float) -> np.ndarray:
+    """i / e of the law at the given frequencies (N,), complex."""
+    a, b, c, d = (floats(part) for part in (law.a, law.b, law.c, law.d))
+    z = np.exp(2j * np.pi * np.asarray(frequency_Hz) / rate_Hz)
+    if not len(a):
+        return np.full(len(z), d[0, 0], complex)
+    inside = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, b.astype(complex)[None])
+    return np.asarray((c @ inside)[:, 0, 0] + d[0, 0])

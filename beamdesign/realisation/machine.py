@@ -1,0 +1,86 @@
+"""Generated C, compiled with the system's compiler and called as it stands."""
+
+import ctypes
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST
+from beamdesign.realisation.realise import Realisation
+
+FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off")
+
+
+def compiler() -> str | None:
+    """The C compiler: that of the environment variable CC, or the first of cc, gcc and clang on the path."""
+    return next(
+        (found for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if name and (found := shutil.which(name))),
+        None,
+    )
+
+
+def compile_library(folder: Path) -> Path:
+    """Compile the files of a folder to a shared library in it.
+
+    Raises:
+        ValueError: without a compiler, or where it finds fault with the files, in its own words.
+    """
+    return _compiled(folder, [LAW, SELF_TEST], folder / "controller.so", ("-shared", "-fPIC"))
+
+
+def compile_self_test(folder: Path) -> Path:
+    """Compile the program whose exit status is 0 where the self-test passes; errors as of `compile_library`."""
+    return _compiled(folder, [LAW, SELF_TEST], folder / "controller_self_test", ("-DCONTROLLER_SELF_TEST_MAIN",))
+
+
+def _compiled(folder: Path, sources: list[str], target: Path, more: tuple[str, ...]) -> Path:
+    program = compiler()
+    if program is None:
+        raise ValueError("no C compiler found: neither cc, gcc nor clang is on the path")
+    done = subprocess.run(
+        [program, *FLAGS, *more, "-o", str(target), *(str(folder / name) for name in sources)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode:
+        raise ValueError(f"{program} finds fault with {folder / HEADER} or what belongs to it:\n{done.stderr.strip()}")
+    return target
+
+
+class CompiledController:
+    """The compiled controller with the interface of the emulation: words in fixed point, floats otherwise."""
+
+    def __init__(self, library: Path, realisation: Realisation):
+        self.realisation = realisation
+        bits = realisation.word_length
+        word: Any = ctypes.c_float if bits is None else ctypes.c_int16 if bits <= 16 else ctypes.c_int32
+        wide: Any = ctypes.c_float if bits is None else ctypes.c_int32 if bits <= 16 else ctypes.c_int64
+        fields = [(name, wide) for name in realisation.states] + [("limited", ctypes.c_int)]
+        self._state = type("State", (ctypes.Structure,), {"_fields_": fields})()
+        loaded = ctypes.CDLL(str(library))
+        self._reset, self._step, self.self_test = (
+            loaded.controller_reset, loaded.controller_step, loaded.controller_self_test,
+        )  # fmt: skip
+        pointer = ctypes.POINTER(type(self._state))
+        self._reset.argtypes, self._reset.restype = [pointer, word], None
+        self._step.argtypes, self._step.restype = [pointer, word], word
+        self.reset(0)
+
+    @property
+    def states(self) -> dict[str, float]:
+        """By name, as the machine holds them."""
+        return {name: getattr(self._state, name) for name in self.realisation.states}
+
+    @property
+    def limited(self) -> int:
+        """Whether the last current was at its limit: -1, 0 or 1."""
+        return int(self._state.limited)
+
+    def reset(self, error: float) -> None:
+        """At rest under a constant error."""
+        self._reset(ctypes.byref(self._state), error)
+
+    def step(self, error: float) -> float:
+        """The current of one sample."""
+        return self._step(ctypes.byref(self._state), error)  # type: ignore[no-any-return]

@@ -1,0 +1,161 @@
+"""A controller as a cascade of discrete sections of unit static gain, in incremental (delta operator) form.
+
+With e the section's input, d what it has yet to follow, and T the period,
+
+    first order:    d = e - x;          y = x + h d;          x += f d
+    second order:   d = e - x - r w;    y = x + k w + h d;    x += f w;  w += f d
+
+so that in the operator delta = z - 1 the section is (h delta + f) / (delta + f) or (h delta^2 + k f delta + f^2) /
+(delta^2 + r f delta + f^2). Three things follow. At rest d = 0 and y = e whatever the coefficients: no word length
+touches the static gain. As the rate grows, f tends to T times the pole's frequency in rad/s, r and k to twice damping
+ratios and h to a ratio of the section's own figures: only f becomes small, and relative errors stay relative (R. H.
+Middleton and G. C. Goodwin, Digital Control and Estimation (1990), chapter 3). And each state is of the size of the
+section's input.
+"""
+
+from dataclasses import dataclass
+from math import log, pi, sqrt, tan
+from typing import Literal
+
+from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.polynomial import roots
+from beamdesign.prototype import Controller
+
+_FARTHEST = -2.0 + 0j
+"""Of delta: z = -1, where the bilinear rule puts a zero at infinity."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section; the equations stand in the module.
+
+    Attributes:
+        order: 1 or 2.
+        follow: f, share of what is missing that is made up in a period.
+        damping: r, 0 in sections of first order.
+        slope: k, 0 in sections of first order.
+        direct: h, from input to output within the sample.
+        words: poles and zeros of the continuous section.
+    """
+
+    order: Literal[1, 2]
+    follow: float
+    damping: float
+    slope: float
+    direct: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Cascade:
+    """A gain in A/V and sections of unit static gain, in the order in which the error (V) passes them."""
+
+    rate_Hz: float
+    gain_A_per_V: float
+    sections: tuple[Section, ...]
+
+
+def cascade(controller: Controller, rate_Hz: float, prewarped: bool = True) -> Cascade:
+    """Discretise a controller by Tustin's rule, root by root.
+
+    Args:
+        controller: any law of the project with C(0) finite and not zero.
+        rate_Hz: sampling rate.
+        prewarped: whether every root keeps its own natural frequency; otherwise they all move as the plain rule has it.
+
+    Raises:
+        ValueError: for a law that is not stable and proper, has a root at zero, or where prewarped, one at or above half
+            the rate.
+    """
+    return cascade_of(transfer_function(controller), rate_Hz, prewarped)
+
+
+def cascade_of(law: TransferFunction, rate_Hz: float, prewarped: bool = True) -> Cascade:
+    """The same of a transfer function from error (V) to current (A)."""
+    zeros, poles = (_groups([complex(r) for r in roots(p)]) for p in (law.numerator, law.denominator))
+    if law.numerator.is_zero() or law.numerator.degree() > law.denominator.degree():
+        raise ValueError("only a controller that is proper can be coded")
+    every = [root for group in (*zeros, *poles) for root in group]
+    if any(root == 0 for root in every):
+        raise ValueError("a controller with a pole or zero at zero frequency has no sections of unit static gain")
+    if any(root.real >= 0 for group in poles for root in group):
+        raise ValueError("the controller itself is not stable")
+    highest = max((abs(root) / (2 * pi) for root in every), default=0.0)
+    if prewarped and 2 * highest >= rate_Hz:
+        raise ValueError(
+            f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
+        )
+    static = law.numerator(0) / law.denominator(0)
+    sections = [_section(own, partners, rate_Hz, prewarped) for own, partners in _paired(poles, zeros)]
+    return Cascade(rate_Hz, float(static.p) / float(static.q), tuple(sections))
+
+
+def _groups(found: list[complex]) -> list[list[complex]]:
+    """Real roots alone, complex ones with their conjugates."""
+    return [[r] if r.imag == 0 else [r, r.conjugate()] for r in found if r.imag >= 0]
+
+
+def _paired(poles: list[list[complex]], zeros: list[list[complex]]) -> list[tuple[list[complex], list[complex]]]:
+    """Give every group of poles the nearest zeros it can hold; sections by rising frequency of their poles."""
+    free = list(zeros)
+    double = sorted((g for g in poles if len(g) == 2), key=lambda g: abs(g[0].real) / abs(g[0]))
+    single = sorted((g for g in poles if len(g) == 1), key=lambda g: abs(g[0]))
+    waiting = sum(len(g) == 2 for g in free) - len(double)
+    for _ in range(max(waiting, 0)):  # pairs of zeros that no pair of poles is left for
+        double.append(single.pop(0) + single.pop(0))
+    made = []
+    for groups, size in ((double, 2), (single, 1)):
+        left = list(groups)
+        while left:  # the nearest of all first, so that no section has to span more than it must
+            own, partners = _nearest(left, [g for g in free if len(g) == size])
+            left.remove(own)
+            if partners:
+                free.remove(partners)
+            made.append((own, partners))
+    for k, (own, partners) in enumerate(made):  # real zeros beyond the number of real poles
+        while len(partners) < len(own) and (more := _nearest([own], [g for g in free if len(g) == 1])[1]):
+            free.remove(more)
+            partners = partners + more
+        made[k] = (own, partners)
+    return sorted(made, key=lambda pair: abs(pair[0][0]))
+
+
+def _nearest(owners: list[list[complex]], groups: list[list[complex]]) -> tuple[list[complex], list[complex]]:
+    """The owner and the group whose frequencies are nearest to each other; an empty group where there is none."""
+    pairs = [
+        (abs(log(abs(own[0]) / abs(group[0]))), k, j) for k, own in enumerate(owners) for j, group in enumerate(groups)
+    ]
+    if not pairs:
+        return owners[0], []
+    _, k, j = min(pairs)
+    return owners[k], groups[j]
+
+
+def _delta(root: complex, rate_Hz: float, prewarped: bool) -> complex:
+    """Where the bilinear rule puts a root (rad/s), as z - 1."""
+    half = root / (2 * rate_Hz)
+    if prewarped:
+        half *= tan(abs(half)) / abs(half)
+    return 2 * half / (1 - half)
+
+
+def _section(poles: list[complex], zeros: list[complex], rate_Hz: float, prewarped: bool) -> Section:
+    own = [_delta(root, rate_Hz, prewarped) for root in poles]
+    other = [_delta(root, rate_Hz, prewarped) for root in zeros] + [_FARTHEST] * (len(poles) - len(zeros))
+    words = f"poles {_frequencies(poles)}; zeros {_frequencies(zeros)}"
+    if len(own) == 1:
+        follow = -own[0].real
+        return Section(1, follow, 0.0, 0.0, follow / -other[0].real, words)
+    product = (own[0] * own[1]).real
+    follow, direct = sqrt(product), product / (other[0] * other[1]).real
+    damping = -(own[0] + own[1]).real / follow
+    return Section(2, follow, damping, -(other[0] + other[1]).real * direct / follow, direct, words)
+
+
+def _frequencies(group: list[complex]) -> str:
+    """Of one group of roots, for people."""
+    if not group:
+        return "none"
+    if len(group) == 2 and group[0].imag != 0:
+        return f"{abs(group[0]) / (2 * pi):.6g} Hz with damping ratio {-group[0].real / abs(group[0]):.6g}"
+    return " and ".join(f"{-root.real / (2 * pi):.6g} Hz" for root in group)
