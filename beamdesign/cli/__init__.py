@@ -8,6 +8,7 @@ import typer
 from beamdesign.cli.certify import certify
 from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
+from beamdesign.cli.code import code
 from beamdesign.cli.codesign import codesign
 from beamdesign.cli.explain import explain
 from beamdesign.cli.front import front
@@ -38,7 +39,7 @@ PANELS = {
     "Design": (run, size, tune, codesign, front, remedies),
     "Prove": (certify, certify_box, certify_switching),
     "Simulate": (simulate, limits),
-    "Build": (spec,),
+    "Build": (spec, code),
     "Source": (paper,),
 }
 """Commands by the heading of the help that they stand under."""

@@ -1,0 +1,21 @@
+"""Controllers as machines carry them out: rate, words, C code, and what these cost in margin."""
+
+from beamdesign.realisation.c_code import c_files
+from beamdesign.realisation.realise import Realisation, realise
+from beamdesign.realisation.sections import Cascade, Section, cascade
+from beamdesign.realisation.trade import RateAndWord, sufficient, trade
+from beamdesign.realisation.verdict import Judgement, judge
+
+__all__ = [
+    "Cascade",
+    "Judgement",
+    "RateAndWord",
+    "Realisation",
+    "Section",
+    "c_files",
+    "cascade",
+    "judge",
+    "realise",
+    "sufficient",
+    "trade",
+]

@@ -145,7 +145,7 @@ def _law(realisation: Realisation, name: str) -> str:
         ]
         if realisation.states:
             lines += [
-                f"#define STATE_EXTRA {(realisation.word_length or 0) - 2} /* places of a state beyond those of a word */",
+                f"#define STATE_EXTRA {(realisation.word_length or 0) - 2} /* places beyond those of a word */",
                 "#define STATE_MOST (WORD_MOST << STATE_EXTRA)",
             ]
         lines += [

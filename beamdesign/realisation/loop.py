@@ -7,7 +7,6 @@ from flint import arb, arb_mat, ctx, fmpq
 
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
-from beamdesign.realisation.linear_forms import LinearLaw
 from beamdesign.realisation.realise import Realisation, floats
 from beamdesign.specification.sampled_loop import HeldPlant, held_plant
 
@@ -108,13 +107,3 @@ def rounded_loop(loop: RealisedLoop, mass_kg: float) -> RoundedLoop:
 def middle(balls: arb_mat) -> np.ndarray:
     """Midpoints in floats."""
     return np.array([[float(balls[i, j].mid()) for j in range(balls.ncols())] for i in range(balls.nrows())])
-
-
-def responses(law: LinearLaw, frequency_Hz: np.ndarray, rate_Hz: float) -> np.ndarray:
-    """i / e of the law at the given frequencies (N,), complex."""
-    a, b, c, d = (floats(part) for part in (law.a, law.b, law.c, law.d))
-    z = np.exp(2j * np.pi * np.asarray(frequency_Hz) / rate_Hz)
-    if not len(a):
-        return np.full(len(z), d[0, 0], complex)
-    inside = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, b.astype(complex)[None])
-    return np.asarray((c @ inside)[:, 0, 0] + d[0, 0])

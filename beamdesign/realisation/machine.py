@@ -15,10 +15,8 @@ FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-co
 
 def compiler() -> str | None:
     """The C compiler: that of the environment variable CC, or the first of cc, gcc and clang on the path."""
-    return next(
-        (found for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if name and (found := shutil.which(name))),
-        None,
-    )
+    names = [name for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if name]
+    return next((found for name in names if (found := shutil.which(name))), None)
 
 
 def compile_library(folder: Path) -> Path:
@@ -83,4 +81,5 @@ class CompiledController:
 
     def step(self, error: float) -> float:
         """The current of one sample."""
-        return self._step(ctypes.byref(self._state), error)  # type: ignore[no-any-return]
+        current = self._step(ctypes.byref(self._state), error)
+        return float(current) if self.realisation.word_length is None else int(current)

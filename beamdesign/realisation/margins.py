@@ -5,8 +5,9 @@ p = (2 / T) (z - 1) / (z + 1) the unit circle becomes the imaginary axis, p = j 
 polynomials in p. What the continuous loop's polynomials are asked is then asked of these.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import atan, pi
+from math import atan, inf, pi
 
 from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
@@ -21,7 +22,7 @@ _KEPT_BITS = 80
 
 @dataclass(frozen=True)
 class LoopFigures:
-    """How far a loop is from instability.
+    """How far a loop is from instability; one that is not stable has an infinite peak and margins of zero.
 
     Attributes:
         peak_sensitivity: largest |1 / (1 + L)|.
@@ -38,20 +39,21 @@ class LoopFigures:
 
 def continuous_figures(loop: LoopAtMass) -> LoopFigures:
     """Of a continuous loop at one mass."""
-    margins = loop.margins()
-    return LoopFigures(loop.peak_sensitivity(), margins.gain_up, margins.phase_deg, margins.crossover_Hz)
+    return _figures(loop, lambda frequency_Hz: frequency_Hz)
 
 
 def sampled_figures(loop: RealisedLoop, mass_kg: float) -> LoopFigures:
     """Of the sampled-data loop at one outer end mass, at its sample times."""
-    at, rate = image(loop, mass_kg), loop.realisation.rate_Hz
+    rate = loop.realisation.rate_Hz
+    return _figures(image(loop, mass_kg), lambda frequency_Hz: rate / pi * atan(pi * frequency_Hz / rate))
+
+
+def _figures(at: LoopAtMass, true_Hz: Callable[[float], float]) -> LoopFigures:
     margins: Margins = at.margins()
-    return LoopFigures(
-        at.peak_sensitivity(),
-        margins.gain_up,
-        margins.phase_deg,
-        rate / pi * atan(pi * margins.crossover_Hz / rate),
-    )
+    crossover = true_Hz(margins.crossover_Hz)
+    if not at.stable:
+        return LoopFigures(inf, 0.0, 0.0, crossover)
+    return LoopFigures(at.peak_sensitivity(), margins.gain_up, margins.phase_deg, crossover)
 
 
 def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
@@ -69,7 +71,8 @@ def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
         free, fed = (m.charpoly() for m in (phi, phi - gamma * loop.plant.c))
         opened = bottom * free * (fmpq_poly([0, 1]) if loop.delayed else fmpq_poly([1]))
         returned = top * (fed - free)
-        return LoopAtMass(*_in_p([opened, returned], loop.realisation.rate_Hz), fmpq_poly([0]))
+        below, above = _in_p([opened, returned], loop.realisation.rate_Hz)
+        return LoopAtMass(below, above, fmpq_poly([0]))
 
 
 def law_polynomials(realisation: Realisation) -> tuple[fmpq_poly, fmpq_poly]:

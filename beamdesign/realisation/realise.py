@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from flint import fmpq_mat
 
+from beamdesign.controller import TransferFunction
 from beamdesign.prototype import Controller
 from beamdesign.realisation.coefficient import Coefficient, fixed_point, float32
 from beamdesign.realisation.law import coefficients_of, states_of
@@ -82,7 +83,7 @@ class Realisation:
 
 
 def realise(
-    controller: Controller,
+    controller: Controller | TransferFunction,
     rate_Hz: float,
     word_length: int | None = 32,
     full_scale_V: float = FULL_SCALE_V,
@@ -93,7 +94,7 @@ def realise(
     """Discretise and round a controller.
 
     Args:
-        controller: any law of the project.
+        controller: any law of the project, or a transfer function.
         rate_Hz: sampling rate.
         word_length: of fixed-point words; None for floats of 32 bits.
         full_scale_V: largest error.

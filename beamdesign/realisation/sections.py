@@ -55,23 +55,20 @@ class Cascade:
     sections: tuple[Section, ...]
 
 
-def cascade(controller: Controller, rate_Hz: float, prewarped: bool = True) -> Cascade:
+def cascade(controller: Controller | TransferFunction, rate_Hz: float, prewarped: bool = True) -> Cascade:
     """Discretise a controller by Tustin's rule, root by root.
 
     Args:
-        controller: any law of the project with C(0) finite and not zero.
+        controller: any law of the project, or any transfer function from error (V) to current (A), with a gain at zero
+            frequency that is finite and not zero.
         rate_Hz: sampling rate.
         prewarped: whether every root keeps its own natural frequency; otherwise they all move as the plain rule has it.
 
     Raises:
-        ValueError: for a law that is not stable and proper, has a root at zero, or where prewarped, one at or above half
-            the rate.
+        ValueError: for a law that is not stable and proper, has a root at zero, or, where prewarped, one at or above
+            half the rate.
     """
-    return cascade_of(transfer_function(controller), rate_Hz, prewarped)
-
-
-def cascade_of(law: TransferFunction, rate_Hz: float, prewarped: bool = True) -> Cascade:
-    """The same of a transfer function from error (V) to current (A)."""
+    law = controller if isinstance(controller, TransferFunction) else transfer_function(controller)
     zeros, poles = (_groups([complex(r) for r in roots(p)]) for p in (law.numerator, law.denominator))
     if law.numerator.is_zero() or law.numerator.degree() > law.denominator.degree():
         raise ValueError("only a controller that is proper can be coded")

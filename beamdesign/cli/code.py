@@ -1,0 +1,215 @@
+"""`beamdesign code`: the controller as C code for a rate and a word length, proved as it is realised."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.completion import toml_files
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    folder_to_write,
+    mass_range,
+    say,
+    say_table,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from beamdesign.prototype import Prototype
+    from beamdesign.realisation.realise import Realisation
+    from beamdesign.realisation.verdict import Judgement
+
+
+def code(
+    prototype: Annotated[
+        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
+    ],
+    rate_Hz: Annotated[float, typer.Option("--rate-Hz", help="Sampling rate.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for the C files; else NAME.code here."),
+    ] = None,
+    word_length: Annotated[
+        int | None, typer.Option(help="Bits of a fixed-point word with its sign, 8 to 32; else 32.")
+    ] = None,
+    in_floats: Annotated[bool, typer.Option("--float", help="In floats of 32 bits instead.")] = False,
+    full_scale_V: Annotated[
+        float, typer.Option("--full-scale-V", help="Largest error (V); words are scaled so that it overflows nothing.")
+    ] = 10.0,
+    largest_current_A: Annotated[
+        float | None,
+        typer.Option(
+            "--largest-current-A", help="Limit; else the valve's rated current, or the gain times the full scale."
+        ),
+    ] = None,
+    outer_end_mass: RangeOption = None,
+    compile_here: Annotated[
+        bool, typer.Option("--compile", help="Compile it with the system's C compiler and run its self-test.")
+    ] = False,
+    json: JsonOption = None,
+) -> None:
+    """Write the controller as C99, as it is proved.
+
+    Sections in incremental form, coefficients and words of the length asked for, limits with anti-windup, a self-test
+    to the last bit. The loop is proved with the rounded coefficients, its current held, at once and one period late;
+    what rate and rounding cost in margin is told. Exit status 1, and no code, if that loop is not proved stable over
+    the range; a higher rate or a longer word may be.
+    """
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+    from beamdesign.rig.effects import problems
+    from beamdesign.rig.parameters import problem_without_controller
+
+    _refuse_bad_options(rate_Hz, word_length, in_floats, full_scale_V, largest_current_A)
+    record = read_prototype(prototype)
+    faults = problems(record.effects)
+    if record.controller is None:
+        faults.append(problem_without_controller())
+    if faults:
+        raise InputError(prototype, faults)
+    assert record.controller is not None
+    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
+
+    from beamdesign.realisation.folder import write_code
+    from beamdesign.realisation.machine import compiler
+    from beamdesign.realisation.realise import realise
+    from beamdesign.realisation.verdict import judge
+
+    if compile_here and compiler() is None:
+        raise InputError("--compile", [("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it")])
+    bits = None if in_floats else word_length or 32
+    limit = largest_current_A or record.servovalve.rated_current_A
+    try:
+        made = realise(record.controller, rate_Hz, bits, full_scale_V, limit)
+    except ValueError as error:
+        raise InputError(prototype, [("controller", str(error))]) from error
+    found = judge(record, made, masses)
+    folder = out or Path(f"{prototype.resolve().stem}.code")
+    fields = json_fields(made, found, masses)
+    if not (found.proved or found.reason):
+        write_json(json, fields | {"files": []})
+        say(f"{record.name}: {_why_not(found)}")
+        raise typer.Exit(1)
+    paths = write_code(made, record.name, found, masses, folder)
+    write_json(json, fields | {"files": paths})
+    _say(record, made, found, masses)
+    if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
+        say("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
+    for path in paths:
+        say(str(path))
+    if compile_here:
+        _compile(folder)
+
+
+def _refuse_bad_options(
+    rate_Hz: float, word_length: int | None, in_floats: bool, full_scale_V: float, largest_current_A: float | None
+) -> None:
+    from math import isfinite
+
+    from beamdesign.records import InputError
+
+    given = (("--rate-Hz", rate_Hz), ("--full-scale-V", full_scale_V), ("--largest-current-A", largest_current_A))
+    wrong = [
+        (name, f"must be a finite number above zero, is {value:g}")
+        for name, value in given
+        if value is not None and not (isfinite(value) and value > 0)
+    ]
+    if word_length is not None and in_floats:
+        wrong.append(("--word-length", "floats have their own; leave out this or --float"))
+    elif word_length is not None and not 8 <= word_length <= 32:
+        wrong.append(("--word-length", f"must be from 8 to 32 bits, is {word_length}"))
+    if wrong:
+        raise InputError("code", wrong)
+
+
+def _why_not(found: "Judgement") -> str:
+    verdicts = [(words, one) for words, one in (("at once", found.at_once), ("one period late", found.late)) if one]
+    for answer, how in ((False, "not stable"), (None, "not proved stable")):
+        for words, one in verdicts:
+            if one.stable is answer:
+                return f"with its current put out {words} the loop is {how}: {one.reason}; no code is written"
+    return "the loop is not proved stable; no code is written"
+
+
+def _compile(folder: Path) -> None:
+    """Compile in a folder of its own, so that nothing but sources is left in the one asked for."""
+    import subprocess
+    from shutil import copy
+    from tempfile import TemporaryDirectory
+
+    from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST
+    from beamdesign.realisation.machine import compile_self_test
+
+    with TemporaryDirectory() as scratch:
+        for name in (HEADER, LAW, SELF_TEST):
+            copy(folder / name, scratch)
+        program = compile_self_test(Path(scratch))
+        passed = subprocess.run([str(program)], check=False).returncode == 0
+    say("compiled; the self-test passes to the last bit" if passed else "compiled, but THE SELF-TEST FAILS here")
+    if not passed:
+        raise typer.Exit(1)
+
+
+def json_fields(made: "Realisation", found: "Judgement", masses_kg: tuple[float, float]) -> dict[str, Any]:
+    """What a program may want to know of a realised controller."""
+    return {
+        "rate_Hz": made.rate_Hz,
+        "word_length": made.word_length,
+        "signal_places": made.signal_places,
+        "current_places": made.current_places,
+        "full_scale_V": made.full_scale_V,
+        "largest_current_A": made.largest_current_A,
+        "sections": made.sections,
+        "coefficients": {
+            name: {"asked": one.asked, "integer": one.integer, "places": one.places, "error": one.error}
+            for name, one in made.coefficients.items()
+        },
+        "outer_end_mass_kg": list(masses_kg),
+        "proved": found.proved,
+        "reason": found.reason,
+        "law": found.law,
+        "at_once": found.at_once,
+        "one_period_late": found.late,
+        "masses": found.masses,
+    }
+
+
+def _say(record: "Prototype", made: "Realisation", found: "Judgement", masses: tuple[float, float]) -> None:
+    from beamdesign.realisation.verdict import worst
+
+    words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
+    law = found.law
+    rows: list[tuple[str, Any]] = [
+        ("largest relative error of a coefficient", law.coefficient),
+        ("largest relative shift of a pole by rounding", law.pole),
+        (f"gain of the law at {law.at_Hz:.4g} Hz against the continuous one, dB", law.gain_dB),
+        ("lag there of the law, degrees", law.lag_deg),
+        ("  of the hold", law.hold_lag_deg),
+        ("  of one period of computing", law.computing_lag_deg),
+    ]
+    say_table(f"{record.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), rows)
+    if found.reason:
+        say(f"stability as realised: not looked at, {found.reason}")
+        return
+    say(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out at once or one period late")
+    sets = [worst([getattr(at, name) for at in found.masses]) for name in ("continuous", "at_once", "late")]
+    rows_of_loop = [
+        (words, *(getattr(one, key) for one in sets))
+        for words, key in (
+            ("peak sensitivity", "peak_sensitivity"),
+            ("gain margin, factor", "gain_up"),
+            ("phase margin, degrees", "phase_deg"),
+            ("highest crossover, Hz", "crossover_Hz"),
+        )
+    ]
+    title = f"Worst of {len(found.masses)} masses, computed"
+    say_table(title, ("", "continuous", "as realised, at once", "one period late"), rows_of_loop)
+    effects = [at.rounding for at in found.masses if at.rounding is not None]
+    if effects:
+        say(
+            f"rounding moves the tip by at most {1e6 * max(one.displacement_m for one in effects):.3g} um"
+            f" (expected {1e6 * max(one.expected_displacement_m for one in effects):.3g} um RMS) and the current by"
+            f" {1e3 * max(one.current_A for one in effects):.3g} mA, limit cycles included"
+        )

@@ -1,0 +1,178 @@
+"""A realised controller judged: the law itself, the loop proved as realised, the margin that it costs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, log10, pi
+
+import numpy as np
+from flint import fmpq_poly
+
+from beamdesign.controller import transfer_function
+from beamdesign.loop import loop
+from beamdesign.prototype import Controller, Prototype
+from beamdesign.realisation.loop import realised_loop
+from beamdesign.realisation.margins import LoopFigures, continuous_figures, law_polynomials, sampled_figures
+from beamdesign.realisation.realise import Realisation
+from beamdesign.realisation.roundings import RoundingEffect, rounding_effect
+from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled
+
+MASSES_LOOKED_AT = 5
+
+
+@dataclass(frozen=True)
+class LawErrors:
+    """What discretising and rounding do to the law alone.
+
+    Attributes:
+        coefficient: largest relative error of a rounded coefficient.
+        pole: largest relative error of a pole by rounding, as a share of its distance from z = 1.
+        static_gain: relative.
+        at_Hz: frequency of the next two.
+        gain_dB: law as realised over the continuous one there.
+        lag_deg: what the law itself lags behind there, without hold and computing.
+        hold_lag_deg: what the hold adds, half a period.
+        computing_lag_deg: what one period of computing adds.
+    """
+
+    coefficient: float
+    pole: float
+    static_gain: float
+    at_Hz: float
+    gain_dB: float
+    lag_deg: float
+    hold_lag_deg: float
+    computing_lag_deg: float
+
+
+@dataclass(frozen=True)
+class AtMass:
+    """The loop at one outer end mass, computed.
+
+    Attributes:
+        outer_end_mass_kg: kg.
+        continuous: figures of the design.
+        at_once: of the loop as realised, its current put out at the sample.
+        late: likewise one period later.
+        rounding: effect of rounding where it is late; None where that loop is not stable.
+    """
+
+    outer_end_mass_kg: float
+    continuous: LoopFigures
+    at_once: LoopFigures
+    late: LoopFigures
+    rounding: RoundingEffect | None
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A realised controller in its loop.
+
+    Attributes:
+        law: errors of the law.
+        at_once, late: stability over the range, proved or refuted; None where it was not asked.
+        masses: figures at the masses looked at.
+        reason: why nothing is said about the loop; empty where something is.
+    """
+
+    law: LawErrors
+    at_once: SampledVerdict | None = None
+    late: SampledVerdict | None = None
+    masses: tuple[AtMass, ...] = ()
+    reason: str = ""
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether the loop is stable with its current at once and one period late; None where that is open."""
+        verdicts = [None if one is None else one.stable for one in (self.at_once, self.late)]
+        return False if False in verdicts else None if None in verdicts else True
+
+
+def judge(
+    prototype: Prototype, realisation: Realisation, masses_kg: tuple[float, float], looked_at: int = MASSES_LOOKED_AT
+) -> Judgement:
+    """Judge a realised controller over a range of outer end masses.
+
+    Args:
+        prototype: whose controller was realised.
+        realisation: the controller.
+        masses_kg: range.
+        looked_at: number of masses at which figures are computed, ends included.
+
+    Raises:
+        ValueError: for a prototype without a controller.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    if prototype.effects:
+        names = ", ".join(prototype.effects)
+        errors = law_errors(prototype.controller, realisation, realisation.rate_Hz / 40)
+        return Judgement(errors, reason=f"the sampled loop is not worked out for a prototype with effects ({names})")
+    masses = masses_between(masses_kg, looked_at)
+    figures = tuple(figures_at(prototype, realisation, mass) for mass in masses)
+    crossover = max(at.continuous.crossover_Hz for at in figures) or realisation.rate_Hz / 40
+    at_once, late = (prove_sampled(realised_loop(prototype, realisation, late), *masses_kg) for late in (False, True))
+    return Judgement(law_errors(prototype.controller, realisation, crossover), at_once, late, figures)
+
+
+def masses_between(masses_kg: tuple[float, float], count: int) -> tuple[float, ...]:
+    """Equally spaced masses, ends included; one where the range is one."""
+    return tuple(dict.fromkeys(float(mass) for mass in np.linspace(*masses_kg, count)))
+
+
+def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -> AtMass:
+    """Figures at one outer end mass."""
+    loops = [realised_loop(prototype, realisation, late) for late in (False, True)]
+    at_once, late = (sampled_figures(one, mass_kg) for one in loops)
+    try:
+        rounding: RoundingEffect | None = rounding_effect(loops[1], mass_kg)
+    except ValueError:
+        rounding = None
+    return AtMass(mass_kg, continuous_figures(loop(prototype).at(mass_kg)), at_once, late, rounding)
+
+
+def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -> LawErrors:
+    """Errors of the law as realised against the continuous one."""
+    law = transfer_function(controller)
+    top, bottom = law_polynomials(realisation)
+    z, s = np.exp(2j * pi * at_Hz / realisation.rate_Hz), 2j * pi * at_Hz
+    ratio = _at(top, z) / _at(bottom, z) * _at(law.denominator, s) / _at(law.numerator, s)
+    turn = 360 * at_Hz / realisation.rate_Hz
+    return LawErrors(
+        max(abs(one.error) for one in realisation.coefficients.values()),
+        max(_pole_errors(realisation), default=0.0),
+        realisation.coefficients["gain"].error,
+        at_Hz,
+        20 * log10(abs(ratio)),
+        -degrees(float(np.angle(ratio))),
+        turn / 2,
+        turn,
+    )
+
+
+def _at(polynomial: fmpq_poly, point: complex) -> complex:
+    return complex(np.polyval([float(c.p) / float(c.q) for c in reversed(polynomial.coeffs())], point))
+
+
+def _pole_errors(realisation: Realisation) -> list[float]:
+    """Of every pole, how far rounding moves it as a share of its distance from z = 1."""
+    found: list[float] = []
+    given = {name: float(one.value.p) / float(one.value.q) for name, one in realisation.coefficients.items()}
+    for number, section in enumerate(realisation.sections, 1):
+        follow = given[f"follow{number}"]
+        if section.order == 1:
+            found.append(abs(follow / section.follow - 1))
+            continue
+        damping = given[f"damping{number}"]
+        asked, made = (np.roots([1, r * f, f * f]) for f, r in ((section.follow, section.damping), (follow, damping)))
+        found += [float(np.abs(made - pole).min() / abs(pole)) for pole in asked]
+    return found
+
+
+def worst(figures: Sequence[LoopFigures]) -> LoopFigures:
+    """The worst of each figure; the crossover is the highest."""
+    return LoopFigures(
+        max(one.peak_sensitivity for one in figures),
+        min(one.gain_up for one in figures),
+        min(one.phase_deg for one in figures),
+        max(one.crossover_Hz for one in figures),
+    )
