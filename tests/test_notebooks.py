@@ -6,6 +6,7 @@ import shutil
 from itertools import islice
 from pathlib import Path
 
+import matplotlib.font_manager  # noqa: F401  makes its cache, where there is none; a kernel would say so on stderr
 import nbformat
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from beamdesign.study.sweep_run import plan, run_sweep
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = {path.stem: path for path in sorted((PROJECT / "notebooks").glob("*.ipynb"))}
 MAKER = (PROJECT / "studies" / "gaps" / "make_slow_sensor.py").read_text(encoding="utf-8")
-SMALL_PNG = 5_000  # bytes; an empty figure has fewer
+EMPTY = 20_000  # characters of a picture of two empty panels
 
 STRICT = """
 import warnings
@@ -40,7 +41,7 @@ def read(name: str) -> NotebookNode:
 def execute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Runs a notebook in a temporary folder with other parameters, and gives what its cells print and how they ran."""
     # Nothing of the kernel's belongs into a home folder, and figures are those of a notebook whatever the shell says.
-    for variable in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "MPLCONFIGDIR"):
+    for variable in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
         (tmp_path / variable).mkdir()
         monkeypatch.setenv(variable, str(tmp_path / variable))
     monkeypatch.delenv("MPLBACKEND", raising=False)
@@ -55,7 +56,7 @@ def execute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         book.cells.insert(at + 1, nbformat.v4.new_code_cell("\n".join(lines) + STRICT, id="parameters-of-the-test"))
         work = tmp_path / "work"
         work.mkdir()
-        NotebookClient(book, timeout=600, resources={"metadata": {"path": str(work)}}).execute()
+        NotebookClient(book, timeout=1800, resources={"metadata": {"path": str(work)}}).execute()
         assert list(work.iterdir()) == []  # results go where they are told to
         return {cell.id: printed(cell) for cell in book.cells if cell.cell_type == "code"}, book
 
@@ -74,7 +75,7 @@ def assert_ran(book: NotebookNode, figures: int) -> None:
     assert [out.text for out in outputs if out.get("name") == "stderr"] == []
     pictures = [out.data["image/png"] for out in outputs if "image/png" in out.get("data", {})]
     assert len(pictures) == figures
-    assert all(len(picture) > SMALL_PNG for picture in pictures)
+    assert all(len(picture) > EMPTY for picture in pictures)
 
 
 def path(of: Path) -> str:
@@ -138,7 +139,7 @@ def test_paper_to_certified_design(execute, tmp_path: Path) -> None:
         float(found) for found in re.findall(r"\d+\.\d+", said["conclusion"])
     )
     assert bandwidth >= promised_bandwidth > 4.5
-    assert peak <= promised_peak == 2.0
+    assert peak <= promised_peak <= 2.0
     assert run_sweep(plan(PROJECT / "studies/sweeps/end_masses.toml"), results / "end_masses").computed == 0
     design = read_prototype(results / "prototype" / "prototype.toml")
     assert certify(design, 0.0, 6.8).stable
@@ -170,7 +171,7 @@ def test_trade_curves(execute, tmp_path: Path) -> None:
         "end_masses: 81 cases, 81 of them computed now",
     ]
     trade = said["trade-conclusion"].splitlines()
-    assert trade[0].startswith("payload to 2 kg: 6.90 kg for 3 Hz, 12.40 kg for 8 Hz (+80%)")
+    assert trade[0].startswith("payload to 2 kg: 6.90 kg for 3 Hz, 12.40 kg for 8 Hz (+80%); up to 3 Hz")
     assert trade[2].startswith("payload to 12 kg: 11.90 kg for 3 Hz, 14.60 kg for 6 Hz (+23%)")
     assert trade[3] == "1 of 15 cases without a proved design"
     # 14.65 kg: 2.7 kg/dm³, 1.5 m, tubes of 140 x 2.3 and 100 x 3.2 mm with sharp corners, and 4.5 kg.
