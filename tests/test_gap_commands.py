@@ -123,7 +123,10 @@ def test_a_lag_costs_what_the_design_promised_and_the_new_controller_gives_it_ba
 def test_what_is_predicted_by_it_is_off_by_as_much_as_it_said(
     diagnosed: tuple[Path, Path, dict], tmp_path: Path
 ) -> None:
-    """Errors by the CSV files that `gap predict` writes, against those that the diagnosis states."""
+    """Errors by the CSV files that `gap predict` writes, against those that the diagnosis states.
+
+    It states those of fits without the record held out; the written prototype is fitted to all, and so no worse.
+    """
     data, out, answer = diagnosed
     ran = CliRunner().invoke(
         app, ["gap", "predict", str(out / "prototype.toml"), str(data), "--out", str(tmp_path / "predicted")]
@@ -135,7 +138,7 @@ def test_what_is_predicted_by_it_is_off_by_as_much_as_it_said(
         np.testing.assert_allclose(predicted["t_s"], measured["t_s"], atol=1e-9)
         error = measured["displacement_m"] - predicted["displacement_m"]
         found = np.sqrt(np.mean(error**2)) / np.std(measured["displacement_m"])
-        assert found == pytest.approx(record["after"], rel=0.05)
+        assert 0.8 * record["after"] < found < 1.05 * record["after"]
 
 
 def test_a_second_run_takes_the_fits_of_the_first(
