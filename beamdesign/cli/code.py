@@ -213,3 +213,5 @@ def _say(record: "Prototype", made: "Realisation", found: "Judgement", masses: t
             f" (expected {1e6 * max(one.expected_displacement_m for one in effects):.3g} um RMS) and the current by"
             f" {1e3 * max(one.current_A for one in effects):.3g} mA, limit cycles included"
         )
+        if (most := max(one.error_V for one in effects)) > 0.1 * made.full_scale_V:
+            say(f"  that is up to {most:.3g} V of error in {made.full_scale_V:g} V of full scale: take longer words")

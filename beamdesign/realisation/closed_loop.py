@@ -18,7 +18,7 @@ _ENDLESS_M = 1e3
 
 
 class Machine(Protocol):
-    """What is called once per sample: words in fixed point, floats otherwise."""
+    """What is called once per sample: with words in fixed point, otherwise with V, for A."""
 
     def reset(self, error):  # type: ignore[no-untyped-def]
         """At rest under a constant error."""
@@ -88,7 +88,7 @@ def run_closed(
     unit = 2.0**-realisation.current_places if fixed else 1.0
 
     def given(error: float) -> float:
-        return to_word(realisation, error) if fixed else float(np.float32(error))
+        return to_word(realisation, error) if fixed else error
 
     machine.reset(given(-measured))
     held = realisation.asked.gain_A_per_V * -measured

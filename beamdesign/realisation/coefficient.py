@@ -40,11 +40,16 @@ def fixed_point(value: float, word_length: int) -> Coefficient:
     """Round to a word of its own scaling: the integer has word_length - 1 significant bits, and a sign.
 
     No more than 2 word_length - 2 places are used, so that a word times it, rounded, fits two words.
+
+    Raises:
+        ValueError: where it is too large for a word without places.
     """
     most = 2 ** (word_length - 1) - 1
     places = min(word_length - 1 - frexp(value)[1], 2 * word_length - 2) if value else 0
     while abs(integer := round(Fraction(value) * Fraction(2) ** places)) > most:
         places -= 1
+    if places < 0:
+        raise ValueError(f"a coefficient of {value:.6g} is too large for words of {word_length} bits")
     return Coefficient(value, integer, places)
 
 

@@ -9,7 +9,7 @@ from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from beamdesign.realisation.trade import RateAndWord
 from beamdesign.report.canvas import STYLES
 
-_MARKERS = "os^Dvx"
+_MARKERS = "s^Dvx+"
 
 
 def plot_sensitivity(axes: Axes, rows: Sequence[RateAndWord], goal: float | None = None) -> Axes:
@@ -21,22 +21,17 @@ def plot_sensitivity(axes: Axes, rows: Sequence[RateAndWord], goal: float | None
         goal: limit to be drawn.
     """
     words = sorted({row.word_length for row in rows if row.word_length is not None})
-    chosen: list[int | None] = [*dict.fromkeys([*words[-1:], *words[:1]])] or [None]
-    for k, word in enumerate(chosen):
-        for name, fill in (("late", "black"), ("at_once", "white")):
-            points = [
-                (row.rate_Hz, figures.peak_sensitivity)
-                for row in rows
-                if row.word_length == word and (figures := getattr(row, name)) is not None
-            ]
-            points = [(x, y) for x, y in points if isfinite(y)]
-            if not points:
-                continue
-            label = f"{_word(word)}, current {'one period late' if name == 'late' else 'at once'}"
-            (line,) = axes.semilogx(
-                *zip(*sorted(points), strict=True), marker=_MARKERS[k], markerfacecolor=fill, label=label
-            )
-            line.set(**STYLES[0] if k == 0 else STYLES[3], markeredgecolor="black")
+    longest, shortest = (words[-1], words[0]) if words else (None, None)
+    for name, when, marks, fill in (("late", "one period late", "ox", "black"), ("at_once", "at once", "o+", "white")):
+        for word, mark in zip(dict.fromkeys((longest, shortest)), marks, strict=False):
+            points = [(row.rate_Hz, getattr(row, name)) for row in rows if row.word_length == word]
+            drawn = sorted((x, y.peak_sensitivity) for x, y in points if y is not None and isfinite(y.peak_sensitivity))
+            if drawn:
+                axes.semilogx(
+                    *zip(*drawn, strict=True), color="black", linestyle="-" if word == longest else "none", marker=mark,
+                    markerfacecolor=fill, markeredgecolor="black" if word == longest else "0.45",
+                    markersize=5 if word == longest else 9, label=f"{_word(word)}, current {when}",
+                )  # fmt: skip
     axes.axhline(rows[0].continuous.peak_sensitivity, color="0.45", linewidth=0.9, label="continuous design")
     if goal is not None:
         axes.axhline(goal, color="black", linewidth=0.9, linestyle=(0, (8, 3)), label=f"goal, {goal:g}")
@@ -56,22 +51,21 @@ def plot_rounding(axes: Axes, rows: Sequence[RateAndWord], limit_m: float | None
         limit_m: motion to be marked, such as the sensor's resolution.
     """
     words = sorted({row.word_length for row in rows if row.word_length is not None})
-    has_floats = any(row.word_length is None for row in rows)
-    places = {word: float(k) for k, word in enumerate(words)} | {None: len(words) + 0.3}
+    beyond = float(words[-1] + 4 if words else 32)
     for k, rate in enumerate(sorted({row.rate_Hz for row in rows})):
         style, marker = STYLES[k % len(STYLES)], _MARKERS[k % len(_MARKERS)]
         own = [row for row in rows if row.rate_Hz == rate and isfinite(row.rounding_m)]
-        fixed = sorted((places[row.word_length], 1e6 * row.rounding_m) for row in own if row.word_length is not None)
-        single = [(places[None], 1e6 * row.rounding_m) for row in own if row.word_length is None]
+        fixed = sorted((float(row.word_length), 1e6 * row.rounding_m) for row in own if row.word_length is not None)
+        single = [(beyond, 1e6 * row.rounding_m) for row in own if row.word_length is None]
         if fixed:
             axes.semilogy(*zip(*fixed, strict=True), marker=marker, markersize=4, label=f"{rate:g} Hz", **style)
         for x, y in single:
             axes.semilogy(x, y, marker=marker, markersize=4, color=style["color"])
     if limit_m is not None:
         axes.axhline(1e6 * limit_m, color="black", linewidth=0.9, linestyle=(0, (8, 3)), label=f"{1e6 * limit_m:g} µm")
-    ticks = [*places.values()] if has_floats else [places[word] for word in words]
-    names = [*(f"{word}" for word in words), *(["float"] if has_floats else [])]
-    axes.set_xticks(ticks, names)
+    ends = [(beyond, "float")] if any(row.word_length is None for row in rows) else []
+    places, names = zip(*[(float(word), f"{word}") for word in words], *ends, strict=True)
+    axes.set_xticks(places, names)
     axes.set_xlabel("word length, bits")
     axes.set_ylabel("largest motion of the tip by rounding, µm")
     axes.grid(which="major", color="0.85", linewidth=0.6)

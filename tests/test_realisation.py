@@ -1,0 +1,579 @@
+"""Controllers as machines carry them out: sections, words, C, the loop as realised, and what these cost."""
+
+import json
+from fractions import Fraction
+from math import degrees, pi, tan
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+import scipy.signal
+from flint import fmpq, fmpq_poly
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.control_models import state_space
+from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.loop import loop
+from beamdesign.polynomial import exact, roots
+from beamdesign.prototype import Lag, Proportional, Prototype, read_prototype
+from beamdesign.realisation import c_files, judge, realise, sufficient, trade
+from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
+from beamdesign.realisation.closed_loop import run_closed
+from beamdesign.realisation.coefficient import fixed_point
+from beamdesign.realisation.emulation import FixedPoint, Float32, in_volts_and_amperes, shifted, to_word
+from beamdesign.realisation.loop import realised_loop, rounded_loop
+from beamdesign.realisation.machine import CompiledController, compile_library, compiler
+from beamdesign.realisation.margins import continuous_figures, law_polynomials, sampled_figures
+from beamdesign.realisation.peaks import l1_norms, l2_norms
+from beamdesign.realisation.realise import Realisation, floats
+from beamdesign.realisation.roundings import half_steps, rounding_effect
+from beamdesign.realisation.sections import cascade
+from beamdesign.realisation.verdict import law_errors
+from beamdesign.records import InputError
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
+from beamdesign.simulate import simulate
+from beamdesign.specification.difference_equation import difference_equation
+from beamdesign.specification.sampled_loop import prove_sampled
+
+STUDIES = Path(__file__).parent.parent / "studies"
+TAME = STUDIES / "prototypes" / "tame_lag.toml"
+WORDS = [8, 16, 17, 32, None]
+
+
+@pytest.fixture(scope="module")
+def rig() -> Prototype:
+    return read_prototype(TAME)
+
+
+def pair(frequency_Hz: float, damping_ratio: float) -> fmpq_poly:
+    w = exact(2 * pi * frequency_Hz)
+    return fmpq_poly([1, 2 * exact(damping_ratio) / w, 1 / w**2])
+
+
+def one(frequency_Hz: float) -> fmpq_poly:
+    return fmpq_poly([1, 1 / exact(2 * pi * frequency_Hz)])
+
+
+def rich(gain: float = 0.05) -> TransferFunction:
+    """A lag with three sections, one of whose numerators and one of whose denominators is overdamped."""
+    top = one(20.0) * pair(80, 0.3) * pair(200, 1.5) * pair(130, 0.8)
+    bottom = one(1.7) * pair(120, 0.7) * pair(300, 0.4) * pair(150, 1.2)
+    return TransferFunction(exact(gain) * top, bottom)
+
+
+def value(polynomial: fmpq_poly, point: complex) -> complex:
+    return sum(float(Fraction(int(c.p), int(c.q))) * point**k for k, c in enumerate(polynomial.coeffs()))
+
+
+def response(realisation: Realisation, frequency_Hz: float) -> complex:
+    top, bottom = law_polynomials(realisation)
+    z = np.exp(2j * pi * frequency_Hz / realisation.rate_Hz)
+    return value(top, z) / value(bottom, z)
+
+
+# Sections
+
+
+@pytest.mark.parametrize("law", [Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), rich()], ids=["lag", "rich"])
+def test_tustins_rule_in_closed_form(law: Lag | TransferFunction) -> None:
+    """C_d(exp(j w T)) = C(j 2/T tan(w T/2)), which defines the bilinear rule."""
+    continuous = law if isinstance(law, TransferFunction) else transfer_function(law)
+    rate = 2000.0
+    found = realise(law, rate, 32, prewarped=False)
+    assert len(found.sections) == (1 if isinstance(law, Lag) else 5)  # overdamped ones as two each
+    for frequency in (0.0, 0.5, 1.7, 20.0, 80.0, 127.0, 300.0, 700.0):
+        s = 2j * rate * tan(pi * frequency / rate)
+        expected = value(continuous.numerator, s) / value(continuous.denominator, s)
+        assert response(found, frequency) == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_plain_rule_is_scipys() -> None:
+    law, rate = rich(), 3000.0
+    zeros, poles = (roots(p) for p in (law.numerator, law.denominator))
+    at, of, gain = scipy.signal.bilinear_zpk(zeros, poles, 0.05 * np.prod(-poles).real / np.prod(-zeros).real, rate)
+    found = realise(law, rate, 32, prewarped=False)
+    ours = roots(law_polynomials(found)[1])
+    assert np.sort_complex(ours) == pytest.approx(np.sort_complex(of), abs=1e-7)
+    for frequency in (1.0, 60.0, 400.0, 1400.0):
+        z = np.exp(2j * pi * frequency / rate)
+        assert response(found, frequency) == pytest.approx(gain * np.prod(z - at) / np.prod(z - of), rel=1e-5)
+
+
+def test_prewarped_a_lag_is_the_difference_equation_of_the_specification() -> None:
+    law = Lag(gain_A_per_V=0.2, pole_Hz=1.75, zero_Hz=26.0)
+    asked = difference_equation(law, 500.0)
+    (section,) = cascade(law, 500.0).sections
+    assert 1 - section.follow == pytest.approx(-asked.a1, rel=1e-11)
+    assert 0.2 * section.direct == pytest.approx(asked.b0, rel=1e-11)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.02, 0.45), st.floats(0.05, 0.95), st.floats(0.02, 0.45), st.floats(0.05, 0.95))
+def test_prewarped_every_root_keeps_its_frequency(own: float, zeros: float, other: float, poles: float) -> None:
+    """Shares of the rate. At its own frequency a pair is 2 j d, and a first-order root 1 + j, as in continuous time."""
+    rate, delta = 1000.0, np.exp(2j * pi * own) - 1
+    (notch,) = cascade(TransferFunction(pair(own * rate, zeros), pair(own * rate, poles)), rate).sections
+    top = notch.direct * delta**2 + notch.slope * notch.follow * delta + notch.follow**2
+    bottom = delta**2 + notch.damping * notch.follow * delta + notch.follow**2
+    assert top / bottom == pytest.approx(zeros / poles, rel=1e-6)
+    (lag,) = cascade(TransferFunction(one(other * rate), one(own * rate)), rate).sections
+    expected = (1 + 1j * tan(pi * own) / tan(pi * other)) / (1 + 1j)
+    assert (lag.direct * delta + lag.follow) / (delta + lag.follow) == pytest.approx(expected, rel=1e-6)
+
+
+def test_laws_that_cannot_be_coded_are_told() -> None:
+    lag = Lag(gain_A_per_V=0.2, pole_Hz=1.75, zero_Hz=26.0)
+    for law, words in (
+        (TransferFunction(one(3.0), fmpq_poly([1])), "proper"),
+        (TransferFunction(fmpq_poly([1]), fmpq_poly([0, 1])), "zero frequency"),
+        (TransferFunction(fmpq_poly([1]), fmpq_poly([1, -1])), "not stable"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            cascade(law, 1000.0)
+    with pytest.raises(ValueError, match="not more than twice"):
+        cascade(lag, 50.0)
+    with pytest.raises(ValueError, match="8 to 32"):
+        realise(lag, 1000.0, 7)
+    with pytest.raises(ValueError, match="too far apart"):
+        realise(lag, 1000.0, 8, largest_current_A=1e-6)
+    with pytest.raises(ValueError, match="too large for words"):
+        realise(lag.but(gain_A_per_V=200.0), 1000.0, 8)
+
+
+def test_sections_of_fewer_zeros_than_poles() -> None:
+    """Zeros at infinity go to z = -1: the response at half the rate vanishes."""
+    law = TransferFunction(fmpq_poly([exact(0.1)]), one(3.0) * pair(40, 0.5))
+    found = realise(law, 1000.0, 32)
+    assert abs(response(found, 500.0)) < 1e-7
+    assert response(found, 0.0) == pytest.approx(0.1, rel=1e-9)
+
+
+# Words
+
+
+@given(st.floats(1e-7, 60.0), st.integers(8, 32))
+def test_a_coefficient_is_rounded_to_its_word(number: float, bits: int) -> None:
+    """|error| at most half a unit of the last of bits - 1 significant places, which its shift never exceeds."""
+    found = fixed_point(number, bits)
+    assert abs(found.integer) < 2 ** (bits - 1)
+    assert 0 <= found.places <= 2 * bits - 2
+    made = Fraction(int(found.value.p), int(found.value.q))
+    assert abs(made - Fraction(number)) <= Fraction(1, 2 ** (found.places + 1))
+    if found.places < 2 * bits - 2:
+        assert abs(made / Fraction(number) - 1) <= Fraction(1, 2 ** (bits - 1))
+
+
+@given(st.integers(-(2**62), 2**62), st.integers(0, 61))
+def test_places_are_dropped_to_the_nearest(number: int, places: int) -> None:
+    found, true = shifted(number, places), Fraction(number, 2**places)
+    assert abs(found - true) <= Fraction(1, 2)
+    assert shifted(-number, places) == -found
+
+
+def test_poles_stay_where_the_direct_form_loses_them() -> None:
+    """At a high rate a word holds 1 - pole to 2^-15 of itself; the direct form's own coefficient only to 2^-15 of 1.
+
+    The direct form's pole -a1 near one, with 15 binary places, is off by up to 2^-16 of 1: by 3 % of 1 - pole here.
+    """
+    law = Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)
+    found = realise(law, 20000.0, 16)
+    assert law_errors(law, found, 20.0).pole <= 2.0**-15
+    pole = 1 - found.sections[0].follow
+    direct = abs(round(pole * 2**15) / 2**15 - pole) / (1 - pole)
+    assert direct > 100 * law_errors(law, found, 20.0).pole
+
+
+@pytest.mark.parametrize("bits", [12, 16, 24])
+def test_a_lag_has_no_dead_band(bits: int) -> None:
+    """Its static gain is one: the state becomes the error itself, be that one unit of a word."""
+    machine = FixedPoint(realise(Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), 2000.0, bits))
+    r = machine.realisation
+    for error in (3, -5, 1, 0):
+        for _ in range(6000):
+            current = machine.step(error)
+        assert shifted(machine.states["x1"], bits - 2) == error
+        assert current == shifted(r.coefficients["gain"].integer * error, r.current_shift)
+
+
+@pytest.mark.parametrize("bits", [12, 24])
+def test_limit_cycles_of_the_law_alone_stay_within_the_bound(bits: int) -> None:
+    """Second-order sections may hunt by a few units under a constant error, and on the average do not err."""
+    r = realise(rich(), 2000.0, bits)
+    machine, linear = FixedPoint(r), r.linear
+    bound = (l1_norms(floats(linear.a), floats(linear.f), floats(linear.c), floats(linear.g)) @ half_steps(r))[0]
+    for error in (3, -5, 0):
+        currents = [machine.step(error) for _ in range(9000)][6000:]
+        static = 0.05 * error * 2.0 ** (r.current_places - r.signal_places)
+        assert np.abs(np.array(currents) - static).max() * 2.0**-r.current_places <= bound
+        assert abs(np.mean(currents) - static) <= 0.5
+
+
+@pytest.mark.parametrize("bits", [8, 16, 24, 32, None])
+def test_rounding_stays_within_its_bound(bits: int | None) -> None:
+    """Against the exact law with the same coefficients, for errors within full scale that switch at their worst."""
+    r = realise(rich(), 2000.0, bits, largest_current_A=10.0)
+    linear, halves = r.linear, half_steps(r)
+    a, b, c, d, f, g = (floats(m) for m in (linear.a, linear.b, linear.c, linear.d, linear.f, linear.g))
+    bound = float((l1_norms(a, f, c, g) @ halves)[0])
+    random = np.random.default_rng(4)
+    errors = 10.0 * np.sign(random.standard_normal(3000)) * np.repeat(random.uniform(0, 1, 60), 50)
+    ours = np.array(in_volts_and_amperes(r, list(errors)))
+    x, exactly = np.zeros(len(a)), np.zeros(len(errors))
+    for k, e in enumerate(errors):
+        exactly[k] = (c @ x + d[:, 0] * e)[0]
+        x = a @ x + b[:, 0] * e
+    departure = np.abs(ours - exactly).max()
+    assert departure <= bound * (1 + 1e-6)
+    assert departure > 1e-3 * bound  # and the bound is one of this size, not of another
+
+
+def test_sums_of_impulse_responses_in_closed_form() -> None:
+    """Of c a^k b: |c b| / (1 - |a|) and |c b| / sqrt(1 - a^2)."""
+    a, b, c, d = np.diag([0.999, -0.5]), np.array([[1.0], [3.0]]), np.diag([2.0, 1.0]), np.array([[4.0], [0.0]])
+    assert l1_norms(a, b, c, d)[:, 0] == pytest.approx([2 / 0.001 + 4, 3 / 0.5], rel=1e-5)
+    assert l2_norms(a, b, c, d)[:, 0] == pytest.approx([np.sqrt(4 / (1 - 0.999**2) + 16), 3 / np.sqrt(0.75)], rel=1e-9)
+    turning = 0.97 * np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    summed = sum(abs(0.97**k * np.cos(0.3 * k)) for k in range(3000))
+    found = l1_norms(turning, np.array([[1.0], [0.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))[0, 0]
+    assert summed <= found <= summed * (1 + 1e-5)
+
+
+@pytest.mark.parametrize("bits", [16, None])
+def test_anti_windup_leaves_the_limit_sooner(bits: int | None) -> None:
+    """After a long error beyond the limit the current turns with the error, not when the lag has unloaded itself."""
+    law = Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)
+    r = realise(law, 2000.0, bits, largest_current_A=0.02)
+
+    class Winding(FixedPoint if bits else Float32):
+        def advance(self, state, coefficient, value, held):
+            super().advance(state, coefficient, value, False)
+
+    def samples_at_limit(machine) -> int:
+        volts = [8.0] * 2000 + [-0.5] * 3000
+        words = [to_word(r, v) for v in volts] if bits else volts
+        at_limit = [machine.step(w) and machine.limited for w in words]
+        return int(np.count_nonzero(np.array(at_limit[2000:]) > 0))
+
+    holding, winding = (samples_at_limit(kind(r)) for kind in ((FixedPoint if bits else Float32), Winding))
+    assert holding == 0
+    assert winding > 200
+
+
+# The loop as realised
+
+
+def discrete_loop(rig: Prototype, r: Realisation, mass: float, delayed: bool) -> tuple[control.StateSpace, ...]:
+    """Plant and controller by python-control: zero-order hold, and the law from its coefficients in floats."""
+    plant = state_space(rig, mass, "plant")["sensor_V", "current_A"]
+    held = control.c2d(control.ss(plant.A, plant.B, plant.C, plant.D), 1 / r.rate_Hz, "zoh")
+    law = control.ss(*(floats(m) for m in (r.linear.a, r.linear.b, r.linear.c, r.linear.d)), 1 / r.rate_Hz)
+    if delayed:
+        law = law * control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], 1 / r.rate_Hz)
+    return held, law
+
+
+@pytest.mark.parametrize("delayed", [False, True])
+@pytest.mark.parametrize("sections", [False, True])
+def test_the_realised_loop_has_python_controls_poles(rig: Prototype, delayed: bool, sections: bool) -> None:
+    r = realise(rich(0.02) if sections else rig.controller, 2000.0, 12)
+    ours = realised_loop(rig, r, delayed)
+    for mass in (0.0, 6.8):
+        theirs = control.feedback(control.series(*reversed(discrete_loop(rig, r, mass, delayed))), 1).poles()
+        found = np.linalg.eigvals(ours.matrix(exact(mass)))
+        assert len(found) == len(theirs)
+        for pole in theirs:
+            assert np.abs(found - pole).min() < 1e-5
+        disturbed = rounded_loop(ours, mass)
+        assert np.sort_complex(np.linalg.eigvals(disturbed.a)) == pytest.approx(np.sort_complex(found), abs=1e-9)
+
+
+def test_margins_against_a_sweep_and_against_scaled_gains(rig: Prototype) -> None:
+    r = realise(rig.controller, 2000.0, 12)
+    for delayed in (False, True):
+        found = sampled_figures(realised_loop(rig, r, delayed), 3.4)
+        held, law = discrete_loop(rig, r, 3.4, delayed)
+        w = np.geomspace(1, pi * 2000 * 0.999, 20000)
+        swept = control.frequency_response(held * law, w).complex.ravel()
+        assert np.abs(1 / (1 + swept)).max() == pytest.approx(found.peak_sensitivity, rel=1e-4)
+        crossing = np.nonzero(np.diff(np.sign(np.abs(swept) - 1)))[0]
+        assert w[crossing[-1]] / (2 * pi) == pytest.approx(found.crossover_Hz, rel=1e-3)
+        assert np.abs(np.angle(-swept[crossing], deg=True)).min() == pytest.approx(found.phase_deg, abs=0.1)
+        moduli = [
+            np.abs(control.feedback(held * law * (found.gain_up * factor), 1).poles()).max()
+            for factor in (0.999, 1.001)
+        ]
+        assert moduli[0] < 1 < moduli[1]
+
+
+def test_fast_and_long_enough_the_margins_are_the_continuous_ones(rig: Prototype) -> None:
+    design = continuous_figures(loop(rig).at(2.0))
+    found = sampled_figures(realised_loop(rig, realise(rig.controller, 1e6, 32)), 2.0)
+    assert found.peak_sensitivity == pytest.approx(design.peak_sensitivity, rel=2e-3)
+    assert found.gain_up == pytest.approx(design.gain_up, rel=5e-3)
+    assert found.phase_deg == pytest.approx(design.phase_deg, abs=0.1)
+    slow = sampled_figures(realised_loop(rig, realise(rig.controller, 20000.0, 32)), 2.0)
+    lag = degrees(2 * pi * design.crossover_Hz * 1.5 / 20000)  # half a period of hold and one of computing
+    assert design.crossover_Hz == pytest.approx(slow.crossover_Hz, rel=1e-3)
+    assert slow.phase_deg <= design.phase_deg
+    assert design.phase_deg - slow.phase_deg <= lag * 1.02
+
+
+def test_the_loop_is_proved_as_realised(rig: Prototype) -> None:
+    r = realise(rig.controller, 10000.0, 12)
+    found = prove_sampled(realised_loop(rig, r), 0.0, 6.8)
+    assert found.stable
+    enclosed = realised_loop(rig, r).enclosed(fmpq(1), fmpq(3, 2))
+    inner = realised_loop(rig, r).enclosed(fmpq(5, 4), fmpq(5, 4))
+    n = inner.nrows()
+    assert all(enclosed[i, j].overlaps(inner[i, j]) for i in range(n) for j in range(n))
+    for mass in np.linspace(0, 6.8, 9):
+        plant, law = discrete_loop(rig, r, mass, True)
+        assert np.abs(control.feedback(plant * law, 1).poles()).max() < 1
+    slow = judge(rig, realise(rig.controller, 250.0, 16), (0.0, 0.0), 1)
+    assert slow.proved is False
+    assert slow.masses[0].rounding is None
+
+
+# C
+
+
+def test_the_emulation_gives_the_recorded_currents() -> None:
+    """Worked by hand from the equations in the module: f = 1/4, h = 1/2 and gain 1/2 in words of 8 bits."""
+    follow, direct = 0.25, 0.5  # pole z = 3/4; zero z = 1 - f / h = 1/2
+    rate = 1000.0
+    pole, zero = (2 * rate * (1 - z) / (1 + z) / (2 * pi) for z in (0.75, 0.5))
+    r = realise(Lag(gain_A_per_V=0.5, pole_Hz=pole, zero_Hz=zero), rate, 8, full_scale_V=10.0, prewarped=False)
+    assert r.sections[0].follow == pytest.approx(follow, rel=1e-9)
+    assert r.sections[0].direct == pytest.approx(direct, rel=1e-9)
+    assert (r.signal_places, r.current_places) == (2, 4)
+    machine = FixedPoint(r)
+    # e = 40 is 10 V, a current of 1 A is 16: d = e - x, y = x + d / 2, i = 2 y, x += d / 4, halves away from zero
+    # x: 0, 10, 17.5, 23, 27.25; as words 0, 10, 18, 23; d: 40, 30, 22, 17; y: 20, 25, 29, 32
+    assert [machine.step(e) for e in (40, 40, 40, 40)] == [40, 50, 58, 64]
+    assert machine.states["x1"] / 2**6 == pytest.approx(27.25)
+
+
+def made(folder: Path, r: Realisation) -> CompiledController:
+    for name, text in c_files(r, "a rig").items():
+        (folder / name).write_text(text)
+    return CompiledController(compile_library(folder), r)
+
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler; the emulation is tested all the same")
+
+
+def hard_words(r: Realisation, count: int = 4000) -> list[float]:
+    """Small, large and largest errors, beyond what words hold, and runs at either limit."""
+    random = np.random.default_rng(8)
+    if r.word_length is None:
+        return [float(np.float32(v)) for v in random.choice([1e-4, 1.0, 30.0], count) * random.uniform(-1, 1, count)]
+    most = 2 ** (r.word_length - 1) - 1
+    noise = (random.choice([3 / most, 0.1, 1.0], count) * random.uniform(-1, 1, count) * most).astype(int)
+    noise[500:900], noise[900:1300] = most, -most
+    return [int(v) for v in noise]
+
+
+@needs_compiler
+@pytest.mark.parametrize("bits", WORDS)
+def test_c_is_the_emulation_to_the_last_bit(bits: int | None, tmp_path: Path) -> None:
+    for number, law in enumerate((rich(), Proportional(gain_A_per_V=0.01))):
+        r = realise(law, 2000.0, bits, largest_current_A=0.08)
+        (folder := tmp_path / f"{number}").mkdir()
+        machine, emulated = made(folder, r), FixedPoint(r) if bits else Float32(r)
+        assert machine.self_test() == 0
+        limited = 0
+        for error in hard_words(r):
+            assert machine.step(error) == emulated.step(error)
+            assert machine.limited == emulated.limited
+            limited += emulated.limited != 0
+        assert machine.states == emulated.states
+        assert limited > 100
+        for at in (machine, emulated):
+            at.reset(7)
+        assert machine.step(7) == emulated.step(7)
+
+
+@needs_compiler
+def test_the_self_test_finds_a_wrong_bit(tmp_path: Path) -> None:
+    r = realise(rich(), 2000.0, 16)
+    files = c_files(r, "a rig")
+    wrong = files[LAW].replace(
+        f"(controller_wide){r.coefficients['follow2'].integer})",
+        f"(controller_wide){r.coefficients['follow2'].integer + 40})",
+    )
+    assert wrong != files[LAW]
+    for name, text in (files | {LAW: wrong}).items():
+        (tmp_path / name).write_text(text)
+    assert 0 < CompiledController(compile_library(tmp_path), r).self_test() <= len(vectors(r).errors)
+
+
+def test_files_state_their_units_and_cannot_be_broken_by_a_name() -> None:
+    r = realise(rich(), 2000.0, 16, largest_current_A=0.08)
+    files = c_files(r, "a */ name")
+    assert set(files) == {HEADER, LAW, SELF_TEST}
+    assert "a * / name" in files[LAW]
+    header = files[HEADER]
+    assert f"#define CONTROLLER_ERROR_PLACES ({r.signal_places}) /* error in V = word / 2^places */" in header
+    for words in ("anti-windup", "2000 Hz", "0.08 A", "No memory is allocated"):
+        assert words in header
+    assert "malloc" not in "".join(files.values())
+    assert max(len(line) for text in files.values() for line in text.splitlines()) <= 120
+
+
+# In the loop, against the simulator
+
+
+class ExactLaw:
+    """The realised law without any rounding or limit, in floats of 64 bits; takes and gives V and A."""
+
+    def __init__(self, r: Realisation):
+        m = r.linear
+        self.a, self.b, self.c, self.d = (floats(part) for part in (m.a, m.b, m.c, m.d))
+        self.reset(0.0)
+
+    def reset(self, error: float) -> None:
+        self.x = np.full(len(self.a), float(error))
+
+    def step(self, error: float) -> float:
+        current = float((self.c @ self.x)[0] + self.d[0, 0] * error)
+        self.x = self.a @ self.x + self.b[:, 0] * error
+        return current
+
+
+@needs_compiler
+@pytest.mark.parametrize("bits", [16, 24, None])
+def test_the_compiled_controller_in_the_simulators_loop(bits: int | None, rig: Prototype, tmp_path: Path) -> None:
+    """Three loops on the same record: C, the exact law with its coefficients, and the simulator's own sampled law.
+
+    C may depart from the exact law by the bound of rounding. The exact law departs from the simulator's by its three
+    coefficients, each good to half a unit: loop and response change by no more than that in all, times the peak
+    sensitivity, which is below three.
+    """
+    mass, period = 2.0, 5e-4
+    scenario = Scenario(
+        name="push",
+        duration_s=2.0,
+        sample_s=period,
+        sampled=Sampled(period_s=period, delay_periods=1),
+        record=(
+            ScenarioRecord(
+                name="push", outer_end_mass_kg=mass, input=(Step(amplitude_N=500.0, at_s=0.05, rise_s=0.01),)
+            ),
+        ),
+    )
+    theirs = simulate(rig, scenario).records[0]
+    force, there = theirs.column("disturbance_N"), theirs.column("displacement_m")
+    r = realise(rig.controller, 1 / period, bits, full_scale_V=2.0, prewarped=False)
+    in_c = run_closed(rig, r, made(tmp_path, r), force, mass)
+    emulated = run_closed(rig, r, FixedPoint(r) if bits else Float32(r), force, mass)
+    assert np.array_equal(in_c.displacement_m, emulated.displacement_m)
+    assert np.array_equal(in_c.current_A, emulated.current_A)
+
+    in_volts = Realisation(r.asked, None, r.coefficients, 0, 0, 2.0, 1.0)
+    unrounded = run_closed(rig, in_volts, ExactLaw(r), force, mass)
+    bound = rounding_effect(realised_loop(rig, r), mass)
+    departure = np.abs(in_c.displacement_m - unrounded.displacement_m).max()
+    assert departure <= bound.displacement_m
+    assert np.abs(in_c.current_A - unrounded.current_A).max() <= bound.current_A
+
+    largest = np.abs(there).max()
+    coefficients = 3 * 3 * 2.0 ** -((bits or 24) - 1)
+    assert np.abs(unrounded.displacement_m - there).max() <= coefficients * largest
+    assert np.abs(in_c.displacement_m - there).max() <= bound.displacement_m + coefficients * largest
+
+    # At rest under a constant force: any limit cycle lies within the bound about the point of rest.
+    tail = in_c.displacement_m[-1000:]
+    assert np.abs(tail - unrounded.displacement_m[-1]).max() <= bound.displacement_m
+    assert np.abs(in_c.error_V).max() < 2.0  # full scale was never left
+
+
+# Rate and word length
+
+
+def test_margin_is_bought_by_rate_and_rounding_by_word_length(rig: Prototype) -> None:
+    rows = trade(rig, (0.0, 6.8), (2000.0, 10000.0), (12, 24, None), looked_at=2, prove=False)
+    by = {(row.rate_Hz, row.word_length): row for row in rows}
+    assert by[10000.0, 24].lost_sensitivity < by[2000.0, 24].lost_sensitivity
+    assert by[10000.0, 24].lost_sensitivity > 0
+    assert by[2000.0, 24].rounding_m == pytest.approx(by[2000.0, 12].rounding_m * 2.0**-12, rel=0.01)
+    assert by[2000.0, 24].expected_rounding_m < by[2000.0, 24].rounding_m
+    assert sufficient(rows, 9.0, 1.0) is None  # nothing was proved
+    slow = trade(rig, (0.0, 0.0), (35.0,), (16,), prove=False)[0]
+    assert "not more than twice" in slow.reason
+    assert slow.lost_sensitivity == float("inf")
+
+
+def test_what_suffices_for_the_shipped_prototype(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rig: Prototype
+) -> None:
+    """Ten kilohertz and 24 bits, as the script says; neither five kilohertz nor 16 bits."""
+    monkeypatch.syspath_prepend(str(STUDIES))
+    import realisation_trade
+
+    monkeypatch.setattr(realisation_trade, "RATES_HZ", (5000.0, 10000.0))
+    monkeypatch.setattr(realisation_trade, "WORDS", (16, 24))
+    lines = realisation_trade.main(rig, tmp_path / "picture.svg")
+    assert "tame_lag: 10000 Hz and 24 bits suffice" in lines[-2]
+    assert "word length, bits" in (tmp_path / "picture.svg").read_text()
+    assert len(lines) == 1 + 4 + 2
+
+
+# The command
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["code", *arguments])
+    if isinstance(done.exception, InputError):
+        return 2, str(done.exception)
+    return done.exit_code, done.output
+
+
+def test_the_command_writes_code_that_is_proved(tmp_path: Path) -> None:
+    answer = tmp_path / "answer.json"
+    options = ["--rate-Hz", "10000", "--word-length", "24", "--outer-end-mass", "0:2", "--json", str(answer)]
+    status, said = run(str(TAME), "--out", str(tmp_path / "c"), *options, *(["--compile"] if compiler() else []))
+    assert status == 0
+    assert "proved: stable for 0 to 2 kg" in said
+    assert "to the last bit" in said or not compiler()
+    fields = json.loads(answer.read_text())
+    assert fields["proved"] is True
+    assert fields["word_length"] == 24
+    assert fields["masses"][0]["late"]["peak_sensitivity"] > fields["masses"][0]["continuous"]["peak_sensitivity"]
+    assert {Path(file).name for file in fields["files"]} == {HEADER, LAW, SELF_TEST}
+    assert {file.name for file in (tmp_path / "c").iterdir()} == {HEADER, LAW, SELF_TEST}
+    assert "Proved stable for 0 to 2 kg" in (tmp_path / "c" / HEADER).read_text()
+
+
+def test_a_loop_that_is_not_stable_as_realised_gets_no_code(tmp_path: Path) -> None:
+    options = ["--rate-Hz", "250", "--outer-end-mass", "0:0", "--out", str(tmp_path / "c")]
+    status, said = run(str(TAME), *options)
+    assert status == 1
+    assert "not stable: a characteristic value of modulus" in said
+    assert not (tmp_path / "c").exists()
+
+
+def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
+    status, said = run(str(TAME), "--rate-Hz", "-1", "--word-length", "4", "--full-scale-V", "nan")
+    assert status == 2
+    assert "--rate-Hz: must be a finite number above zero" in said
+    assert "--word-length: must be from 8 to 32 bits, is 4" in said
+    assert "--full-scale-V" in said
+    assert run(str(TAME), "--rate-Hz", "1000", "--float", "--word-length", "16")[0] == 2
+    status, said = run(str(TAME), "--rate-Hz", "30", "--out", str(tmp_path / "c"))
+    assert (status, "not more than twice" in said) == (2, True)
+    without = tmp_path / "open.toml"
+    without.write_text(TAME.read_text().replace("[controller]", "[goal]\n# ").replace('kind = "lag"', ""))
+    assert run(str(without), "--rate-Hz", "1000")[0] == 2
+
+
+def test_effects_leave_the_proof_open_and_the_code_says_so(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(TAME.read_text() + "\n[effects.sensor_lag]\nbreak_Hz = 400.0\n")
+    status, said = run(str(rig), "--rate-Hz", "10000", "--float", "--out", str(tmp_path / "c"))
+    assert status == 0
+    assert "not looked at" in said
+    assert "not proved" in (tmp_path / "c" / HEADER).read_text()
