@@ -41,7 +41,7 @@ from beamdesign.specification.sampled_loop import prove_sampled
 
 STUDIES = Path(__file__).parent.parent / "studies"
 TAME = STUDIES / "prototypes" / "tame_lag.toml"
-WORDS = [8, 16, 17, 32, None]
+WORDS = [10, 16, 17, 32, None]
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +140,8 @@ def test_laws_that_cannot_be_coded_are_told() -> None:
         realise(lag, 1000.0, 7)
     with pytest.raises(ValueError, match="too far apart"):
         realise(lag, 1000.0, 8, largest_current_A=1e-6)
+    with pytest.raises(ValueError, match="rounding alone fills them"):
+        realise(rich(), 2000.0, 8)
     with pytest.raises(ValueError, match="too large for words"):
         realise(lag.but(gain_A_per_V=200.0), 1000.0, 8)
 
@@ -212,7 +214,7 @@ def test_limit_cycles_of_the_law_alone_stay_within_the_bound(bits: int) -> None:
         assert abs(np.mean(currents) - static) <= 0.5
 
 
-@pytest.mark.parametrize("bits", [8, 16, 24, 32, None])
+@pytest.mark.parametrize("bits", [10, 16, 24, 32, None])
 def test_rounding_stays_within_its_bound(bits: int | None) -> None:
     """Against the exact law with the same coefficients, for errors within full scale that switch at their worst."""
     r = realise(rich(), 2000.0, bits, largest_current_A=10.0)
@@ -229,6 +231,50 @@ def test_rounding_stays_within_its_bound(bits: int | None) -> None:
     departure = np.abs(ours - exactly).max()
     assert departure <= bound * (1 + 1e-6)
     assert departure > 1e-3 * bound  # and the bound is one of this size, not of another
+
+
+def test_within_full_scale_no_word_overflows_and_one_place_more_would() -> None:
+    """Errors that switch by the sign of the impulse response of each signal drive it to its peak."""
+    r = realise(rich(), 2000.0, 16)
+    linear, n = r.linear, len(r.states)
+    a, b, rows = floats(linear.a), floats(linear.b)[:, 0], floats(linear.signals)
+    most, seen = 2**15 - 1, 0
+
+    class Watching(FixedPoint):
+        def signal(self, name: str, value: int) -> int:
+            nonlocal seen
+            seen = max(seen, abs(value))
+            return super().signal(name, value)
+
+    full = int(r.full_scale_V * 2.0**r.signal_places)
+    for row in rows:
+        ahead, impulse = row[:n], [row[n]]
+        for _ in range(1500):
+            impulse.append(ahead @ b)
+            ahead = ahead @ a
+        machine = Watching(r)
+        for share in reversed(impulse):
+            machine.step(full if share >= 0 else -full)
+    assert most / 2 < seen <= most
+
+
+def test_scaled_by_energy_words_have_more_places() -> None:
+    assert realise(rich(), 2000.0, 16, scaling="l2").signal_places > realise(rich(), 2000.0, 16).signal_places
+
+
+def test_errors_of_the_law_are_those_that_python_control_sees(rig: Prototype) -> None:
+    assert isinstance(rig.controller, Lag)
+    r = realise(rig.controller, 2000.0, 10)
+    found = law_errors(rig.controller, r, 60.0)
+    law = control.ss(*(floats(m) for m in (r.linear.a, r.linear.b, r.linear.c, r.linear.d)), 1 / r.rate_Hz)
+    top, bottom = [rig.controller.gain_A_per_V / (2 * pi * 20.0), rig.controller.gain_A_per_V], [1 / (2 * pi * 1.7), 1]
+    ratio = control.evalfr(law, np.exp(2j * pi * 60.0 / 2000.0)) / control.evalfr(
+        control.tf(top, bottom), 2j * pi * 60.0
+    )
+    assert found.gain_dB == pytest.approx(20 * np.log10(abs(ratio)), abs=1e-9)
+    assert found.lag_deg == pytest.approx(-np.angle(ratio, deg=True), abs=1e-7)
+    assert found.static_gain == pytest.approx(float(control.dcgain(law)) / 0.05 - 1, abs=1e-12)
+    assert (found.hold_lag_deg, found.computing_lag_deg) == (pytest.approx(5.4), pytest.approx(10.8))
 
 
 def test_sums_of_impulse_responses_in_closed_form() -> None:
@@ -418,7 +464,14 @@ def test_files_state_their_units_and_cannot_be_broken_by_a_name() -> None:
     assert "a * / name" in files[LAW]
     header = files[HEADER]
     assert f"#define CONTROLLER_ERROR_PLACES ({r.signal_places}) /* error in V = word / 2^places */" in header
-    for words in ("anti-windup", "2000 Hz", "0.08 A", "No memory is allocated"):
+    for words in (
+        "anti-windup",
+        "2000 Hz",
+        "0.08 A",
+        "No memory is allocated",
+        "no signal can overflow",
+        "__cplusplus",
+    ):
         assert words in header
     assert "malloc" not in "".join(files.values())
     assert max(len(line) for text in files.values() for line in text.splitlines()) <= 120

@@ -12,6 +12,10 @@ from beamdesign.realisation.realise import Realisation
 VECTORS = 96
 """Samples of the self-test."""
 _PER_LINE = 6
+_OVERFLOW = {
+    "l1": ": within them no signal can overflow; larger ones are limited.",
+    "l2": "; a signal that a word cannot hold is limited, which long large errors can bring about.",
+}
 HEADER, LAW, SELF_TEST = "controller.h", "controller.c", "controller_self_test.c"
 
 
@@ -76,17 +80,18 @@ def _header(realisation: Realisation, name: str, notes: tuple[str, ...]) -> str:
         "",
         f"Call controller_step once per sample at {realisation.rate_Hz:g} Hz and hold its current until the next.",
         f"Call controller_reset before the first sample. Both take and give {unit}, in the units below.",
-        f"Errors up to {scale:g} V can overflow nothing; larger ones are limited." if fixed else
-        f"Meant for errors up to {scale:g} V.",
+        f"Made for errors up to {scale:g} V" + (_OVERFLOW[realisation.scaling] if fixed else "."),
         f"The current is limited to {limit:g} A. While it is, lag sections do not move further in its direction",
         "(anti-windup); all other sections are stable filters of unit static gain and run on.",
         "No memory is allocated, nothing blocks, nothing depends on the platform beyond C99"
-        + ("; integers are two's complement." if fixed else " and IEEE 754 floats of 32 bits."),
+        + ("." if fixed else " and IEEE 754 floats of 32 bits."),
         "" if fixed else "Compile with -std=c99 or -ffp-contract=off: fused operations change the last bit.",
+        "" if fixed else "An error that is not a number stays in the states until the next reset: look for it before.",
         *notes,
     ]  # fmt: skip
     lines = [*_comment([line for k, line in enumerate(about) if line or k == 1]), "#ifndef CONTROLLER_H"]
     lines += ["#define CONTROLLER_H", ""]
+    linkage = ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""], ["#ifdef __cplusplus", "}", "#endif", ""]
     if fixed:
         short = (realisation.word_length or 0) <= 16
         lines += [
@@ -110,13 +115,13 @@ def _header(realisation: Realisation, name: str, notes: tuple[str, ...]) -> str:
     lines += [f"    {state} {x}; /* {unit_of_states}: section {x[1:]}, {meaning[x[0]]} */" for x in realisation.states]
     lines += [
         "    int limited; /* 1 or -1 while the current is at its upper or lower limit, else 0 */",
-        "} controller_state;", "",
+        "} controller_state;", "", *linkage[0],
         "/* At rest under a constant error: the next current is that of the static gain. */",
         f"void controller_reset(controller_state *state, {kind} error);", "",
         "/* One sample: current from error. */",
         f"{kind} controller_step(controller_state *state, {kind} error);", "",
         "/* 0 where this machine computes as it should, else the number of the first sample that differs. */",
-        "int controller_self_test(void);", "", "#endif", "",
+        "int controller_self_test(void);", "", *linkage[1], "#endif", "",
     ]  # fmt: skip
     return "\n".join(lines)
 

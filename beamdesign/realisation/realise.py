@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, frexp, log2
+from math import floor, frexp, log2
 from typing import Literal
 
 import numpy as np
@@ -36,6 +36,7 @@ class Realisation:
         current_places: of words in A; 0 in floats.
         full_scale_V: largest error that it is scaled for; larger ones are limited.
         largest_current_A: limit of the current.
+        scaling: by which the words were chosen, see `realise`.
     """
 
     asked: Cascade
@@ -45,6 +46,7 @@ class Realisation:
     current_places: int
     full_scale_V: float
     largest_current_A: float
+    scaling: Scaling = "l1"
 
     @property
     def rate_Hz(self) -> float:
@@ -122,13 +124,12 @@ def realise(
     linear = linear_law(asked.sections, coefficients, word_length is None)
     if len(linear.states) and np.abs(np.linalg.eigvals(floats(linear.a))).max() >= 1:
         raise ValueError(f"words of {word_length} bits are too short: the rounded controller itself is not stable")
-    norm = float(signal_peaks(linear, scaling).max())
     if word_length is None:
-        return Realisation(asked, None, coefficients, 0, 0, full_scale_V, largest)
-    signal_places = word_length - 1 - ceil(log2(full_scale_V * norm * (1 + 2.0 ** (2 - word_length))))
+        return Realisation(asked, None, coefficients, 0, 0, full_scale_V, largest, scaling)
+    signal_places = _places(linear, word_length, full_scale_V, scaling)
     # Never more places than a product has: the last operation drops places, it cannot make any.
     current_places = min(word_length - 1 - frexp(largest)[1], coefficients["gain"].places + signal_places)
-    made = Realisation(asked, word_length, coefficients, signal_places, current_places, full_scale_V, largest)
+    made = Realisation(asked, word_length, coefficients, signal_places, current_places, full_scale_V, largest, scaling)
     if made.current_limit < 1 or made.current_shift > 2 * word_length - 2:
         raise ValueError(
             f"a largest current of {largest:g} A and what the gain makes of {full_scale_V:g} V, "
@@ -137,12 +138,18 @@ def realise(
     return made
 
 
-def signal_peaks(linear: LinearLaw, scaling: Scaling = "l1") -> np.ndarray:
-    """(p,) norms from the error to every signal that a word holds, with the coefficients as realised."""
+def _places(linear: LinearLaw, word_length: int, full_scale_V: float, scaling: Scaling) -> int:
+    """The most binary places with which every signal of an error within full scale, roundings included, fits a word."""
     n = len(linear.states)
-    rows = floats(linear.signals)
+    a, rows = floats(linear.a), floats(linear.signals)
     norms = l1_norms if scaling == "l1" else l2_norms
-    return np.asarray(norms(floats(linear.a), floats(linear.b), rows[:, :n], rows[:, n : n + 1])[:, 0])
+    peaks = norms(a, floats(linear.b), rows[:, :n], rows[:, n : n + 1])[:, 0]
+    halves = [0.5 if kind == "signal" else 0.5 * 2.0 ** (2 - word_length) for _, kind in linear.roundings]
+    rounded = l1_norms(a, floats(linear.f), rows[:, :n], rows[:, n + 1 :]) @ np.array(halves)
+    room = 2 ** (word_length - 1) - 1 - rounded
+    if room.min() <= 0:
+        raise ValueError(f"words of {word_length} bits are too short: rounding alone fills them")
+    return floor(log2(float((room / (full_scale_V * peaks)).min())))
 
 
 def floats(matrix: fmpq_mat) -> np.ndarray:
