@@ -150,6 +150,19 @@ class MemberRig:
         return Plant(Affine(constant, slope), control, disturbance)
 
 
+def bilinear_plant(rig: "LinearRig | MemberRig") -> BilinearPlant:
+    """The plant of a rig over both end masses, exact."""
+    if isinstance(rig, MemberRig):
+        return rig.bilinear
+    bare, added = rig.plant(0.0), rig.plant(1.0)
+    (d00, d10), (s0, s1) = ((p.denominator.constant, p.denominator.slope) for p in (bare, added))
+    return BilinearPlant(
+        ((d00, s0 - d00), (d10, s1 - d10)),
+        (bare.control, added.control - bare.control),
+        (bare.disturbance, added.disturbance - bare.disturbance),
+    )
+
+
 @dataclass(frozen=True)
 class Interval:
     """Closed interval of factors on the loop gain."""

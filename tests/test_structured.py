@@ -1,6 +1,7 @@
 """Structured controllers: a lag with second-order sections, from its record to what is proved and simulated of it."""
 
 import hashlib
+import json
 import re
 from math import pi
 from pathlib import Path
@@ -9,8 +10,13 @@ import control
 import numpy as np
 import pytest
 from scipy.signal import sos2zpk, zpk2tf
+from typer.testing import CliRunner
 
+from beamdesign.cli import app
 from beamdesign.controller import control_model, shape_response, transfer_function
+from beamdesign.design.loop_search import grid_plant
+from beamdesign.design.sampled_loops import samples, slacks
+from beamdesign.design.tuning import Tuning, tune
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
@@ -21,6 +27,8 @@ from beamdesign.prototype import Prototype, Section, Structured, read_prototype,
 from beamdesign.records import InputError
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulate import half_steps, simulate
+from beamdesign.study.delivered import MEASURED_WITHIN, delivered
+from beamdesign.study.design_run import certified
 
 LAW = Structured(
     gain_A_per_V=0.05,
@@ -217,3 +225,98 @@ def test_what_is_for_a_lag_alone_says_so(rig: Prototype) -> None:
     )
     with pytest.raises(InputError, match="'structured' is not for a sampled loop"):
         simulate(rig, plan)
+
+
+def test_slopes_of_the_sampled_slacks_are_those_of_finite_differences(rig: Prototype) -> None:
+    points = samples(grid_plant(linear_rig(rig), np.geomspace(1.0, 600.0, 40)), [0.0, 6.8])
+    figures = [LAW.gain_A_per_V, LAW.pole_Hz, LAW.zero_Hz]
+    figures += [value for part in LAW.section for value in part.model_dump().values()]
+    at = np.append(np.log(figures), 4.5)
+    found = slacks(points, rig.goal, at)
+    for k in range(len(at)):
+        step = np.zeros(len(at))
+        step[k] = 1e-6
+        up, down = (slacks(points, rig.goal, at + side * step, slopes=False) for side in (1, -1))
+        for part, name in enumerate(("sensitivity", "compliance", "loop_gain", "effort")):
+            limited = np.isfinite(getattr(found, name))
+            expected = (getattr(up, name)[limited] - getattr(down, name)[limited]) / 2e-6
+            np.testing.assert_allclose(
+                found.slopes[part][limited, k], expected, atol=2e-6 * np.abs(expected).max() + 1e-9
+            )
+
+
+def test_sampled_slacks_are_those_of_the_exact_loop(rig: Prototype) -> None:
+    frequency = np.geomspace(1.0, 600.0, 40)
+    points = samples(grid_plant(linear_rig(rig), frequency), [2.0])
+    figures = [LAW.gain_A_per_V, LAW.pole_Hz, LAW.zero_Hz]
+    figures += [value for part in LAW.section for value in part.model_dump().values()]
+    found = slacks(points, rig.goal, np.append(np.log(figures), 4.5), slopes=False)
+    exact = loop(rig).at(2.0)
+    np.testing.assert_allclose(found.sensitivity, np.log(2 / np.abs(exact.sensitivity_response(frequency))), atol=1e-8)
+    np.testing.assert_allclose(found.effort, np.log(0.06 / np.abs(exact.effort_response(frequency))), atol=1e-8)
+    compliance = np.log(5.71e-8 / np.abs(exact.compliance_response(frequency)))
+    np.testing.assert_allclose(found.compliance, compliance, atol=1e-8)
+    assert found.settled is exact.stable
+
+
+@pytest.fixture(scope="module")
+def tuned(rig: Prototype) -> Tuning:
+    """One section, without payload: enough to be twice as fast as a lag."""
+    return tune(rig, (0.0, 0.0), "structured", 0.0, sections=1)
+
+
+def test_a_section_more_than_doubles_the_bandwidth_of_the_lag(rig: Prototype, tuned: Tuning) -> None:
+    """The lag alone reaches 5.6 Hz with this filter."""
+    lag = tune(rig, (0.0, 0.0), "lag", 0.0)
+    assert lag.best is not None
+    assert tuned.best is not None
+    assert tuned.best.bandwidth_Hz > 2 * lag.best.bandwidth_Hz
+    certificate, prototype = certified(tuned.prototype, tuned.best, (0.0, 0.0))
+    assert certificate.holds, certificate.reason
+    assert {claim.kind for claim in certificate.claims} >= {"loop_gain", "controller_effort"}
+    assert replay(certificate.text).valid
+    closed = loop(prototype).at(0.0)
+    assert closed.bandwidth_Hz() == pytest.approx(tuned.best.bandwidth_Hz, rel=1e-6)
+    assert closed.peak_sensitivity() <= 2.0
+
+
+def test_limits_of_the_goal_cost_bandwidth(rig: Prototype, tuned: Tuning) -> None:
+    """A current that is ten times less allows less, and a lag keeps the goal's limits too."""
+    tighter = rig.but(goal=rig.goal.but(controller_effort_A_per_V=0.006))
+    found = tune(tighter, (0.0, 0.0), "lag", 0.0)
+    assert found.best is not None
+    reached = loop(found.prototype).at(0.0)
+    frequency = np.geomspace(0.1, 3000.0, 3000)
+    effort = np.abs(reached.effort_response(frequency)).max()
+    assert 0.99 * 0.006 < effort <= 0.006
+    assert tuned.best is not None
+    assert found.best.bandwidth_Hz < 0.5 * tuned.best.bandwidth_Hz
+
+
+def test_what_a_good_rig_delivers_is_what_its_linear_loop_promises(tuned: Tuning) -> None:
+    """With no effects the measured bandwidth is that of the response at the measured limit."""
+    assert tuned.best is not None
+    closed = loop(tuned.prototype).at(0.0)
+    found = delivered(tuned.prototype, 0.0, 30.0)
+    assert found.stable
+    expected = closed.bandwidth_Hz((1 + MEASURED_WITHIN) * tuned.prototype.goal.compliance_m_per_N)
+    assert found.bandwidth_Hz == pytest.approx(expected, abs=1.0)
+    # Too little current: the same rig cannot follow the same force.
+    weak = tuned.prototype.but(effects={"current_saturation": {"limit_A": 2e-4}})
+    assert delivered(weak, 0.0, 300.0).bandwidth_Hz < 0.5 * found.bandwidth_Hz
+
+
+def test_the_command_tunes_within_limits_and_says_which(rig: Prototype, tmp_path: Path) -> None:
+    bare = rig.but(goal=type(rig.goal)(), controller=None)
+    write_prototype(bare, tmp_path / "bare.toml")
+    told = ["tune", str(tmp_path / "bare.toml"), "--controller", "structured", "--sections", "1"]
+    told += ["--outer-end-mass", "0:0", "--largest-inner-end-mass-kg", "0", "--controller-effort-A-per-V", "inf"]
+    done = CliRunner().invoke(app, [*told, "--out", str(tmp_path), "--json", str(tmp_path / "answer.json")])
+    assert done.exit_code == 0, done.exception
+    found = read_prototype(tmp_path / "prototype.toml")
+    assert isinstance(found.controller, Structured)
+    assert (found.goal.loop_gain, found.goal.controller_effort_A_per_V) == (0.25, None)
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert answer["guaranteed"]["loop_gain"] == 0.25
+    assert answer["controller"]["section"][0]["pole_Hz"] == found.controller.section[0].pole_Hz
+    assert replay((tmp_path / "certificate.toml").read_text()).valid

@@ -2,7 +2,7 @@
 
 from math import inf
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,7 +19,12 @@ from beamdesign.cli.output import (
 )
 from beamdesign.whole_file import write_whole
 
-KINDS = ("lag", "proportional")
+if TYPE_CHECKING:
+    from beamdesign.prototype import Controller, Goal
+
+KINDS = ("lag", "proportional", "structured")
+VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
+"""Of a structured controller where neither the goal nor the command says otherwise: what the published valve bears."""
 
 
 def tune(
@@ -31,6 +36,26 @@ def tune(
     ] = 6.0,
     peak_sensitivity: Annotated[
         float | None, typer.Option(help="Limit of the peak sensitivity; else the prototype's goal.")
+    ] = None,
+    sections: Annotated[
+        int, typer.Option(min=1, max=3, help="Second-order sections of a structured controller, behind its lag.")
+    ] = 3,
+    loop_gain: Annotated[
+        float | None,
+        typer.Option(
+            "--loop-gain",
+            help="Limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 if structured.",
+        ),
+    ] = None,
+    loop_gain_from_Hz: Annotated[
+        float | None, typer.Option("--loop-gain-from-Hz", help="From where on it holds; else the goal's, 250 Hz.")
+    ] = None,
+    controller_effort_A_per_V: Annotated[
+        float | None,
+        typer.Option(
+            "--controller-effort-A-per-V",
+            help="Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 if structured.",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -46,7 +71,8 @@ def tune(
 
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
     peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic, and for all linear
-    members of a prototype with effects. Exit status 1 if no design can be proved.
+    members of a prototype with effects. A structured controller is a lag with second-order sections, within limits of
+    loop gain and current that its valve sets. Exit status 1 if no design can be proved.
     """
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
@@ -66,8 +92,14 @@ def tune(
         if not 1 < peak_sensitivity < inf:
             raise InputError("--peak-sensitivity", [(f"{peak_sensitivity:g}", "must be finite and greater than 1")])
         record = record.but(goal=record.goal.but(peak_sensitivity=peak_sensitivity))
+    given = {
+        "loop_gain": loop_gain,
+        "loop_gain_from_Hz": loop_gain_from_Hz,
+        "controller_effort_A_per_V": controller_effort_A_per_V,
+    }
+    record = record.but(goal=_limited(record.goal, controller, given))
     with progress("tuning") as update:
-        found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update)
+        found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update, sections)
     if found.best is None:
         say(found.reason)
         write_json(json, {"controller": None, "inner_end_mass_kg": None, "guaranteed": None, "reason": found.reason})
@@ -80,10 +112,11 @@ def tune(
         write_whole(paths["certificate"], certificate.text)
         write_prototype(guaranteed, paths["prototype"])
     rows = [
-        *((name, str(value)) for name, value in best.controller.model_dump().items()),
+        *_figures(best.controller),
         ("inner_end_mass_kg", str(best.inner_end_mass_kg)),
         ("guaranteed bandwidth", at_least(best.bandwidth_Hz, "Hz")),
         ("guaranteed peak sensitivity", at_most(best.peak_sensitivity, "1")),
+        *_kept(record.goal),
         ("for every outer end mass", mass_range_text(masses)),
     ]
     say_table(f"{record.name}: tuned {controller} controller", ("figure", "value"), rows)
@@ -110,6 +143,9 @@ def tune(
                 "bandwidth_Hz": best.bandwidth_Hz,
                 "peak_sensitivity": best.peak_sensitivity,
                 "outer_end_mass_kg": list(masses),
+                "loop_gain": record.goal.loop_gain,
+                "loop_gain_from_Hz": record.goal.loop_gain_from_Hz,
+                "controller_effort_A_per_V": record.goal.controller_effort_A_per_V,
                 "method": certificate.method,
                 "scope": certificate.scope,
             },
@@ -118,3 +154,45 @@ def tune(
             **paths,
         },
     )
+
+
+def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
+    """The goal with the limits of the command; those of a structured controller where neither says anything."""
+    from beamdesign.records import InputError
+
+    changes: dict[str, float | None] = {}
+    for name, value in given.items():
+        option = "--" + name.replace("_", "-")
+        if value is not None and not value > 0:
+            raise InputError(option, [(f"{value:g}", "must be greater than 0")])
+        if value == inf and name == "loop_gain_from_Hz":
+            raise InputError(option, [("inf", "must be finite; --loop-gain inf is no limit")])
+        if value is not None:
+            changes[name] = None if value == inf else value
+        elif kind == "structured" and name in VALVE_LIMITS and getattr(goal, name) is None:
+            changes[name] = VALVE_LIMITS[name]
+    return goal.but(**changes) if changes else goal
+
+
+def _figures(controller: "Controller") -> list[tuple[str, str]]:
+    """The figures of a controller, those of each section in one row."""
+    figures = controller.model_dump()
+    sections = figures.pop("section", ())
+    rows = [(name, str(value)) for name, value in figures.items()]
+    for k, section in enumerate(sections, start=1):
+        words = ", ".join(
+            f"{side} {section[f'{side}_Hz']:g} Hz damped {section[f'{side}_damping_ratio']:g}"
+            for side in ("zero", "pole")
+        )
+        rows.append((f"section {k}", words))
+    return rows
+
+
+def _kept(goal: "Goal") -> list[tuple[str, str]]:
+    """The limits of loop gain and effort that are proved to be kept."""
+    rows = []
+    if goal.loop_gain is not None:
+        rows.append((f"guaranteed |L| from {goal.loop_gain_from_Hz:g} Hz up", f"at most {goal.loop_gain:g}"))
+    if goal.controller_effort_A_per_V is not None:
+        rows.append(("guaranteed |C/(1+L)|", f"at most {goal.controller_effort_A_per_V:g} A/V"))
+    return rows

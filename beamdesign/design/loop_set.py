@@ -60,7 +60,7 @@ def constraints(kind: str, filtered: bool, members: Sequence[Member], active: Co
             0.0 if performs else log(LOOSER_PEAK),
             performs,
         )
-        for rig, factor, performs in _ends([members[k] for k in sorted(active)])
+        for rig, factor, performs in ends([members[k] for k in sorted(active)])
     ]
 
 
@@ -69,7 +69,7 @@ def first_active(members: Sequence[Member]) -> set[int]:
     return {next((k for k, member in enumerate(members) if member.performance is not None), 0)}
 
 
-def _ends(members: Sequence[Member]) -> list[tuple[MemberRig, float, bool]]:
+def ends(members: Sequence[Member]) -> list[tuple[MemberRig, float, bool]]:
     """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
     found = []
     for member in members:
@@ -85,7 +85,7 @@ def grids(rig: LinearRig, members: Sequence[Member], frequency_Hz: np.ndarray) -
     if not members:
         return [grid_plant(rig, frequency_Hz)]
     return [
-        member_grid(member.bilinear, factor, frequency_Hz) for member, factor, performs in _ends(members) if performs
+        member_grid(member.bilinear, factor, frequency_Hz) for member, factor, performs in ends(members) if performs
     ]
 
 

@@ -14,6 +14,7 @@ from scipy.stats import qmc
 from beamdesign.design.controller_forms import FORMS, ControllerForm
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Proved, Refinement, refine
 from beamdesign.design.starts import best_starts
+from beamdesign.design.structured_tuning import grow
 from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import Member, family
 from beamdesign.prototype import Goal, Prototype
@@ -41,7 +42,8 @@ class Tuning:
         prototype: with the tuned controller and end mass; as given where nothing was found.
         outer_end_mass_kg: the range of the guarantee.
         best: the proved loop, None where there is none.
-        starts: bandwidth that each start of the refinement was proved to reach, 0 for a failed one.
+        starts: bandwidth that each start of the refinement was proved to reach, 0 for a failed one; of a structured
+            controller, what designs with all sections reach on samples, the largest first.
         failures: why starts failed, under the last limit that was tried.
         certificates: how many exact stability proofs were run.
         reason: why there is no answer, empty where there is one.
@@ -93,15 +95,17 @@ def tune(
     kind: str = "lag",
     largest_inner_end_mass_kg: float = 6.0,
     progress: Progress | None = None,
+    sections: int = 3,
 ) -> Tuning:
     """Tune controller and inner end mass for the largest guaranteed bandwidth.
 
     Args:
         prototype: the rig; its goal sets the limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
-        kind: controller kind, a key of `beamdesign.design.controller_forms.FORMS`.
+        kind: controller kind, a key of `beamdesign.design.controller_forms.FORMS`, or `structured`.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
+        sections: second-order sections of a structured controller.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
@@ -111,8 +115,16 @@ def tune(
         InputError: for effects for which no linear loop stands.
     """
     told = progress or (lambda fraction, text: None)
-    form, rig = FORMS[kind], linear_rig(prototype.but(effects={}))
+    rig = linear_rig(prototype.but(effects={}))
     members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
+    if kind == "structured":
+        grown = grow(rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, sections, told)
+        if grown.proved is None or grown.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
+            why = _no_answer(kind, prototype.goal, outer_end_mass_kg, grown.reason)
+            return Tuning(prototype, outer_end_mass_kg, None, grown.sampled, (grown.reason,), grown.certificates, why)
+        tuned = _tuned(prototype, grown.proved, outer_end_mass_kg)
+        return Tuning(tuned, outer_end_mass_kg, grown.proved, grown.sampled, (), grown.certificates)
+    form = FORMS[kind]
     peaks = [limit for limit in STRICTER_PEAKS if limit < prototype.goal.peak_sensitivity]
     certificates = 0
     for k, peak in enumerate([prototype.goal.peak_sensitivity, *peaks]):
@@ -126,22 +138,30 @@ def tune(
     reached = tuple(refinement.proved.bandwidth_Hz if refinement.proved else 0.0 for refinement in refined)
     failures = tuple(refinement.reason for refinement in refined if refinement.reason)
     if not proved:
-        low, high = outer_end_mass_kg
-        reason = (
-            f"no {kind} controller was found that is proved stable with peak sensitivity at most"
-            f" {prototype.goal.peak_sensitivity:g} for outer end masses of {low:g} to {high:g} kg, and keeps"
-            f" {prototype.goal.compliance_m_per_N:g} m/N up to any useful frequency"
-            f" ({failures[0] if failures else 'no sampled design keeps within that peak'}); a narrower range,"
-            " a larger peak sensitivity, a larger compliance or more inner end mass may allow one"
-        )
+        failure = failures[0] if failures else "no sampled design keeps within that peak"
+        reason = _no_answer(kind, prototype.goal, outer_end_mass_kg, failure)
         return Tuning(prototype, outer_end_mass_kg, None, reached, failures, certificates, reason)
     best = min(proved, key=program.cost)
-    tuned = prototype.but(
+    return Tuning(_tuned(prototype, best, outer_end_mass_kg), outer_end_mass_kg, best, reached, failures, certificates)
+
+
+def _no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
+    """Why there is no design, and what may allow one."""
+    low, high = masses_kg
+    return (
+        f"no {kind} controller was found that is proved stable with peak sensitivity at most"
+        f" {goal.peak_sensitivity:g} for outer end masses of {low:g} to {high:g} kg, and keeps"
+        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency ({failure}); a narrower range,"
+        " a larger peak sensitivity, a larger compliance or more inner end mass may allow one"
+    )
+
+
+def _tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) -> Prototype:
+    return prototype.but(
         controller=best.controller,
-        payload=prototype.payload.but(outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=best.inner_end_mass_kg),
+        payload=prototype.payload.but(outer_end_mass_kg=masses_kg, inner_end_mass_kg=best.inner_end_mass_kg),
         guarantee=None,
     )
-    return Tuning(tuned, outer_end_mass_kg, best, reached, failures, certificates)
 
 
 def _within(told: Progress, k: int, count: int) -> Progress:

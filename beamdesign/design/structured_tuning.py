@@ -1,0 +1,227 @@
+"""Tuning of a lag with second-order sections: grown section by section on samples, then proved and backed off.
+
+A lag comes first. Each further section begins as one that does nothing, at several frequencies, and the whole is
+optimised anew; the best few go on. What is returned is proved by the same oracle as every other loop: where it refutes
+a limit between the samples, all limits are tightened by what was missing, and the last polish is done again.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf, log
+
+import numpy as np
+
+from beamdesign.design.bandwidth_climb import climb
+from beamdesign.design.bandwidth_polish import STIFFER, Polish
+from beamdesign.design.controller_forms import STRUCTURED, ControllerForm, form_named
+from beamdesign.design.loop_search import member_grid
+from beamdesign.design.loop_set import LOOSER_PEAK, LoopSet, ends, loop_set
+from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
+from beamdesign.design.sampled_loops import Samples, samples, slacks
+from beamdesign.linear import LinearRig
+from beamdesign.members import BilinearPlant, Member, bilinear_plant
+from beamdesign.prototype import Goal
+
+FREQUENCIES_HZ = np.concatenate(
+    [
+        np.geomspace(0.01, 4.9, 60),
+        np.geomspace(5.0, 150.0, 380),
+        np.geomspace(153.0, 1200.0, 70),
+        np.geomspace(1300, 1e5, 12),
+    ]
+)
+"""Of the samples: fine where peaks may be sharp; far above everything, the controller's effort still grows."""
+
+SECTION_HZ = (8.0, 25.0, 70.0, 200.0)
+"""Where a new section begins."""
+
+KEPT = 2
+"""How many designs of one number of sections the next is grown from."""
+
+PROOFS = 10
+"""Most rounds of proof and back-off for one design."""
+
+_NEUTRAL, _APART = 0.7, 1.02
+"""Damping ratio of a section that does next to nothing, and how far apart its zeros and poles begin."""
+
+CANDIDATES = 3
+"""How many designs are proved, at most."""
+
+_ENOUGH = 0.985
+"""Share of the sampled bandwidth which, if proved, ends the search for more."""
+
+_SPARE = 2e-6
+"""What limits are tightened by beyond what was missing, for the rounding of figures."""
+
+
+@dataclass(frozen=True)
+class Grown:
+    """Outcome of `grow`.
+
+    Attributes:
+        proved: the best loop that was proved; None where there is none.
+        sampled: bandwidths (Hz) of all designs with the full number of sections, as sampled.
+        certificates: how many exact proofs of a loop were run.
+        reason: why nothing was proved, empty where something was.
+    """
+
+    proved: Proved | None
+    sampled: tuple[float, ...]
+    certificates: int
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class _Task:
+    rig: LinearRig
+    members: Sequence[Member]
+    goal: Goal
+    masses_kg: tuple[float, float]
+    largest_inner: float
+    points: Samples
+    plants: Sequence[tuple[BilinearPlant, float]]
+
+    def form(self, sections: int) -> ControllerForm:
+        return form_named(f"{STRUCTURED}{sections}" if sections else "lag")
+
+    def bounds(self, sections: int) -> tuple[np.ndarray, np.ndarray]:
+        bounds = np.array([*self.form(sections).log_bounds, (0.0, self.largest_inner)])
+        return bounds[:, 0], bounds[:, 1]
+
+    def polish(self, sections: int) -> Polish:
+        low, high = self.masses_kg
+        masses = np.unique([low, (low + high) / 2, high])
+        return Polish(self.points, self.goal, self.form(sections).kind, self.plants, masses, *self.bounds(sections))
+
+    def loops(self, variables: np.ndarray, sections: int) -> tuple[LoopSet, Proved]:
+        """The exact loops of rounded variables, and what stands for them, nothing of it proved yet."""
+        controller = self.form(sections).rounded([float(value) for value in variables[:-1]])
+        inner = round(float(variables[-1]), 6)
+        found = loop_set(self.rig, self.members, controller, inner, self.masses_kg)
+        return found, Proved(controller, inner, 0.0, inf, variables)
+
+
+def grow(
+    rig: LinearRig,
+    members: Sequence[Member],
+    goal: Goal,
+    masses_kg: tuple[float, float],
+    largest_inner: float,
+    sections: int,
+    told: Callable[[float, str], None] = lambda share, text: None,
+) -> Grown:
+    """Find the largest guaranteed bandwidth of a lag with so many second-order sections.
+
+    Args:
+        rig: without effects.
+        members: linear members of the rig with its effects; none where it has none.
+        goal: limits of compliance, sensitivity, loop gain and effort.
+        masses_kg: range of outer end mass.
+        largest_inner: most mass that may be added inside, kg.
+        sections: how many; none for the lag alone.
+        told: the share done and what is being done.
+    """
+    task = _task(rig, members, goal, masses_kg, largest_inner)
+    told(0.0, "lag")
+    pool = _lags(task)
+    polishes = 1 + sections * KEPT * len(SECTION_HZ)
+    done = 1
+    for count in range(1, sections + 1):
+        polish = task.polish(count)
+        found = []
+        for variables, _ in pool[:KEPT]:
+            for frequency in SECTION_HZ:
+                told(0.9 * done / polishes, f"section {count} of {sections}, from {frequency:g} Hz")
+                found.append(polish(_with_section(variables, frequency)))
+                done += 1
+        pool = _best(found)
+    reached = tuple(bandwidth for _, bandwidth in pool)
+    certificates, reason = 0, "no start led to a stable loop within the limits on the samples"
+    best: Proved | None = None
+    for variables, bandwidth in pool[:CANDIDATES]:
+        if bandwidth <= 0 or (best is not None and best.bandwidth_Hz > _ENOUGH * bandwidth):
+            continue
+        told(0.9, "proving")
+        proved, proofs, reason = _proved(task, variables, sections, bandwidth)
+        certificates += proofs
+        if proved is not None and (best is None or proved.bandwidth_Hz > best.bandwidth_Hz):
+            best = proved
+    return Grown(best, reached, certificates, "" if best else reason)
+
+
+def _task(
+    rig: LinearRig, members: Sequence[Member], goal: Goal, masses_kg: tuple[float, float], largest_inner: float
+) -> _Task:
+    """Samples of all loops, at five masses of the range."""
+    listed = [(bilinear_plant(rig), 1.0, True)]
+    if members:
+        listed = [(bilinear_plant(one), factor, performs) for one, factor, performs in ends(members)]
+    masses = np.unique(np.linspace(*masses_kg, 5))
+    points: Samples | None = None
+    for plant, factor, performs in listed:
+        grid = member_grid(plant, factor, np.union1d(FREQUENCIES_HZ, [goal.loop_gain_from_Hz]))
+        more = samples(grid, masses.tolist(), 1.0 if performs else LOOSER_PEAK)
+        points = more if points is None else points.joined(more)
+    assert points is not None  # there is at least one loop
+    plants = [(plant, factor) for plant, factor, performs in listed if performs]
+    return _Task(rig, members, goal, masses_kg, largest_inner, points, plants)
+
+
+def _lags(task: _Task) -> list[tuple[np.ndarray, float]]:
+    """Lags to grow from: climbed from small gains, with little and with much mass inside."""
+    polish, (lower, upper) = task.polish(0), task.bounds(0)
+    found = []
+    for inner in sorted({0.0, 0.3 * task.largest_inner}):
+        start = np.array([log(3e-3), log(1.0), log(30.0), inner])
+        while not slacks(task.points, task.goal, start, slopes=False).settled and start[0] > lower[0]:
+            start[0] -= 0.5
+        found.append(polish(climb(task.points, task.goal, start, lower, upper, most=100).variables))
+    return _best(found)
+
+
+def _with_section(variables: np.ndarray, frequency_Hz: float) -> np.ndarray:
+    """The variables with one more section, which does next to nothing."""
+    more = [log(frequency_Hz * _APART), log(_NEUTRAL), log(frequency_Hz / _APART), log(_NEUTRAL)]
+    return np.concatenate([variables[:-1], more, variables[-1:]])
+
+
+def _best(found: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
+    """Variables and bandwidths, the largest first, each bandwidth once."""
+    chosen: list[tuple[np.ndarray, float]] = []
+    for variables, bandwidth in sorted(found, key=lambda pair: -pair[1]):
+        if not chosen or bandwidth < chosen[-1][1] * (1 - 1e-3):
+            chosen.append((variables, bandwidth))
+    return chosen
+
+
+def _proved(task: _Task, variables: np.ndarray, sections: int, aimed: float) -> tuple[Proved | None, int, str]:
+    """The best loop proved at the variables or a little inside the limits; how many proofs that took; or why none.
+
+    A compliance that touches its limit far below the bandwidth costs most of it: then more of it is kept to spare.
+    """
+    polish, inside, stiffer, reason = task.polish(sections), 0.0, STIFFER, ""
+    best: Proved | None = None
+    for proofs in range(1, PROOFS + 1):
+        loops, found = task.loops(variables, sections)
+        if loops.unstable():
+            return best, proofs, "the loop is not stable over the whole range"
+        refuted = loops.refuted(task.goal)
+        if refuted:
+            reason = f"{refuted[0][0].kind.replace('_', ' ')} refuted: {refuted[0][0].reason}"
+            inside += loops.excess(task.goal) + _SPARE
+        else:
+            bandwidth = min(*loops.bandwidths(task.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
+            if best is None or bandwidth > best.bandwidth_Hz:
+                peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
+                kept = np.append(variables, log(max(bandwidth, 1e-9)))
+                best = Proved(found.controller, found.inner_end_mass_kg, bandwidth, peak, kept)
+            if bandwidth > _ENOUGH * aimed:
+                break
+            stiffer *= 3
+        if not inside < inf:
+            break
+        before = variables
+        variables, _ = polish(variables, inside, stiffer, rounds=6, reach=max(0.1, 10 * inside))
+        if np.array_equal(before, variables) and refuted:
+            break
+    return best, proofs, "" if best else reason

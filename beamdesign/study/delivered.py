@@ -1,0 +1,98 @@
+"""The bandwidth that a rig with its nonlinear effects delivers, measured on simulated records as on a bench."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdesign.prototype import Prototype
+from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
+from beamdesign.simulate import simulate
+from beamdesign.specification.changed_figures import with_figures
+
+MEASURED_WITHIN = 0.1
+"""Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""
+
+_SEGMENT_S, _SEGMENTS, _LOWEST_HZ, _HIGHEST_HZ = 2.0, 4, 1.0, 100.0
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """What one rig delivered.
+
+    Attributes:
+        stable: whether it came to rest after a step, and stayed within bounds under the force.
+        bandwidth_Hz: up to which the measured compliance keeps to the goal; 0 where the rig is not stable.
+        largest_current_A: in the record of the force.
+        reason: why it is not stable, in words; empty where it is.
+    """
+
+    stable: bool
+    bandwidth_Hz: float
+    largest_current_A: float
+    reason: str = ""
+
+
+def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, seed: int = 0) -> Delivered:
+    """Measure the closed-loop compliance of a rig, with its effects, under a random force on its tip.
+
+    Args:
+        prototype: with a controller.
+        outer_end_mass: payload, kg.
+        amplitude_N: peak of a multisine from 1 to 100 Hz; also the height of a step.
+        seed: of the force's phases.
+
+    Raises:
+        InputError: for effects that cannot be, or where there is no equilibrium to start from.
+    """
+    force = Multisine(amplitude_N=amplitude_N, low_Hz=_LOWEST_HZ, high_Hz=_HIGHEST_HZ, seed=seed)
+    rows: list[tuple[str, Input, float]] = [
+        ("step", Step(amplitude_N=amplitude_N), 1.0),
+        ("force", force, _SEGMENT_S * (_SEGMENTS + 1) / 2),
+    ]
+    records = []
+    for name, signal, duration in rows:
+        row = ScenarioRecord(name=name, input=(signal,), outer_end_mass_kg=outer_end_mass)
+        records.append(simulate(prototype, Scenario(name=name, duration_s=duration, record=(row,))).records[0])
+    step, answer = records
+    current = float(np.abs(answer.column("current_A")).max())
+    if not step.stable:
+        return Delivered(False, 0.0, current, step.reason)
+    if answer.diverged_at_s is not None:
+        return Delivered(False, 0.0, current, answer.reason)
+    frequency, compliance = _response(answer.column("disturbance_N"), answer.column("displacement_m"))
+    limit = (1 + MEASURED_WITHIN) * prototype.goal.compliance_m_per_N
+    over = np.nonzero(compliance > limit)[0]
+    reached = frequency[-1] if not len(over) else (frequency[over[0] - 1] if over[0] else 0.0)
+    return Delivered(True, float(reached), current)
+
+
+def _response(force: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Magnitude of displacement over force, by cross and power spectra over half overlapping segments (Welch)."""
+    from scipy.signal import csd, welch
+
+    rate = 1 / Scenario.model_fields["sample_s"].default
+    length = round(_SEGMENT_S * rate)
+    frequency, across = csd(force, displacement, rate, "hann", length, detrend=False)
+    _, own = welch(force, rate, "hann", length, detrend=False)
+    band = (frequency >= _LOWEST_HZ + 1) & (frequency <= _HIGHEST_HZ)
+    return frequency[band], np.abs(across[band]) / own[band]
+
+
+def drawn(prototype: Prototype, deviations: Mapping[str, float], count: int, seed: int = 1) -> list[Prototype]:
+    """Rigs whose figures are off by random factors.
+
+    Args:
+        prototype: nominal.
+        deviations: relative standard deviations, by figure as in `beamdesign.specification.changed_figures`; normal,
+            cut at two of them.
+        count: how many rigs.
+        seed: of the draws.
+    """
+    random = np.random.default_rng(seed)
+    rigs = []
+    for _ in range(count):
+        parts = np.clip(random.standard_normal(len(deviations)), -2, 2)
+        factors = {name: 1 + float(z) * size for z, (name, size) in zip(parts, deviations.items(), strict=True)}
+        rigs.append(with_figures(prototype, factors))
+    return rigs
