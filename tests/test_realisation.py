@@ -8,6 +8,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.signal
 from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
@@ -24,6 +25,7 @@ from beamdesign.realisation import c_files, judge, realise, sufficient, trade
 from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
 from beamdesign.realisation.closed_loop import run_closed
 from beamdesign.realisation.coefficient import fixed_point
+from beamdesign.realisation.computing_time import ComputedLate, prove_any_computing_time
 from beamdesign.realisation.emulation import FixedPoint, Float32, in_volts_and_amperes, shifted, to_word
 from beamdesign.realisation.loop import realised_loop, rounded_loop
 from beamdesign.realisation.machine import CompiledController, compile_library, compiler
@@ -382,6 +384,35 @@ def test_the_loop_is_proved_as_realised(rig: Prototype) -> None:
     slow = judge(rig, realise(rig.controller, 250.0, 16), (0.0, 0.0), 1)
     assert slow.proved is False
     assert slow.masses[0].rounding is None
+
+
+def test_any_computing_time_against_a_hundredth_of_the_period(rig: Prototype) -> None:
+    """The old current for 37 of 100 small steps and the new one for 63, by scipy's matrix exponential."""
+    r = realise(rig.controller, 2000.0, 16)
+    ours = np.linalg.eigvals(ComputedLate(realised_loop(rig, r), fmpq(37, 100), fmpq(37, 100)).matrix(fmpq(2)))
+    plant = state_space(rig, 2.0, "plant")["sensor_V", "current_A"]
+    n, m = len(plant.A), len(r.linear.a.tolist())
+    small = scipy.linalg.expm(np.block([[plant.A, plant.B], [np.zeros((1, n + 1))]]) / (100 * r.rate_Hz))
+    a, b, c, d = (floats(part) for part in (r.linear.a, r.linear.b, r.linear.c, r.linear.d))
+    whole = np.zeros((n + 1 + m, n + 1 + m))
+    for k in range(n + 1 + m):  # plant, old current, law
+        x, old, law = np.split(np.eye(n + 1 + m)[k], [n, n + 1])
+        error = -(plant.C @ x)[0]
+        new = (c @ law)[0] + d[0, 0] * error
+        for step in range(100):
+            x = (small @ np.append(x, old[0] if step < 37 else new))[:n]
+        whole[:, k] = np.concatenate([x, [new], a @ law + b[:, 0] * error])
+    theirs = np.linalg.eigvals(whole)
+    assert all(np.abs(ours - value).min() < 1e-6 for value in theirs)
+
+
+def test_any_computing_time_is_proved_or_told(rig: Prototype) -> None:
+    found = prove_any_computing_time(realised_loop(rig, realise(rig.controller, 10000.0, 16)), 2.0, 2.02)
+    assert found.stable
+    assert found.pieces >= 32
+    slow = prove_any_computing_time(realised_loop(rig, realise(rig.controller, 500.0, 16)), 0.0, 0.0)
+    assert slow.stable is False  # at once it is stable, one period late it is not
+    assert "at a computing time of 0.96875 to 1 periods: a characteristic value of modulus 1." in slow.reason
 
 
 # C

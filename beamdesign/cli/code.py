@@ -1,5 +1,6 @@
 """`beamdesign code`: the controller as C code for a rate and a word length, proved as it is realised."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ from beamdesign.cli.output import (
     RangeOption,
     folder_to_write,
     mass_range,
+    progress,
     say,
     say_table,
     write_json,
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from beamdesign.prototype import Prototype
     from beamdesign.realisation.realise import Realisation
     from beamdesign.realisation.verdict import Judgement
+    from beamdesign.specification.sampled_loop import SampledVerdict
 
 
 def code(
@@ -45,6 +48,9 @@ def code(
         ),
     ] = None,
     outer_end_mass: RangeOption = None,
+    any_computing_time: Annotated[
+        bool, typer.Option(help="Prove it for every computing time up to one period as well, which takes a minute.")
+    ] = False,
     compile_here: Annotated[
         bool, typer.Option("--compile", help="Compile it with the system's C compiler and run its self-test.")
     ] = False,
@@ -86,6 +92,12 @@ def code(
     except ValueError as error:
         raise InputError(prototype, [("controller", str(error))]) from error
     found = judge(record, made, masses)
+    if any_computing_time and found.proved:
+        from beamdesign.realisation.computing_time import prove_any_computing_time
+        from beamdesign.realisation.loop import realised_loop
+
+        with progress("any computing time") as update:
+            found = replace(found, any_time=prove_any_computing_time(realised_loop(record, made), *masses, update))
     folder = out or Path(f"{prototype.resolve().stem}.code")
     fields = json_fields(made, found, masses)
     if not (found.proved or found.reason):
@@ -125,12 +137,20 @@ def _refuse_bad_options(
 
 
 def _why_not(found: "Judgement") -> str:
-    verdicts = [(words, one) for words, one in (("at once", found.at_once), ("one period late", found.late)) if one]
+    verdicts = [(words, one) for words, one in _cases(found) if one]
     for answer, how in ((False, "not stable"), (None, "not proved stable")):
         for words, one in verdicts:
             if one.stable is answer:
                 return f"with its current put out {words} the loop is {how}: {one.reason}; no code is written"
     return "the loop is not proved stable; no code is written"
+
+
+def _cases(found: "Judgement") -> tuple[tuple[str, "SampledVerdict | None"], ...]:
+    return (
+        ("at once", found.at_once),
+        ("one period late", found.late),
+        ("after any computing time up to one period", found.any_time),
+    )
 
 
 def _compile(folder: Path) -> None:
@@ -172,6 +192,7 @@ def json_fields(made: "Realisation", found: "Judgement", masses_kg: tuple[float,
         "law": found.law,
         "at_once": found.at_once,
         "one_period_late": found.late,
+        "any_computing_time": found.any_time,
         "masses": found.masses,
     }
 
@@ -193,7 +214,8 @@ def _say(record: "Prototype", made: "Realisation", found: "Judgement", masses: t
     if found.reason:
         say(f"stability as realised: not looked at, {found.reason}")
         return
-    say(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out at once or one period late")
+    when = "at once or one period late" if found.any_time is None else "after any computing time up to one period"
+    say(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
     sets = [worst([getattr(at, name) for at in found.masses]) for name in ("continuous", "at_once", "late")]
     rows_of_loop = [
         (words, *(getattr(one, key) for one in sets))

@@ -15,9 +15,10 @@ def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:
     where = f"{masses_kg[0]:g} to {masses_kg[1]:g} kg" if masses_kg[0] < masses_kg[1] else f"{masses_kg[0]:g} kg"
     if not found.proved:
         return (f"Its loop is not proved for {where} on the outer tip.",)
+    when = "at its sample or one whole period later" if found.any_time is None else "at any time within a period"
     return (
         f"Proved stable for {where} on the outer tip, with these coefficients, the current held, put out",
-        "at its sample or one whole period later. Roundings and limits are no part of that proof.",
+        f"{when}. Roundings and limits are no part of that proof.",
     )
 
 

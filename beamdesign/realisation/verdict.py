@@ -72,6 +72,7 @@ class Judgement:
         at_once, late: stability over the range, proved or refuted; None where it was not asked.
         masses: figures at the masses looked at.
         reason: why nothing is said about the loop; empty where something is.
+        any_time: stability for every computing time up to one period, where that was asked.
     """
 
     law: LawErrors
@@ -79,11 +80,13 @@ class Judgement:
     late: SampledVerdict | None = None
     masses: tuple[AtMass, ...] = ()
     reason: str = ""
+    any_time: SampledVerdict | None = None
 
     @property
     def proved(self) -> bool | None:
-        """Whether the loop is stable with its current at once and one period late; None where that is open."""
-        verdicts = [None if one is None else one.stable for one in (self.at_once, self.late)]
+        """Whether the loop is stable in every case that was asked; None where that is open."""
+        asked = [self.at_once, self.late] + ([] if self.any_time is None else [self.any_time])
+        verdicts = [None if one is None else one.stable for one in asked]
         return False if False in verdicts else None if None in verdicts else True
 
 

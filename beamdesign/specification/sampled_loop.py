@@ -81,16 +81,19 @@ class HeldPlant:
 
     def moved(self, low: fmpq, high: fmpq, rate_Hz: float) -> arb_mat:
         """exp([[A, B], [0, 0]] T), enclosed for all masses from `low` to `high`: its upper rows are Phi and Gamma."""
-        return self._exponential(self.b, low, high, rate_Hz)
+        return self._exponential(self.b, low, high, arb(1) / arb(exact(rate_Hz)))
+
+    def moved_for(self, low: fmpq, high: fmpq, duration_s: arb) -> arb_mat:
+        """The same over a duration, or enclosed for all durations of a ball."""
+        return self._exponential(self.b, low, high, duration_s)
 
     def pushed(self, mass: fmpq, rate_Hz: float) -> arb_mat:
         """The same with the force, held between samples, in place of the current."""
-        return self._exponential(self.force, mass, mass, rate_Hz)
+        return self._exponential(self.force, mass, mass, arb(1) / arb(exact(rate_Hz)))
 
-    def _exponential(self, held: fmpq_mat, low: fmpq, high: fmpq, rate_Hz: float) -> arb_mat:
+    def _exponential(self, held: fmpq_mat, low: fmpq, high: fmpq, step: arb) -> arb_mat:
         n = self.a.nrows()
         share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
-        step = arb(1) / arb(exact(rate_Hz))
         whole = [[arb(0)] * (n + 1) for _ in range(n + 1)]
         for i in range(n):
             scale = step * share if i == self.velocity else step
