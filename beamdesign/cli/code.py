@@ -49,7 +49,11 @@ def code(
     ] = None,
     outer_end_mass: RangeOption = None,
     any_computing_time: Annotated[
-        bool, typer.Option(help="Prove it for every computing time up to one period as well, which takes a minute.")
+        bool,
+        typer.Option(
+            "--any-computing-time",
+            help="Prove it for every computing time up to one period as well, which takes a minute.",
+        ),
     ] = False,
     compile_here: Annotated[
         bool, typer.Option("--compile", help="Compile it with the system's C compiler and run its self-test.")
