@@ -77,6 +77,14 @@ def alive(group):
     return False
 
 
+def ends(group, within_s=20.0):
+    """Whether the processes of a group end by themselves: workers end with the run, whatever ended it."""
+    until = time.monotonic() + within_s
+    while alive(group) and time.monotonic() < until:
+        time.sleep(0.05)
+    return not alive(group)
+
+
 def fields_of(path, folder, *options):
     """What a whole run reports."""
     subprocess.run(
@@ -91,10 +99,7 @@ def test_killed_run_goes_on_without_loss(sweep, tmp_path, expected):
     process = begun(sweep, folder, *options)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
-    until = time.monotonic() + 20
-    while alive(process.pid) and time.monotonic() < until:  # workers end with the run, whatever ended it
-        time.sleep(0.05)
-    assert not alive(process.pid)
+    assert ends(process.pid)
     kept = len(list((folder / "cases").glob("*.json")))
     assert 2 <= kept < len(FORCES)
     fields = fields_of(sweep, folder, *options)
@@ -111,7 +116,7 @@ def test_interrupted_run_says_how_to_go_on_and_does(sweep, tmp_path, expected, o
     assert process.returncode == 130, said
     assert said.count("\n") == 1
     assert "the same command goes on" in said
-    assert not alive(process.pid)
+    assert ends(process.pid)
     rows = (folder / "table.csv").read_text(encoding="utf-8").splitlines()[1:]
     assert 2 <= len(rows) < len(FORCES)
     assert f"{len(rows)} of {len(FORCES)} cases are kept" in said

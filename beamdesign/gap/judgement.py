@@ -165,7 +165,8 @@ def judge(found: Search) -> Judgement:
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     best = fits[_chosen(fits, logs, found.conditions, spread)]
-    unknown = _unknown(found, best)
+    # Where all that helps is slight, what it leaves tells whether there is more than a little of everything.
+    unknown = _unknown(found, best if best.hypothesis != NOTHING else min(fits, key=lambda f: f.misfit))
     return Judgement(
         {f.hypothesis: float(w) * (1 - unknown) for f, w in zip(fits, weights, strict=True)}, unknown, best
     )
