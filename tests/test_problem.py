@@ -99,7 +99,11 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
         ({"outer_beam__free_length_m": None}, "outer_beam.free_length_m", "missing"),
         ({"safety__strength": 0.9}, "safety.strength", "must be at least 1, is 0.9"),
         ({"clearance__assembly_m": nan}, "clearance.assembly_m", "must be a finite number, is nan"),
-        ({"payload__outer_end_mass_kg": [6.8, 0]}, "payload.outer_end_mass_kg", "empty mass range: 6.8 is above 0.0; write [least, most]"),
+        (
+            {"payload__outer_end_mass_kg": [6.8, 0]},
+            "payload.outer_end_mass_kg",
+            "empty mass range: 6.8 is above 0.0; write [least, most]",
+        ),
         (
             {"payload__outer_end_mass_kg": None},
             "payload.outer_end_mass_kg",

@@ -237,7 +237,12 @@ GEOMETRY = "width_m, wall_m, free_length_m, material"
         ("outer_beam.damping_ratio", 1.0, "outer_beam.damping_ratio", "must be less than 1, is 1.0"),
         ("outer_beam.end_mass_kg", -1.0, "outer_beam.end_mass_kg", "must be at least 0, is -1.0"),
         ("goal.peak_sensitivity", 1.0, "goal.peak_sensitivity", "must be greater than 1, is 1.0"),
-        ("payload.outer_end_mass_kg", [6.8, 0.0], "payload.outer_end_mass_kg", "empty mass range: 6.8 is above 0.0; write [least, most]"),
+        (
+            "payload.outer_end_mass_kg",
+            [6.8, 0.0],
+            "payload.outer_end_mass_kg",
+            "empty mass range: 6.8 is above 0.0; write [least, most]",
+        ),
         ("payload.outer_end_mass_kg", [0.0], "payload.outer_end_mass_kg", "entry 2: missing"),
         # Geometry that cannot be built.
         ("outer_beam.wall_m", 0.07, "outer_beam.wall_m", "0.07 is not less than half the width, 0.07"),

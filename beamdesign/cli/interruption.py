@@ -16,6 +16,8 @@ def remembered() -> Iterator[None]:
         signal.getsignal(signal.SIGINT) is not signal.default_int_handler
         or threading.current_thread() is not threading.main_thread()
     ):
+        if signal.getsignal(signal.SIGINT) is not _remember:
+            _came.clear()  # what came before is no word on this run
         yield
         return
     _came.clear()
