@@ -9,6 +9,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.signal import sos2zpk, zpk2tf
 from typer.testing import CliRunner
 
@@ -21,13 +22,14 @@ from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
 from beamdesign.operating_limits import sensor_reach
-from beamdesign.proof.certificate import Asked, Certificate, certify
+from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
 from beamdesign.proof.replay import Malformed, replay
 from beamdesign.prototype import Prototype, Section, Structured, read_prototype, write_prototype
 from beamdesign.records import InputError
+from beamdesign.report.limit_trades import LIMITS, Trade, plot_limit_trades
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulate import half_steps, simulate
-from beamdesign.study.delivered import MEASURED_WITHIN, delivered
+from beamdesign.study.delivered import MEASURED_WITHIN, delivered, drawn
 from beamdesign.study.design_run import certified
 
 LAW = Structured(
@@ -320,3 +322,44 @@ def test_the_command_tunes_within_limits_and_says_which(rig: Prototype, tmp_path
     assert answer["guaranteed"]["loop_gain"] == 0.25
     assert answer["controller"]["section"][0]["pole_Hz"] == found.controller.section[0].pole_Hz
     assert replay((tmp_path / "certificate.toml").read_text()).valid
+
+
+def test_trades_are_drawn_with_the_value_as_it_is(rig: Prototype) -> None:
+    """Every limit can be changed alone, and stands in the picture; what was not proved is marked."""
+    for limit in LIMITS:
+        own = limit.own(rig)
+        assert own is not None
+        assert limit.own(limit.at(rig, 1.5 * own)) == pytest.approx(1.5 * own)
+        assert limit.at(rig, own) == rig
+    trades = [Trade(limit, (100.0, 200.0, 400.0), (None, 4.0, 6.0)) for limit in LIMITS]
+    figure = plot_limit_trades(Figure(), trades, rig, "title")
+    assert [axes.get_xlabel() for axes in figure.axes] == [limit.name for limit in LIMITS]
+    for axes, limit in zip(figure.axes, LIMITS, strict=True):
+        curve, cross, line = axes.lines
+        assert curve.get_ydata().tolist() == [4.0, 6.0]
+        assert cross.get_marker() == "x"
+        assert list(line.get_xdata()) == [limit.own(rig)] * 2
+
+
+def test_drawn_rigs_differ_by_what_was_asked(rig: Prototype) -> None:
+    rigs = drawn(rig, {"flow_gain": 0.05, "oil_stiffness": 0.1}, 200)
+    gains = np.array([one.servovalve.flow_gain_m3_per_s_per_A for one in rigs]) / 1.13e-2
+    assert gains.std() == pytest.approx(0.05, rel=0.2)
+    assert np.abs(gains - 1).max() <= 0.1 + 1e-9
+    assert all(one.controller == rig.controller and one.outer_beam == rig.outer_beam for one in rigs)
+    assert drawn(rig, {"flow_gain": 0.05}, 3) == drawn(rig, {"flow_gain": 0.05}, 3)
+
+
+def test_the_shipped_designs_are_what_they_are_said_to_be() -> None:
+    """Proved within the limits of the one's goal; faster, and far beyond those limits, the other."""
+    folder = Path(__file__).parent.parent / "studies/prototypes"
+    limited, free = (read_prototype(folder / f"structured_{name}.toml") for name in ("no_payload", "unlimited"))
+    found = certify(limited, 0.0, 0.0, goal_claims(limited.goal))
+    assert found.holds, found.reason
+    assert found.guaranteed is not None
+    assert found.guaranteed.bandwidth_Hz > 25.0
+    assert found.guaranteed.peak_sensitivity <= 2.0
+    wild = certify(free, 0.0, 0.0, goal_claims(limited.goal))
+    assert wild.guaranteed is not None
+    assert wild.guaranteed.bandwidth_Hz > 37.0
+    assert [claim.holds for claim in wild.claims] == [False, False]

@@ -7,12 +7,13 @@ import numpy as np
 
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
-from beamdesign.simulate import simulate
+from beamdesign.simulate import SimulatedRecord, simulate
 from beamdesign.specification.changed_figures import with_figures
 
 MEASURED_WITHIN = 0.1
 """Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""
 
+_NOISE_HZ = 900.0
 _SEGMENT_S, _SEGMENTS, _LOWEST_HZ, _HIGHEST_HZ = 2.0, 4, 1.0, 100.0
 
 
@@ -36,6 +37,9 @@ class Delivered:
 def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, seed: int = 0) -> Delivered:
     """Measure the closed-loop compliance of a rig, with its effects, under a random force on its tip.
 
+    The sensor's noise, where the prototype states it, comes in with the command: to the controller that is the same.
+    What it moves without the force is taken off, so that no averaging is needed.
+
     Args:
         prototype: with a controller.
         outer_end_mass: payload, kg.
@@ -46,25 +50,34 @@ def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, s
         InputError: for effects that cannot be, or where there is no equilibrium to start from.
     """
     force = Multisine(amplitude_N=amplitude_N, low_Hz=_LOWEST_HZ, high_Hz=_HIGHEST_HZ, seed=seed)
-    rows: list[tuple[str, Input, float]] = [
-        ("step", Step(amplitude_N=amplitude_N), 1.0),
-        ("force", force, _SEGMENT_S * (_SEGMENTS + 1) / 2),
-    ]
-    records = []
-    for name, signal, duration in rows:
-        row = ScenarioRecord(name=name, input=(signal,), outer_end_mass_kg=outer_end_mass)
-        records.append(simulate(prototype, Scenario(name=name, duration_s=duration, record=(row,))).records[0])
-    step, answer = records
+    noise, long = _noise(prototype, seed), _SEGMENT_S * (_SEGMENTS + 1) / 2
+
+    def record(name: str, duration_s: float, *signals: Input) -> SimulatedRecord:
+        row = ScenarioRecord(name=name, input=signals, outer_end_mass_kg=outer_end_mass)
+        return simulate(prototype, Scenario(name=name, duration_s=duration_s, record=(row,))).records[0]
+
+    step, answer = record("step", 1.0, Step(amplitude_N=amplitude_N)), record("force", long, force, *noise)
     current = float(np.abs(answer.column("current_A")).max())
     if not step.stable:
         return Delivered(False, 0.0, current, step.reason)
+    moved = answer.column("displacement_m")
+    if noise and answer.diverged_at_s is None:
+        moved = moved - record("noise", long, *noise).column("displacement_m")
     if answer.diverged_at_s is not None:
         return Delivered(False, 0.0, current, answer.reason)
-    frequency, compliance = _response(answer.column("disturbance_N"), answer.column("displacement_m"))
+    frequency, compliance = _response(answer.column("disturbance_N"), moved)
     limit = (1 + MEASURED_WITHIN) * prototype.goal.compliance_m_per_N
     over = np.nonzero(compliance > limit)[0]
     reached = frequency[-1] if not len(over) else (frequency[over[0] - 1] if over[0] else 0.0)
     return Delivered(True, float(reached), current)
+
+
+def _noise(prototype: Prototype, seed: int) -> tuple[Multisine, ...]:
+    """Noise of the stated RMS up to 1 kHz; a multisine of many lines is nearly Gaussian, its peak some 3.5 times it."""
+    level = prototype.sensor.noise_V
+    if not level:
+        return ()
+    return (Multisine(amplitude_V=3.5 * level, low_Hz=1.0, high_Hz=_NOISE_HZ, seed=seed + 1000),)
 
 
 def _response(force: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,8 +17,9 @@ class NoOptions(Record):
 class TuneOptions(Record):
     """Options of `tune`."""
 
-    controller: Literal["lag", "proportional"] = "lag"
+    controller: Literal["lag", "proportional", "structured"] = "lag"
     largest_inner_end_mass_kg: NonNegative = 6.0
+    sections: Annotated[int, Field(ge=1, le=3, description="second-order sections of a structured controller")] = 3
 
 
 class CertifyOptions(Record):

@@ -12,7 +12,13 @@ from beamdesign.study.tasks.certify import payload_range
 
 def compute(prototype: Prototype, options: TuneOptions) -> Answer:
     """Tune one prototype over its own payload range."""
-    found = tune(prototype, payload_range(prototype), options.controller, options.largest_inner_end_mass_kg)
+    found = tune(
+        prototype,
+        payload_range(prototype),
+        options.controller,
+        options.largest_inner_end_mass_kg,
+        sections=options.sections,
+    )
     details = {"starts_Hz": list(found.starts), "failures": list(found.failures), "certificates": found.certificates}
     return Answer(proved_outputs(found.best) if found.best else {}, details, found.reason)
 
@@ -20,6 +26,8 @@ def compute(prototype: Prototype, options: TuneOptions) -> Answer:
 def proved_outputs(best: Proved) -> dict[str, Any]:
     """Columns of a proved loop."""
     breaks = {name: value for name, value in best.controller.model_dump().items() if name != "kind"}
+    for k, section in enumerate(breaks.pop("section", ()), start=1):
+        breaks |= {f"section_{k}_{name}": value for name, value in section.items()}
     return {
         "bandwidth_Hz": best.bandwidth_Hz,
         "peak_sensitivity": best.peak_sensitivity,
