@@ -152,11 +152,11 @@ def grow(
 def _task(
     rig: LinearRig, members: Sequence[Member], goal: Goal, masses_kg: tuple[float, float], largest_inner: float
 ) -> _Task:
-    """Samples of all loops, at five masses of the range."""
+    """Samples of all loops, at both ends and in the middle of the range."""
     listed = [(bilinear_plant(rig), 1.0, True)]
     if members:
         listed = [(bilinear_plant(one), factor, performs) for one, factor, performs in ends(members)]
-    masses = np.unique(np.linspace(*masses_kg, 5))
+    masses = np.unique(np.linspace(*masses_kg, 3))
     points: Samples | None = None
     for plant, factor, performs in listed:
         grid = member_grid(plant, factor, np.union1d(FREQUENCIES_HZ, [goal.loop_gain_from_Hz]))
