@@ -13,7 +13,7 @@ from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.fitting.starts import resonances, starts
-from beamdesign.gap.judgement import STRAINED, evidence, judge
+from beamdesign.gap.judgement import STRAINED, evidence, held_out_score, judge
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -136,3 +136,15 @@ def test_a_missing_resonance_is_not_called_a_delay():
     assert values["second_beam_mode.frequency_Hz"] == pytest.approx(190.0, rel=0.02)
     blind = replace(search, fits=tuple(f for f in search.fits if "second_beam_mode" not in f.hypothesis.names))
     assert verdict_of(judge(blind)) in ("unknown", "ambiguous")
+
+
+def test_curvatures_that_swamp_the_priors_break_nothing():
+    """Rank one, far above the priors' ones: det(I + s vv') = 1 + s v'v (matrix determinant lemma)."""
+    unknowns = NOTHING.unknowns(believed())
+    steep = np.zeros((len(unknowns), len(unknowns)))
+    steep[:2, :2] = 1e24
+    z = np.zeros(len(unknowns))
+    one = Fit(NOTHING, unknowns, z, 0.0, (Share(10.0, z, steep),))
+    assert evidence(one, 1.0) == pytest.approx(-0.5 * (10.0 + np.log(1 + 2e24)), rel=1e-9)
+    assert np.all(np.isfinite(one.covariance))
+    assert np.isfinite(held_out_score(one, (0,), 1.0))

@@ -94,9 +94,13 @@ def _laplace(found: Fit, spread: float, precision: np.ndarray, kept: Iterable[in
     a = sum((s.a for s in shares), np.zeros(2 * found.z.shape)) / spread + np.diag(precision)
     slope = sum((s.g for s in shares), np.zeros_like(found.z)) / spread + precision * found.z
     misfit = sum(s.c for s in shares) / spread + float(precision @ found.z**2)
-    _, volume = np.linalg.slogdet(a)
-    curved = float(slope @ np.linalg.solve(a, slope))
-    return -0.5 * (misfit - curved + float(volume) - float(np.sum(np.log(precision))))
+    if not (np.all(np.isfinite(a)) and np.all(np.isfinite(slope))):
+        return -np.inf
+    # No curvature is less than that of the priors; that of a motion hard to repeat may swamp it in rounding.
+    values, vectors = np.linalg.eigh(a)
+    values = np.maximum(values, precision.min())
+    curved = float(np.sum((vectors.T @ slope) ** 2 / values))
+    return -0.5 * (misfit - curved + float(np.sum(np.log(values))) - float(np.sum(np.log(precision))))
 
 
 def _nested(fits: Sequence[Fit], spread: float) -> dict[Hypothesis, float]:
@@ -140,6 +144,8 @@ def held_out_score(found: Fit, conditions: Sequence[object], spread: float) -> f
     """
     kept = range(len(found.shares))
     whole = _laplace(found, spread, np.ones(len(found.z)), kept)
+    if not np.isfinite(whole):
+        return -np.inf
     groups = [[k for k in kept if conditions[k] == condition] for condition in dict.fromkeys(conditions)]
     without = [[k for k in kept if k not in group] for group in groups]
     return sum(whole - _laplace(found, spread, np.ones(len(found.z)), rest) for rest in without)

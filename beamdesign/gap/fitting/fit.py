@@ -107,7 +107,9 @@ class Fit:
     @property
     def covariance(self) -> np.ndarray:
         """(K, K) of z, from the curvature at the fit."""
-        return np.linalg.inv(np.eye(len(self.z)) + sum(share.a for share in self.shares))
+        values, vectors = np.linalg.eigh(np.eye(len(self.z)) + sum(share.a for share in self.shares))
+        # No less than the priors' own curvature, which rounding may lose beside that of a motion hard to repeat.
+        return (vectors / np.maximum(values, 1.0)) @ vectors.T
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -174,7 +176,10 @@ def _step(
             break
         damped = curvature + damping * np.diag(np.diag(curvature))
         move = np.zeros_like(z)
-        move[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        try:
+            move[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        except np.linalg.LinAlgError:  # too steep to be solved in floats: no step until it is damped more
+            break
         out = free & ((z + move < low - 1e-12) | (z + move > high + 1e-12))
         if not out.any():
             break
