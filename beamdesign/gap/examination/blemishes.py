@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _PLATEAU = 4  # samples at the very same value
+_CUT = 8  # samples on plateaus altogether: fewer may be chance, and spoil nothing
 _STUCK = 6
 _TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _MANY = 12
@@ -95,9 +96,10 @@ def clipped(signal: np.ndarray) -> Plateau | None:
         all_runs[side].append((first, length))
         if len(jumps) == 2 and min(jumps) > least:
             kinked[side].append((first, length))
-    found = {
-        side: runs if noisy and sum(n for _, n in runs) >= _MANY else kinked[side] for side, runs in all_runs.items()
-    }
+    found = {}
+    for side, runs in all_runs.items():
+        cut = kinked[side] if sum(n for _, n in kinked[side]) >= _CUT else []
+        found[side] = runs if noisy and sum(n for _, n in runs) >= _MANY else cut
     sides = [side for side, runs in found.items() if runs]
     if not sides:
         return None
