@@ -11,7 +11,8 @@ from beamdesign.gap.data.inputs import without_noise
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
-from beamdesign.gap.fitting.search import search
+from beamdesign.gap.fitting.kept_fits import kept_fits
+from beamdesign.gap.fitting.search import refit, search
 from beamdesign.gap.fitting.unknowns import Placement, tolerated
 from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.lumped import figures
@@ -227,3 +228,17 @@ def test_the_error_of_a_record_is_that_of_its_displacement(lagged):
     others = np.copy(piece.measured)
     others[:, column] = 0.0
     assert piece.error(piece.weight(others)) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_kept_fits_to_all_records_are_not_taken_for_fits_to_fewer(lagged, tmp_path, monkeypatch):
+    """What is held out would otherwise be in the fits that the gap is measured with."""
+    monkeypatch.setattr("beamdesign.gap.fitting.search.singles", lambda rig: (Hypothesis(("sensor_lag",)),))
+    kept = kept_fits(tmp_path / "fits", lagged)
+    found = search(lagged, kept=kept)
+    fewer = replace(lagged, records=lagged.records[:-1])
+    fresh = refit(fewer, found.fits[0])
+    for _ in range(2):  # made, and then recalled
+        for one, other in zip(refit(fewer, found.fits[0], kept=kept), fresh, strict=True):
+            assert len(one.shares) == len(fewer.records)
+            np.testing.assert_array_equal(one.z, other.z)
+    assert not np.array_equal(fresh[0].z, found.null.z)

@@ -45,9 +45,10 @@ def diagnose(
 ) -> None:
     """Diagnose the gap between a prototype and its rig.
 
-    Every cause that is known, alone and in pairs, is fitted to the records with the tolerances of the prototype; the
-    gap is measured on records that no fit has seen. Exit status 0 whatever the verdict is. An interrupted run is
-    taken up where it stopped by the same command: finished fits are kept in the folder `fits` of the results.
+    Every cause that is known, alone and in pairs, is fitted to all records with the tolerances of the prototype. The
+    gap is then measured by fits without some of the records, on those. Exit status 0 whatever the verdict is. An
+    interrupted run is taken up where it stopped by the same command: finished fits are kept in the folder `fits` of
+    the results.
     """
     from beamdesign.gap.data.dataset_index import index_of, kind_of
 

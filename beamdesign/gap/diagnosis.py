@@ -48,7 +48,7 @@ class RecordGap:
 
     Attributes:
         record: its name.
-        held_out: whether no fit has seen it.
+        held_out: whether it is left out of the fits by which errors are measured; those that choose a cause see all.
         before: of the believed prototype.
         tuned: with the tolerated figures fitted.
         after: with the chosen causes as well.

@@ -16,8 +16,8 @@ _LISTED = 12
 def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
     """Everything a diagnosis says, in plain values.
 
-    `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of every fit;
-    `next_experiment` is None where the verdict is clear.
+    `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of the fits that
+    measure it (those that choose a cause see all); `next_experiment` is None where the verdict is clear.
     """
     fields = {
         "verdict": found.verdict,

@@ -1,4 +1,4 @@
-"""How far a gap closes: prediction errors on records that no fit has seen."""
+"""How far a gap closes: prediction errors on records left out of the fits that measure them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

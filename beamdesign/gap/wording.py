@@ -8,7 +8,8 @@ from beamdesign.gap.diagnosis import Cause, Gap, Verdict, Where
 def sentences(verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where) -> str:
     """The verdict for people: what it is, and how far the gap closes."""
     errors = (
-        f"On records that no fit has seen the prediction error falls from {gap.before:.1%} of the signal "
+        "On records left out of the fits that measure it, the prediction error falls from "
+        f"{gap.before:.1%} of the signal "
         f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
         f"the sensor's noise alone is {gap.noise_floor:.1%}."
     )

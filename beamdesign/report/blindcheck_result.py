@@ -111,8 +111,8 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         _COUNTED,
         "## Baselines on the same cases",
         _table(BASELINE_COLUMNS, baseline_rows(large)),
-        "Baselines see the records that the fits have seen. They start from its null fit, and greedy BIC chooses among "
-        "its fitted models. They name causes without a probability, so they cannot say that a cause is unknown.",
+        "Baselines see all records, as the fits that choose. They start from its null fit, and greedy BIC chooses "
+        "among its fitted models. They name causes without a probability, so they cannot say that a cause is unknown.",
         "## Named first (columns) against the truth (rows)",
         "A `+` marks two effects, by the one with the larger gap.",
         _matrix(confusion(large)),

@@ -44,7 +44,10 @@ VERDICTS = {
 }
 _MOST_PICTURES = 12
 _LISTED = 8
-_MEASURE = "Prediction errors of the displacement over its rms. Records held out of every fit count."
+_MEASURE = (
+    "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a cause "
+    "is chosen by fits to all."
+)
 _MEASURE_OF_FIGURES = "Relative errors of each figure as predicted from all the others."
 _MEASURE_OF_BENCH = (
     "Together: relative errors of steady speed and of chamber pressures over the supply, each condition predicted from"
@@ -104,7 +107,7 @@ def gap_report_html(
 
 
 def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
-    """Of all time records, those that no fit has seen first."""
+    """Of all time records, those held out first."""
     if data is None or found.outside is None or not data.records:
         return []
     tuned, chosen = found.outside
@@ -117,7 +120,7 @@ def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
 
 
 def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
-    state = "held out of every fit" if held_out else "seen by the fits"
+    state = "held out of the fits that are drawn" if held_out else "seen by them"
     lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
     note = f"; the {' and the '.join(lost)} model diverges" if lost else ""
     caption = (

@@ -35,7 +35,7 @@ def baselines(data: Dataset, found: Search) -> dict[str, dict[str, Any]]:
     """What each would name.
 
     Args:
-        data: the records that the fits have seen.
+        data: the records.
         found: those fits.
 
     Returns:

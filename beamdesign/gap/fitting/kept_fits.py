@@ -39,11 +39,13 @@ class KeptFits:
         folder: of the files.
         prototype: that was believed.
         key: digest of data, prototype and program.
+        part: names of the pieces of evidence that fits are made to; empty for all of the data.
     """
 
     folder: Path
     prototype: Prototype
     key: str
+    part: tuple[str, ...] = ()
 
     def recall(self, job: Job) -> Fit | None:
         """A fit that was made before."""
@@ -86,7 +88,7 @@ class KeptFits:
         return len(list(self.folder.glob(f"{self.key}-*.npz")))
 
     def _path(self, job: Job) -> Path:
-        return self.folder / f"{self.key}-{hashlib.sha256(repr(job).encode()).hexdigest()[:_KEY]}.npz"
+        return self.folder / f"{self.key}-{hashlib.sha256(repr((job, self.part)).encode()).hexdigest()[:_KEY]}.npz"
 
 
 def kept_fits(folder: Path, data: Dataset) -> KeptFits:

@@ -143,6 +143,8 @@ def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = No
         workers: processes.
         kept: fits of an earlier run.
     """
+    # The same task to fewer data is another fit, and must not be taken from those to all of them.
+    kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
     with _Fitters(data, workers, kept) as fitters:
         (null,) = fitters([_Task(NOTHING, {})])
         if best.hypothesis == NOTHING:
