@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from beamdesign.records import InputError
 from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.stable_bands import plot_stable_bands
 from beamdesign.study.document_keys import value_at
 from beamdesign.study.sweep_file import Picture, Sweep
 
@@ -167,25 +168,11 @@ def _map(asked: Picture, records: Sequence[Row]) -> Figure:
 _SHADES = ("0.9", "0.75", "0.6", "0.45", "0.3")
 
 
-def _bands(axes: Axes, rows: Sequence[Row], x: str, low: str, high: str, style: Mapping[str, Any], shade: str) -> None:
-    """Stretches between lists of lower and upper ends over x, filled; the k-th of neighbours belong together."""
-    ordered = sorted(rows, key=lambda row: float(value_of(row, x)))
-    most = max((len(value_of(row, low) or ()) for row in ordered), default=0)
-    for k in range(most):
-        ends: list[tuple[float, float, float]] = []
-        for row in [*ordered, None]:
-            listed = [] if row is None else list(zip(value_of(row, low) or (), value_of(row, high) or (), strict=True))
-            if row is not None and len(listed) > k:
-                ends.append((float(value_of(row, x)), *listed[k]))
-                continue
-            if ends:
-                at, bottom, top = zip(*ends, strict=True)
-                if row is not None:  # it ends before the next row: the last edges are joined
-                    axes.plot([at[-1]] * 2, [bottom[-1], top[-1]], **style)
-                axes.fill_between(at, bottom, top, color=shade, linewidth=0)
-                axes.plot(at, bottom, **style)
-                axes.plot(at, top, **style)
-            ends = []
+def _stable(axes: Axes, rows: Sequence[Row], x: str, ends: tuple[str, str], name: str, number: int) -> None:
+    """What two columns of lower and upper ends say is stable over x."""
+    at = [float(value_of(row, x)) for row in rows]
+    low, high = ([value_of(row, end) for row in rows] for end in ends)
+    plot_stable_bands(axes, at, low, high, name, STYLES[number % len(STYLES)], _SHADES[number % len(_SHADES)])
 
 
 def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
@@ -195,9 +182,7 @@ def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
     axes = figure.add_subplot()
     highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
     for k, (name, rows) in enumerate(_groups(asked, records).items()):
-        style: dict[str, Any] = STYLES[k % len(STYLES)]
-        _bands(axes, rows, x, "stable_zero_from_Hz", "stable_zero_to_Hz", style, _SHADES[k % len(_SHADES)])
-        axes.plot([], [], label=name or "edge of the stable region", **style)
+        _stable(axes, rows, x, ("stable_zero_from_Hz", "stable_zero_to_Hz"), name or "stable", k)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
@@ -212,7 +197,7 @@ def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
     (x,) = _need(asked, records, "x")
     figure = new_figure(height_mm=150)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    _bands(upper, records, x, "stable_from_kg", "stable_to_kg", STYLES[0], "0.85")
+    _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
     for row in records:
         masses, frequencies = row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ())
         for mass, frequency in zip(masses, frequencies, strict=True):
