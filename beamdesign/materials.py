@@ -19,6 +19,7 @@ class Material(Record):
 
     name: str
     youngs_modulus_Pa: Annotated[Positive, Field(description="E")]
+    shear_modulus_Pa: Annotated[Positive, Field(description="G")]
     density_kg_per_m3: Annotated[Positive, Field(description="rho")]
     proof_strength_Pa: Annotated[Positive, Field(description="characteristic 0.2 % proof strength, f_o")]
     largest_wall_m: Annotated[Positive, Field(description="thickness up to which the proof strength holds")]

@@ -166,6 +166,43 @@ class Payload(Record):
             yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}; write [least, most]")
 
 
+Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+"""Seen from the tip: along the beam and away from it (x), sideways (y), upwards (z)."""
+
+
+class Arm(Record):
+    """The link as an arm: where its load sits, torsion, and the compensator across the first.
+
+    The first compensator acts in z, the second one in y, from one and the same inner beam.
+    """
+
+    offset_m: Annotated[
+        Point, Field(description="payload's centre from the tip: along the beam, sideways, upwards")
+    ] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    tool_m: Annotated[
+        Point | None, Field(description="where the error counts, likewise; the payload's centre where absent")
+    ] = None
+    end_polar_inertia_kg_m2: Annotated[
+        NonNegative, Field(description="of the end module about the beam's axis, without the tube")
+    ] = 0.0
+    payload_polar_inertia_kg_m2: Annotated[
+        NonNegative, Field(description="of the payload about its own centre line along x, whatever its mass")
+    ] = 0.0
+    torsional_stiffness_N_m_per_rad: Annotated[
+        Positive | None, Field(description="of the outer beam from clamp to tip; else from its section and material")
+    ] = None
+    torsional_damping_ratio: Annotated[
+        NonNegative | None, Field(lt=1, description="zeta of torsion without payload; else that of the outer beam")
+    ] = None
+    second_controller: Annotated[
+        Controller | None, Field(description="law of the compensator in y; that of [controller] where absent")
+    ] = None
+
+
 class Tolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
@@ -247,6 +284,7 @@ class Prototype(Record):
     supply: Supply = Supply()
     controller: Controller | None = None
     payload: Payload = Payload()
+    arm: Arm | None = None
     goal: Goal = Goal()
     tolerance: Tolerance = Tolerance()
     guarantee: Guarantee | None = None

@@ -5,6 +5,7 @@ import traceback
 
 import typer
 
+from beamdesign.cli.arm import arm
 from beamdesign.cli.certify import certify
 from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
@@ -37,7 +38,7 @@ app.callback()(program)
 PANELS = {
     "Begin": (new, explain),
     "Design": (run, size, tune, codesign, front, remedies),
-    "Prove": (certify, certify_box, certify_switching),
+    "Prove": (certify, certify_box, certify_switching, arm),
     "Simulate": (simulate, limits),
     "Build": (spec, code),
     "Source": (paper,),

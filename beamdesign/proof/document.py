@@ -69,7 +69,7 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         *rig_lines(prototype),
         *controller_lines(prototype),
         *polynomial_lines(loop),
-        *_stability(stability),
+        *stability_lines(stability),
         *(line for claim in claims for line in claim_lines(claim)),
     ]
     head, body = "\n".join(above), "\n".join(below)
@@ -156,7 +156,7 @@ def _list(polynomial: fmpq_poly, one_per_line: bool = False) -> str:
     return "[\n  " + ",\n  ".join(values) + ",\n]" if one_per_line else "[" + ", ".join(values) + "]"
 
 
-def _stability(stability: StabilityMap) -> Iterator[str]:
+def stability_lines(stability: StabilityMap) -> Iterator[str]:
     """Ranges, each settled at its sample, and the crossings between them, as decimal enclosures."""
     groups = _groups(stability)
     enclosures = _mass_enclosures(groups, stability)

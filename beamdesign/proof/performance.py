@@ -282,7 +282,12 @@ def guaranteed_bandwidth(loop: Loop, limit_m_per_N: float | fmpq, low: float | f
 
 def bandwidth_where_stable(loop: Loop, limit_m_per_N: fmpq, low: fmpq, high: fmpq) -> float:
     """The same for a range that is proved to be stable already."""
-    verdict = quadratic_nonnegative(*compliance_slack(loop, limit_m_per_N), low, high, fmpq(0), None)
+    return kept_up_to_Hz(compliance_slack(loop, limit_m_per_N), low, high)
+
+
+def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
+    """Up to which frequency a quadratic in the mass is proved not to be negative, rounded down; infinite for all."""
+    verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
     if verdict.holds_to is None:
         return inf
     reached = frequency_below(verdict.holds_to)
@@ -294,7 +299,7 @@ def bandwidth_where_stable(loop: Loop, limit_m_per_N: fmpq, low: fmpq, high: fmp
     return nearest(bandwidth)
 
 
-def _least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
+def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
     """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite above `largest`."""
     lower, step = start, _RELATIVE_STEP
     while not proves(upper := shortened(exact(lower * (1 + step)), 5, up=True)):
@@ -342,7 +347,7 @@ def peak_sensitivity_where_stable(loop: Loop, low: fmpq, high: fmpq, start: floa
     def proves(limit: fmpq) -> bool:
         return quadratic_nonnegative(*sensitivity_slack(loop, limit), low, high, fmpq(0), None).holds
 
-    return _least_proved(estimates.peak_sensitivity(loop, low, high) if start is None else start, proves, 1e12)
+    return least_proved(estimates.peak_sensitivity(loop, low, high) if start is None else start, proves, 1e12)
 
 
 def loop_gain_where_stable(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) -> float:
@@ -352,7 +357,7 @@ def loop_gain_where_stable(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) ->
     def proves(limit: fmpq) -> bool:
         return quadratic_nonnegative(*loop_gain_slack(loop, limit), low, high, start, None).holds
 
-    return _least_proved(estimates.loop_gain(loop, from_Hz, low, high), proves, 1e12)
+    return least_proved(estimates.loop_gain(loop, from_Hz, low, high), proves, 1e12)
 
 
 def effort_where_stable(loop: Loop, low: fmpq, high: fmpq) -> float:
@@ -361,7 +366,7 @@ def effort_where_stable(loop: Loop, low: fmpq, high: fmpq) -> float:
     def proves(limit: fmpq) -> bool:
         return quadratic_nonnegative(*effort_slack(loop, limit), low, high, _ZERO, None).holds
 
-    return _least_proved(estimates.controller_effort(loop, low, high), proves, 1e12)
+    return least_proved(estimates.controller_effort(loop, low, high), proves, 1e12)
 
 
 def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:

@@ -9,6 +9,7 @@ from beamdesign.records import InputError
 
 ROOMS = {
     "beamdesign.mass_range": "beamdesign.proof.replay",
+    "beamdesign.arm_plane": "beamdesign.proof.replay_arm",
     "beamdesign.members": "beamdesign.proof.replay_members",
     "beamdesign.switching": "beamdesign.proof.replay_lyapunov",
     "beamdesign.box": "beamdesign.proof.replay_box",

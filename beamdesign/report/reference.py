@@ -25,7 +25,7 @@ FILES = {
 }
 """Kinds of file, each with the record that it is read as."""
 
-_TOKEN = r"(?:N|m|m2|m3|m6|kg|s|s2|Pa|A|V|Hz)"
+_TOKEN = r"(?:N|m|m2|m3|m6|kg|s|s2|Pa|A|V|Hz|rad)"
 _SUFFIX = re.compile(rf"_({_TOKEN}(?:_(?:per_)?{_TOKEN})*)$")
 
 

@@ -1,0 +1,169 @@
+"""What error a steady load leaves: the tip's own motion, the end that turns, and twist, with the servos and without."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from beamdesign import section
+from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of
+from beamdesign.arm.statics import carried, cross, held, tip_compliance
+from beamdesign.materials import material
+from beamdesign.prototype import FIT_M, Beam, Prototype
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """Motions under one load, in x, y, z (and about them), SI.
+
+    Attributes:
+        tip_m: displacement of the tip, which is what the servos see and hold in y and z.
+        rotation_rad: of the tip, about x (twist), y and z.
+        from_turning_m: of the point that counts, because the end of the outer beam turns in bending.
+        from_twist_m: of that point, because it twists.
+        error_m: of that point, the sum of the three.
+        actuators_N: forces of the actuators in y and z on the outer tip; zeros without servos.
+    """
+
+    tip_m: Vector
+    rotation_rad: Vector
+    from_turning_m: Vector
+    from_twist_m: Vector
+    error_m: Vector
+    actuators_N: tuple[float, float]
+
+    @property
+    def size_m(self) -> float:
+        """How far the point is off."""
+        return float(np.linalg.norm(self.error_m))
+
+    @property
+    def shares_m(self) -> dict[str, float]:
+        """How far each cause alone moves the point; they are vectors, so that these need not add up."""
+        causes = {"tip": self.tip_m, "turning": self.from_turning_m, "twist": self.from_twist_m}
+        return {name: float(np.linalg.norm(vector)) for name, vector in causes.items()}
+
+
+def remaining(
+    figures: ArmFigures, force_N: Vector, payload: Vector, tool: Vector, closed: tuple[float, float] | None
+) -> Remaining:
+    """Work out the motions under a force on the payload's centre.
+
+    Args:
+        figures: of the outer beam.
+        force_N: in x, y, z.
+        payload: its centre from the tip, m.
+        tool: the point that counts, m.
+        closed: static compliance of the closed loops in y and z, m/N; None without servos.
+    """
+    load = carried(payload) @ np.array([*force_N, 0.0, 0.0, 0.0])
+    compliance, actuators = tip_compliance(figures), np.zeros(2)
+    if closed is not None:
+        servo = held(compliance, closed)
+        compliance, actuators = servo.compliance, servo.actuators @ load
+    motion = compliance @ load
+    tip, turn = motion[:3], motion[3:]
+    twist = np.array([turn[0], 0.0, 0.0])
+    by_turning, by_twist = (-cross(tool) @ part for part in (turn - twist, twist))
+    return Remaining(
+        _vector(tip), _vector(turn), _vector(by_turning), _vector(by_twist), _vector(tip + by_turning + by_twist),
+        (float(actuators[0]), float(actuators[1])),
+    )  # fmt: skip
+
+
+def _vector(values: np.ndarray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+@dataclass(frozen=True)
+class TwistRemedy:
+    """What would keep the twist's share of the error below a wanted figure: no servo can.
+
+    Attributes:
+        allowed_m: wanted.
+        needed_N_m_per_rad: torsional stiffness G J / L that does it; zero where the load does not twist the beam.
+        wall_m: wall of the outer tube that does it at its width; None where there is no section or none does.
+        wall_added_kg: mass of the tube that it adds.
+        wall_fits: whether the inner tube still fits.
+        width_m: width that does it with the wall as it is.
+        width_added_kg: mass that it adds.
+        counterweight_kg_m: mass times distance, on the other side of the axis, that balances the largest payload's
+            weight; it does nothing against other forces.
+    """
+
+    allowed_m: float
+    needed_N_m_per_rad: float
+    wall_m: float | None
+    wall_added_kg: float | None
+    wall_fits: bool | None
+    width_m: float | None
+    width_added_kg: float | None
+    counterweight_kg_m: float
+
+
+_WALL_SHARE = 0.1
+"""Of the width: the thickest wall looked at, up to which the torsion constant is good to a few per cent."""
+
+_WIDEST_M = 2.0
+
+
+def twist_remedy(prototype: Prototype, force_N: Vector, allowed_m: float, payload_kg: float) -> TwistRemedy:
+    """The section that keeps the twist's share of the error at an allowed figure, and the counterweight.
+
+    Raises:
+        InputError: as `arm_figures`.
+    """
+    figures, arm = arm_figures(prototype), arm_of(prototype)
+    offset, tool = arm.offset_m, arm.tool_m or arm.offset_m
+    torque = offset[1] * force_N[2] - offset[2] * force_N[1]
+    needed = abs(torque) * hypot(tool[1], tool[2]) / allowed_m
+    weight = payload_kg * hypot(offset[1], offset[2])
+    beam, wall, width = prototype.outer_beam, None, None
+    fits: bool | None = None
+    if beam.has_geometry and needed > 0:
+        assert beam.width_m is not None
+        assert beam.wall_m is not None
+        # A given stiffness need not be the section's: what is asked for scales the section as it stands.
+        ratio = needed / figures.torsional_stiffness
+        wall = _least(beam, ratio, lambda value: (beam.width_m, value), beam.wall_m, _WALL_SHARE * beam.width_m)
+        width = _least(beam, ratio, lambda value: (value, beam.wall_m), beam.width_m, _WIDEST_M)
+        if wall is not None and prototype.inner_beam.width_m is not None:
+            fits = beam.width_m - 2 * wall >= prototype.inner_beam.width_m + FIT_M
+    thicker, wider = _added_mass(beam, beam.width_m, wall), _added_mass(beam, width, beam.wall_m)
+    return TwistRemedy(allowed_m, needed, wall, thicker, fits, width, wider, weight)
+
+
+def _constant(beam: Beam, tube: tuple[float | None, float | None]) -> float:
+    width, wall = tube
+    return float(section.torsion_constant(width, wall, beam.corner_radius_m))
+
+
+def _least(
+    beam: Beam, ratio: float, tube: Callable[[float], tuple[float | None, float | None]], own: float, most: float
+) -> float | None:
+    """The size from its own figure up at which the torsion constant has grown by a ratio."""
+    from scipy.optimize import brentq
+
+    target = ratio * _constant(beam, tube(own))
+    if ratio <= 1:
+        return own
+    if _constant(beam, tube(most)) < target:
+        return None
+    return float(brentq(lambda size: _constant(beam, tube(size)) - target, own, most, xtol=1e-9))
+
+
+def _added_mass(beam: Beam, width: float | None, wall: float | None) -> float | None:
+    if width is None or wall is None or beam.width_m is None or beam.wall_m is None or beam.material is None:
+        return None
+    length = beam.length_m or beam.free_length_m
+    areas = [float(section.area(w, t, beam.corner_radius_m)) for w, t in ((width, wall), (beam.width_m, beam.wall_m))]
+    return material(beam.material).density_kg_per_m3 * (areas[0] - areas[1]) * float(length or 0.0)
+
+
+def offset_for_goal_m(prototype: Prototype) -> float:
+    """The sideways offset at which twist alone takes up the goal's compliance at the payload: sqrt(c G J / L)."""
+    return float((prototype.goal.compliance_m_per_N * arm_figures(prototype).torsional_stiffness) ** 0.5)

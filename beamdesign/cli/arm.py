@@ -1,0 +1,327 @@
+"""`beamdesign arm`: two compensators across each other and torsion: what is proved, and what error remains."""
+
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.completion import toml_files
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    folder_to_write,
+    mass_range,
+    say,
+    say_table,
+    write_csv,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from beamdesign.arm.remaining import Remaining, TwistRemedy, Vector
+    from beamdesign.arm.result import ArmResult
+    from beamdesign.prototype import Prototype
+
+
+def arm(
+    prototype: Annotated[
+        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
+    ],
+    offset_m: Annotated[
+        str | None,
+        typer.Option("--offset-m", metavar="X,Y,Z", help="Payload's centre from the tip; else that of [arm]."),
+    ] = None,
+    outer_end_mass: RangeOption = None,
+    force_N: Annotated[
+        str | None,
+        typer.Option(
+            "--force-N",
+            metavar="F",
+            help="Load on the payload's centre, downwards, or X,Y,Z; else weight and largest force.",
+        ),
+    ] = None,
+    allowed_mm: Annotated[
+        float | None,
+        typer.Option("--allowed-mm", help="Error that twist may leave; says which tube keeps it."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", callback=folder_to_write, help="Folder for certificates, tables, picture and prototype."
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Work out the link as an arm.
+
+    One compensator upwards (z), one sideways (y), and torsion of the outer beam under a payload that stands off its
+    axis: stability proved over the payload, compliance and bandwidth at tip and payload, and the error that a steady
+    load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
+    Exit status 0 if both loops are proved stable over the range, 1 otherwise.
+    """
+    from beamdesign.arm.figures import arm_of
+    from beamdesign.arm.remaining import offset_for_goal_m, twist_remedy
+    from beamdesign.arm.result import work_out
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    if allowed_mm is not None and not (isfinite(allowed_mm) and allowed_mm > 0):
+        raise InputError("arm", [("--allowed-mm", f"must be a finite number above zero, is {allowed_mm:g}")])
+    record = read_prototype(prototype)
+    given = arm_of(record)
+    if offset_m is not None:
+        given = given.but(offset_m=_three(offset_m, "--offset-m", "m"))
+    record = record.but(arm=given)
+    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    force = _force(record, force_N, masses[1], prototype)
+    found = work_out(record, masses, force)
+    _say_figures(record, found)
+    _say_proof(record, found)
+    _say_compliance(found)
+    _say_remaining(found, force)
+    most = offset_for_goal_m(record)
+    goal = record.goal.compliance_m_per_N
+    say(f"twist alone moves the payload by the goal's {goal:.4g} m/N at {most:.4g} m off the axis, whatever the servo")
+    remedy = None
+    if allowed_mm is not None:
+        remedy = twist_remedy(record, force, allowed_mm * 1e-3, masses[1])
+        _say_remedy(remedy)
+    files: dict[str, Any] = {}
+    if out is not None:
+        files = _write(record, found, force, out)
+        say(f"folder: {out}")
+    write_json(json, _fields(found, force, most, remedy) | {"files": files})
+    if not found.stable:
+        raise typer.Exit(1)
+
+
+def _three(text: str, option: str, unit: str) -> "Vector":
+    from beamdesign.records import InputError
+
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(option, [(text, f"expected three figures in {unit} as X,Y,Z, such as 0,0.1,0")]) from None
+    if not all(map(isfinite, (x, y, z))):
+        raise InputError(option, [(text, "all three must be finite")])
+    return x, y, z
+
+
+def _force(record: "Prototype", text: str | None, payload: float, source: Path) -> "Vector":
+    """The load: given, or weight of the largest payload and the prototype's largest force, downwards."""
+    from beamdesign.members import STANDARD_GRAVITY
+    from beamdesign.records import InputError
+
+    if text is None:
+        down = payload * STANDARD_GRAVITY + (record.payload.largest_force_N or 0.0)
+        if down == 0:
+            reason = "missing, and no payload has weight; give --force-N"
+            raise InputError(source, [("payload.largest_force_N", reason)])
+        return 0.0, 0.0, -down
+    if "," in text:
+        return _three(text, "--force-N", "N")
+    try:
+        down = float(text)
+    except ValueError:
+        raise InputError("--force-N", [(text, "expected a force in N, or three as X,Y,Z")]) from None
+    if not (isfinite(down) and down > 0):
+        raise InputError("--force-N", [(text, "must be a finite number above zero; it acts downwards")])
+    return 0.0, 0.0, -down
+
+
+def _say_figures(record: "Prototype", found: "ArmResult") -> None:
+    from beamdesign.arm.figures import arm_of
+
+    offset = arm_of(record).offset_m
+    place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", offset, strict=True))
+    say(f"{record.name}: payload's centre at {place} m from the tip (x along the beam, y sideways, z upwards)")
+    for note in found.figures.notes:
+        say(f"  {note}")
+    rows = [
+        (f"{at.outer_end_mass_kg:g}", *at.modes_Hz, at.torsion_held_Hz, at.turning_held_Hz) for at in found.frequencies
+    ]
+    columns = ("payload, kg", "1st", "2nd", "3rd", "tip held: torsion", "turning")
+    say_table("Natural frequencies of the outer beam, Hz", columns, rows)
+
+
+def _say_proof(record: "Prototype", found: "ArmResult") -> None:
+    low, high = found.outer_end_mass_kg
+    if found.both is not None:
+        verdict = {True: "stable", False: "NOT stable", None: "UNDECIDED"}[found.both.stable]
+        reason = f": {found.both.reason}" if found.both.reason else ""
+        say(f"both planes, coupled by the payload: {verdict} from {low:g} to {high:g} kg{reason}")
+        say("  method: zero exclusion in ball arithmetic over the payload; bandwidth and peaks are not proved")
+        for mass, stable in found.sampled_stable:
+            say(f"  at {mass:g} kg: {'stable' if stable else 'not stable'} (poles, sampled)")
+        return
+    for plane in found.planes:
+        with_what = "with torsion" if plane.coupled else "without torsion, which the payload does not bring in"
+        if not plane.stable:
+            say(f"plane {plane.name}, {with_what}: NOT stable from {low:g} to {high:g} kg: {plane.reason}")
+            for least, most in plane.stability.stable_ranges:
+                say(f"  stable from {least:.7g} to {most:.7g} kg")
+            for crossing in plane.crossings:
+                say(f"  a root pair lies on the axis at {crossing.value:.7g} kg, {crossing.frequency_Hz:.6g} Hz")
+            continue
+        say(f"plane {plane.name}, {with_what}: stable for every payload from {low:g} to {high:g} kg")
+        if (sure := plane.guaranteed) is None:
+            continue
+        goal = record.goal
+        say(f"  guaranteed at the tip: at most {goal.compliance_m_per_N:.4g} m/N up to {sure.tip_bandwidth_Hz:.6g} Hz")
+        if sure.load_bandwidth_Hz > 0:
+            say(f"  guaranteed at the payload: the same up to {sure.load_bandwidth_Hz:.6g} Hz")
+        else:
+            say(f"  at the payload even a steady force moves it by {sure.load_static_m_per_N:.4g} m/N, beyond the goal")
+        met = "within" if sure.peak_sensitivity <= goal.peak_sensitivity else "beyond"
+        say(f"  guaranteed: peak sensitivity at most {sure.peak_sensitivity:.6g}, {met} the goal")
+        if sure.loop_gain is not None and goal.loop_gain is not None:
+            met = "within" if sure.loop_gain <= goal.loop_gain else "beyond"
+            say(f"  guaranteed: |L| at most {sure.loop_gain:.6g} from {goal.loop_gain_from_Hz:g} Hz up, {met} the goal")
+        if sure.controller_effort_A_per_V is not None and goal.controller_effort_A_per_V is not None:
+            met = "within" if sure.controller_effort_A_per_V <= goal.controller_effort_A_per_V else "beyond"
+            say(f"  guaranteed: |C/(1+L)| at most {sure.controller_effort_A_per_V:.6g} A/V, {met} the goal")
+
+
+def _say_compliance(found: "ArmResult") -> None:
+    rows = []
+    for place, passive, active in (
+        ("tip", found.tip_passive, found.tip_active),
+        ("payload", found.passive, found.active),
+    ):
+        for direction, i, turn in (("y", 1, 5), ("z", 2, 4)):
+            cells = [1e9 * passive[i, i], 1e9 * passive[turn, i], 1e9 * passive[3, i]]
+            cells += ["-"] * 3 if active is None else [1e9 * active[k, i] for k in (i, turn, 3)]
+            rows.append((f"{place}, {direction}", *map(_cell, cells)))
+    columns = ("at", "moves", "turns", "twists", "servo: moves", "turns", "twists")
+    say_table("Under 1 N, steady, the outer beam alone and with both servos: nm, nrad", columns, rows)
+
+
+def _cell(value: Any) -> Any:
+    return value if isinstance(value, str) else float(value) + 0.0  # no negative zero
+
+
+def _say_remaining(found: "ArmResult", force: "Vector") -> None:
+    rows = []
+    for words, case in (("without servo", found.without), ("with servo", found.with_servo)):
+        if case is not None:
+            turns = [1e3 * value + 0.0 for value in case.rotation_rad]
+            rows.append((words, 1e3 * case.size_m, *(1e3 * part for part in case.shares_m.values()), *turns))
+    load = ", ".join(f"{value:g}" for value in force)
+    columns = ("", "error", "tip", "turning", "twist", "twist, mrad", "about y", "about z")
+    say_table(f"What a steady load of ({load}) N leaves, by cause, mm; and how the end turns, mrad", columns, rows)
+    if found.with_servo is None:
+        say("with servo: nothing is told of loops that are not proved stable")
+    else:
+        y, z = found.with_servo.actuators_N
+        say(f"actuators: {y + 0.0:.4g} N in y, {z + 0.0:.4g} N in z")
+
+
+def _say_remedy(remedy: "TwistRemedy") -> None:
+    say(f"to keep twist at {1e3 * remedy.allowed_m:g} mm: G J / L of {remedy.needed_N_m_per_rad:.6g} N m/rad")
+    if remedy.width_m is not None:
+        say(f"  outer tube {1e3 * remedy.width_m:.4g} mm wide, wall as it is: {remedy.width_added_kg:.3g} kg more")
+    if remedy.wall_m is not None:
+        fits = "" if remedy.wall_fits is not False else ", in which the inner tube does not fit"
+        say(f"  or wall {1e3 * remedy.wall_m:.4g} mm, width as it is: {remedy.wall_added_kg:.3g} kg more{fits}")
+    elif remedy.width_m is not None:
+        say("  no wall up to a tenth of the width does it")
+    if remedy.counterweight_kg_m > 0:
+        say(f"  or, against weight alone, {remedy.counterweight_kg_m:.4g} kg m on the other side of the axis")
+
+
+def _fields(found: "ArmResult", force: "Vector", most: float, remedy: "TwistRemedy | None") -> dict[str, Any]:
+    both = found.both
+    return {
+        "stable": found.stable,
+        "reason": found.reason,
+        "outer_end_mass_kg": found.outer_end_mass_kg,
+        "figures": found.figures,
+        "planes": [
+            {
+                "plane": plane.name,
+                "coupled_with_torsion": plane.coupled,
+                "stable": plane.stable,
+                "stable_ranges_kg": plane.stability.stable_ranges,
+                "crossings": [
+                    {"outer_end_mass_kg": c.value, "frequency_Hz": c.frequency_Hz if c.finite else None}
+                    for c in plane.crossings
+                ],
+                "guaranteed": plane.guaranteed,
+            }
+            for plane in found.planes
+        ],
+        "both_planes": None if both is None else {"stable": both.stable, "reason": both.reason, "pieces": both.pieces},
+        "sampled_stable": found.sampled_stable,
+        "compliance": {
+            "payload_without_servo": found.passive.tolist(),
+            "payload_with_servo": None if found.active is None else found.active.tolist(),
+            "tip_without_servo": found.tip_passive.tolist(),
+            "tip_with_servo": None if found.tip_active is None else found.tip_active.tolist(),
+        },
+        "force_N": force,
+        "without_servo": _case(found.without),
+        "with_servo": None if found.with_servo is None else _case(found.with_servo),
+        "frequencies": found.frequencies,
+        "offset_for_goal_m": most,
+        "twist_remedy": remedy,
+    }
+
+
+def _case(case: "Remaining") -> dict[str, Any]:
+    names = type(case).__dataclass_fields__
+    return {name: getattr(case, name) for name in names} | {"size_m": case.size_m, "shares_m": case.shares_m}
+
+
+def _write(record: "Prototype", found: "ArmResult", force: "Vector", out: Path) -> dict[str, Any]:
+    """Certificates, tables, picture and the prototype as it was looked at."""
+    from beamdesign.arm.both import both_planes
+    from beamdesign.prototype import write_prototype
+    from beamdesign.report.arm_plot import compliance_curves, draw_arm
+    from beamdesign.report.canvas import save
+    from beamdesign.whole_file import write_whole
+
+    out.mkdir(parents=True, exist_ok=True)
+    texts = {f"certificate_{plane.name}": plane.text for plane in found.planes}
+    if found.both is not None and found.both.certificate:
+        texts["certificate_both"] = found.both.certificate
+    files: dict[str, Any] = {}
+    for name, text in texts.items():
+        files[name] = out / f"{name}.toml"
+        write_whole(files[name], text)
+    files |= {name: out / f"{name}.csv" for name in ("compliance", "remaining", "response")}
+    motions = ("x_m", "y_m", "z_m", "about_x_rad", "about_y_rad", "about_z_rad")
+    loads = ("force_x_N", "force_y_N", "force_z_N", "moment_x_N_m", "moment_y_N_m", "moment_z_N_m")
+    places = {
+        ("tip", "no"): found.tip_passive, ("tip", "yes"): found.tip_active,
+        ("payload", "no"): found.passive, ("payload", "yes"): found.active,
+    }  # fmt: skip
+    write_csv(
+        files["compliance"],
+        [
+            {"at": at, "servo": servo, "motion": motion} | dict(zip(loads, map(float, row), strict=True))
+            for (at, servo), matrix in places.items()
+            if matrix is not None
+            for motion, row in zip(motions, matrix, strict=True)
+        ],
+    )
+    cases = {"no": found.without} | ({"yes": found.with_servo} if found.with_servo is not None else {})
+    write_csv(
+        files["remaining"],
+        [
+            {"servo": servo, "cause": cause} | dict(zip(("x_m", "y_m", "z_m"), vector, strict=True))
+            for servo, case in cases.items()
+            for cause, vector in (
+                ("tip", case.tip_m),
+                ("turning", case.from_turning_m),
+                ("twist", case.from_twist_m),
+                ("all", case.error_m),
+            )
+        ],
+    )
+    curves = compliance_curves(both_planes(record), found)
+    write_csv(files["response"], curves.rows())
+    files["figures"] = save(draw_arm(record, found, force, curves), out / "arm")
+    files["prototype"] = out / "prototype.toml"
+    write_prototype(record, files["prototype"])
+    return files
