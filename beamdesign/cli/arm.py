@@ -14,7 +14,6 @@ from beamdesign.cli.output import (
     mass_range,
     say,
     say_table,
-    write_csv,
     write_json,
 )
 
@@ -89,7 +88,9 @@ def arm(
         _say_remedy(remedy)
     files: dict[str, Any] = {}
     if out is not None:
-        files = _write(record, found, force, out)
+        from beamdesign.cli.arm_folder import write_folder
+
+        files = write_folder(record, found, force, out)
         say(f"folder: {out}")
     write_json(json, _fields(found, force, most, remedy) | {"files": files})
     if not found.stable:
@@ -203,13 +204,14 @@ def _cell(value: Any) -> Any:
 
 def _say_remaining(found: "ArmResult", force: "Vector") -> None:
     rows = []
-    for words, case in (("without servo", found.without), ("with servo", found.with_servo)):
+    for words, case in (("alone", found.without), ("servos", found.with_servo)):
         if case is not None:
             turns = [1e3 * value + 0.0 for value in case.rotation_rad]
-            rows.append((words, 1e3 * case.size_m, *(1e3 * part for part in case.shares_m.values()), *turns))
+            sizes = (case.size_m, *case.shares_m.values())
+            rows.append((words, *(f"{1e3 * size:.3g}" for size in sizes), *(f"{angle:.3g}" for angle in turns)))
     load = ", ".join(f"{value:g}" for value in force)
-    columns = ("", "error", "tip", "turning", "twist", "twist, mrad", "about y", "about z")
-    say_table(f"What a steady load of ({load}) N leaves, by cause, mm; and how the end turns, mrad", columns, rows)
+    columns = ("beam", "error", "tip", "turning", "twist", "about x", "y", "z")
+    say_table(f"What a steady load of ({load}) N leaves: mm, by cause; mrad of the end", columns, rows)
     if found.with_servo is None:
         say("with servo: nothing is told of loops that are not proved stable")
     else:
@@ -271,57 +273,3 @@ def _fields(found: "ArmResult", force: "Vector", most: float, remedy: "TwistReme
 def _case(case: "Remaining") -> dict[str, Any]:
     names = type(case).__dataclass_fields__
     return {name: getattr(case, name) for name in names} | {"size_m": case.size_m, "shares_m": case.shares_m}
-
-
-def _write(record: "Prototype", found: "ArmResult", force: "Vector", out: Path) -> dict[str, Any]:
-    """Certificates, tables, picture and the prototype as it was looked at."""
-    from beamdesign.arm.both import both_planes
-    from beamdesign.prototype import write_prototype
-    from beamdesign.report.arm_plot import compliance_curves, draw_arm
-    from beamdesign.report.canvas import save
-    from beamdesign.whole_file import write_whole
-
-    out.mkdir(parents=True, exist_ok=True)
-    texts = {f"certificate_{plane.name}": plane.text for plane in found.planes}
-    if found.both is not None and found.both.certificate:
-        texts["certificate_both"] = found.both.certificate
-    files: dict[str, Any] = {}
-    for name, text in texts.items():
-        files[name] = out / f"{name}.toml"
-        write_whole(files[name], text)
-    files |= {name: out / f"{name}.csv" for name in ("compliance", "remaining", "response")}
-    motions = ("x_m", "y_m", "z_m", "about_x_rad", "about_y_rad", "about_z_rad")
-    loads = ("force_x_N", "force_y_N", "force_z_N", "moment_x_N_m", "moment_y_N_m", "moment_z_N_m")
-    places = {
-        ("tip", "no"): found.tip_passive, ("tip", "yes"): found.tip_active,
-        ("payload", "no"): found.passive, ("payload", "yes"): found.active,
-    }  # fmt: skip
-    write_csv(
-        files["compliance"],
-        [
-            {"at": at, "servo": servo, "motion": motion} | dict(zip(loads, map(float, row), strict=True))
-            for (at, servo), matrix in places.items()
-            if matrix is not None
-            for motion, row in zip(motions, matrix, strict=True)
-        ],
-    )
-    cases = {"no": found.without} | ({"yes": found.with_servo} if found.with_servo is not None else {})
-    write_csv(
-        files["remaining"],
-        [
-            {"servo": servo, "cause": cause} | dict(zip(("x_m", "y_m", "z_m"), vector, strict=True))
-            for servo, case in cases.items()
-            for cause, vector in (
-                ("tip", case.tip_m),
-                ("turning", case.from_turning_m),
-                ("twist", case.from_twist_m),
-                ("all", case.error_m),
-            )
-        ],
-    )
-    curves = compliance_curves(both_planes(record), found)
-    write_csv(files["response"], curves.rows())
-    files["figures"] = save(draw_arm(record, found, force, curves), out / "arm")
-    files["prototype"] = out / "prototype.toml"
-    write_prototype(record, files["prototype"])
-    return files

@@ -1,0 +1,63 @@
+"""What `beamdesign arm --out` writes: certificates, tables, picture and the prototype as it was looked at."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beamdesign.arm.both import both_planes
+from beamdesign.cli.output import write_csv
+from beamdesign.prototype import Prototype, write_prototype
+from beamdesign.report.arm_plot import compliance_curves, draw_arm
+from beamdesign.report.canvas import save
+from beamdesign.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from beamdesign.arm.remaining import Vector
+    from beamdesign.arm.result import ArmResult
+
+
+def write_folder(record: Prototype, found: "ArmResult", force: "Vector", out: Path) -> dict[str, Any]:
+    """Write them, and say which file is which."""
+    out.mkdir(parents=True, exist_ok=True)
+    texts = {f"certificate_{plane.name}": plane.text for plane in found.planes}
+    if found.both is not None and found.both.certificate:
+        texts["certificate_both"] = found.both.certificate
+    files: dict[str, Any] = {}
+    for name, text in texts.items():
+        files[name] = out / f"{name}.toml"
+        write_whole(files[name], text)
+    files |= {name: out / f"{name}.csv" for name in ("compliance", "remaining", "response")}
+    motions = ("x_m", "y_m", "z_m", "about_x_rad", "about_y_rad", "about_z_rad")
+    loads = ("force_x_N", "force_y_N", "force_z_N", "moment_x_N_m", "moment_y_N_m", "moment_z_N_m")
+    places = {
+        ("tip", "no"): found.tip_passive, ("tip", "yes"): found.tip_active,
+        ("payload", "no"): found.passive, ("payload", "yes"): found.active,
+    }  # fmt: skip
+    write_csv(
+        files["compliance"],
+        [
+            {"at": at, "servo": servo, "motion": motion} | dict(zip(loads, map(float, row), strict=True))
+            for (at, servo), matrix in places.items()
+            if matrix is not None
+            for motion, row in zip(motions, matrix, strict=True)
+        ],
+    )
+    cases = {"no": found.without} | ({"yes": found.with_servo} if found.with_servo is not None else {})
+    write_csv(
+        files["remaining"],
+        [
+            {"servo": servo, "cause": cause} | dict(zip(("x_m", "y_m", "z_m"), vector, strict=True))
+            for servo, case in cases.items()
+            for cause, vector in (
+                ("tip", case.tip_m),
+                ("turning", case.from_turning_m),
+                ("twist", case.from_twist_m),
+                ("all", case.error_m),
+            )
+        ],
+    )
+    curves = compliance_curves(both_planes(record), found)
+    write_csv(files["response"], curves.rows())
+    files["figures"] = save(draw_arm(record, found, force, curves), out / "arm")
+    files["prototype"] = out / "prototype.toml"
+    write_prototype(record, files["prototype"])
+    return files

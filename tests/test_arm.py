@@ -1,0 +1,431 @@
+"""The arm: statics against closed forms and finite elements, coupled loops against matrices put together by hand."""
+
+import json
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_assembled import DENSITY_KG_PER_M3, LENGTH_M, SHEAR_PA, assemble, tube
+from arm_elements import lever, matrices
+from flint import fmpq, fmpq_poly
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+from typer.testing import CliRunner
+
+from beamdesign.arm.both import both_planes
+from beamdesign.arm.certificate import certify_plane
+from beamdesign.arm.figures import arm_figures
+from beamdesign.arm.plane import plane_loop
+from beamdesign.arm.remaining import offset_for_goal_m, remaining, twist_remedy
+from beamdesign.arm.result import frequencies, work_out
+from beamdesign.arm.statics import at_point, held, tip_compliance
+from beamdesign.cli import app
+from beamdesign.loop import loop
+from beamdesign.proof.certificate import certify
+from beamdesign.proof.replay_any import replay
+from beamdesign.prototype import Arm, Lag, Payload, Prototype, write_prototype
+from beamdesign.records import InputError
+
+END_INERTIA = 0.01
+OFFSET = (0.08, 0.15, 0.0)
+
+
+@pytest.fixture
+def link(paper: Prototype) -> Prototype:
+    """The published rig with its outer tube, a tame lag (1.7/20 Hz at 50 mA/V) and 2.5 kg inside."""
+    tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": LENGTH_M, "material": "6061-T6"}
+    return paper.but(
+        outer_beam=paper.outer_beam.but(**tube),
+        controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0),
+        payload=Payload(inner_end_mass_kg=2.5, outer_end_mass_kg=(0.0, 6.8)),
+        arm=Arm(end_polar_inertia_kg_m2=END_INERTIA),
+    )
+
+
+def at(link: Prototype, *offset: float) -> Prototype:
+    assert link.arm is not None
+    return link.but(arm=link.arm.but(offset_m=offset))
+
+
+# Statics.
+
+
+def test_a_held_end_turns_by_a_quarter_of_what_a_free_one_does_under_a_moment(link: Prototype):
+    """Propped cantilever, Roark's Formulas, table 8.1: reaction 3 M / 2 L, slope M L / 4 E I."""
+    figures = arm_figures(link)
+    length, rigidity = figures.length, figures.bending_rigidity
+    moment = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 7.0])  # about z: bends in y
+    tip = tip_compliance(figures)
+    servo = held(tip, (0.0, 0.0))
+    assert (tip @ moment)[5] == pytest.approx(7.0 * length / rigidity)
+    assert (tip @ moment)[1] == pytest.approx(7.0 * length**2 / (2 * rigidity))
+    assert (servo.compliance @ moment)[1] == pytest.approx(0.0, abs=1e-15)
+    assert (servo.compliance @ moment)[5] == pytest.approx(7.0 * length / (4 * rigidity))
+    assert servo.actuators @ moment == pytest.approx([-1.5 * 7.0 / length, 0.0], abs=1e-9)
+
+
+def test_a_force_on_the_tip_turns_the_end_only_without_servo(link: Prototype):
+    figures = arm_figures(link)
+    force = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    tip = tip_compliance(figures)
+    assert (tip @ force)[2] == pytest.approx(1 / 486_800.0)
+    assert (tip @ force)[4] == pytest.approx(-1.5 / (486_800.0 * LENGTH_M))
+    assert (held(tip, (0.0, 0.0)).compliance @ force)[[2, 4]] == pytest.approx([0.0, 0.0], abs=1e-18)
+
+
+def test_compliance_of_the_held_tip_is_that_of_the_closed_loop(link: Prototype):
+    closed = loop(link).at(0.0).static_compliance()
+    servo = held(tip_compliance(arm_figures(link)), (closed, closed)).compliance
+    assert servo[1, 1] == pytest.approx(closed, rel=1e-9)
+    assert servo[2, 2] == pytest.approx(closed, rel=1e-9)
+    np.testing.assert_allclose(servo, servo.T, atol=1e-22)
+
+
+@pytest.mark.parametrize("servo", [False, True])
+def test_statics_are_those_of_finite_elements(link: Prototype, servo: bool):
+    """Ends of Hermite elements deflect exactly; the servos are springs at the tip."""
+    offset, closed = (0.08, 0.15, -0.06), (4e-9, 9e-9)
+    figures = arm_figures(link)
+    stiffness, _ = matrices(3, LENGTH_M, figures.bending_rigidity, figures.torsional_stiffness * LENGTH_M, 1.0, 1.0)
+    if servo:
+        for k, compliance in enumerate(closed):
+            stiffness[k - 5, k - 5] += 1 / compliance - 486_800.0
+    there = np.zeros((3, len(stiffness)))
+    there[:, -5:] = lever(offset)
+    expected = there @ np.linalg.solve(stiffness, there.T)
+    tip = tip_compliance(figures)
+    tip[0, 0] = 0.0  # these elements do not stretch
+    found = at_point(held(tip, closed).compliance if servo else tip, offset)[:3, :3]
+    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-16)
+
+
+def test_what_remains_is_twist_and_the_levers_on_the_end_that_turns(link: Prototype):
+    """A servo without any error leaves F a_x^2 L / 4 E I and F a_y^2 L / G J at the payload."""
+    figures = arm_figures(link)
+    x, y, force = 0.1, 0.2, -1000.0
+    case = remaining(figures, (0.0, 0.0, force), (x, y, 0.0), (x, y, 0.0), (0.0, 0.0))
+    turning = force * x**2 * LENGTH_M / (4 * figures.bending_rigidity)
+    twist = force * y**2 / figures.torsional_stiffness
+    assert case.from_turning_m[2] == pytest.approx(turning)
+    assert case.from_twist_m[2] == pytest.approx(twist)
+    assert case.error_m[2] == pytest.approx(turning + twist)
+    assert case.actuators_N[1] == pytest.approx(-force * (1 + 1.5 * x / LENGTH_M))
+    alone = remaining(figures, (0.0, 0.0, force), (x, y, 0.0), (x, y, 0.0), None)
+    assert alone.rotation_rad[0] == case.rotation_rad[0]  # no servo does anything about twist
+    assert alone.tip_m[2] == pytest.approx(force / 486_800.0 * (1 + 1.5 * x / LENGTH_M))
+
+
+def test_the_wider_tube_of_the_remedy_twists_as_asked(link: Prototype):
+    rig, force, allowed = at(link, 0.0, 0.12, 0.0), (0.0, 0.0, -1500.0), 4e-5
+    remedy = twist_remedy(rig, force, allowed, 6.8)
+    for key, size in (("width_m", remedy.width_m), ("wall_m", remedy.wall_m)):
+        beam = rig.outer_beam.but(**{key: size})
+        other = rig.but(outer_beam=beam)
+        case = remaining(arm_figures(other), force, (0.0, 0.12, 0.0), (0.0, 0.12, 0.0), None)
+        assert case.shares_m["twist"] == pytest.approx(allowed, rel=1e-5)
+    assert remedy.counterweight_kg_m == pytest.approx(6.8 * 0.12)
+    most = offset_for_goal_m(rig)
+    assert most**2 / arm_figures(rig).torsional_stiffness == pytest.approx(rig.goal.compliance_m_per_N)
+
+
+# Frequencies.
+
+
+@pytest.mark.parametrize(
+    ("offset", "payload", "torsion"),
+    [((0.0, 0.0, 0.0), 0.0, 0.025), ((0.0, 0.15, 0.0), 6.8, 0.01), (OFFSET, 6.8, 0.04), ((0.1, 0.2, -0.15), 6.8, 0.04)],
+)
+def test_frequencies_are_those_of_finite_elements(
+    link: Prototype, offset: tuple[float, float, float], payload: float, torsion: float
+):
+    """Two shapes of bending and one of twist stand for all, so that frequencies come out too high, and a little only.
+
+    An offset along the beam also hangs the payload on the end that turns, which the shapes leave out.
+    """
+    rig, figures = at(link, *offset), arm_figures(link)
+    second, constant = tube(0.140, 0.0023)
+    area = 4 * 0.0023 * (0.140 - 0.0023)
+    per_length = DENSITY_KG_PER_M3 * area
+    twist = SHEAR_PA * constant
+    stiffness, mass = matrices(
+        12, LENGTH_M, figures.bending_rigidity, twist, per_length, 2 * DENSITY_KG_PER_M3 * second
+    )
+    module = 3.9 - 0.236 * per_length * LENGTH_M
+    mass[[-5, -4], [-5, -4]] += module
+    mass[-3, -3] += END_INERTIA
+    there = np.zeros((3, len(mass)))
+    there[:, -5:] = lever(offset)
+    mass += payload * there.T @ there
+    expected = np.sqrt(eigh(stiffness, mass, eigvals_only=True)) / (2 * pi)
+    found = frequencies(rig, payload).modes_Hz
+    assert np.abs(found[:2] / expected[:2] - 1).max() < 3e-3
+    assert found[2] == pytest.approx(expected[2], rel=torsion)
+    assert found[2] > expected[2]
+
+
+def test_torsion_alone_is_a_twisted_bar_with_an_end_inertia(link: Prototype):
+    """k tan k = I_bar / I_end, e.g. Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-20."""
+    from scipy.optimize import brentq
+
+    figures = arm_figures(link)
+    bar = 3 * (figures.polar_inertia - END_INERTIA)
+    wave = brentq(lambda k: k * np.tan(k) - bar / END_INERTIA, 0.1, 1.5)
+    exact = wave * np.sqrt(figures.torsional_stiffness / bar) / (2 * pi)
+    assert frequencies(link, 0.0).torsion_held_Hz == pytest.approx(exact, rel=0.03)
+
+
+# The loops.
+
+
+def test_without_offset_the_arm_is_the_single_loop(link: Prototype):
+    own = certify(link, 0.0, 6.8)
+    for name in ("y", "z"):
+        plane, found = plane_loop(link, name), certify_plane(link, name, 0.0, 6.8)
+        assert plane.characteristic == loop(link).characteristic
+        assert found.stability.stable_ranges == own.stable_ranges_kg
+        assert found.guaranteed is not None
+        assert own.guaranteed is not None
+        assert found.guaranteed.tip_bandwidth_Hz == found.guaranteed.load_bandwidth_Hz == own.guaranteed.bandwidth_Hz
+        assert found.guaranteed.peak_sensitivity == pytest.approx(own.guaranteed.peak_sensitivity, rel=2e-4)
+
+
+@pytest.mark.parametrize("payload", [0.0, 2.3, 6.8, 31.0])
+@pytest.mark.parametrize("offset", [OFFSET, (0.0, 0.0, 0.2), (-0.05, -0.1, 0.0)])
+def test_poles_are_those_of_matrices_put_together_by_hand(
+    link: Prototype, payload: float, offset: tuple[float, float, float]
+):
+    rig = at(link, *offset)
+    expected = np.linalg.eigvals(assemble(rig, payload, offset, END_INERTIA).a)
+    found = np.concatenate([plane_loop(rig, name).at(payload).poles() for name in ("y", "z")])
+    assert len(found) == len(expected)
+    for pole in found:
+        assert np.abs(expected - pole).min() < 1e-6 * abs(pole)
+
+
+@pytest.mark.parametrize("offset", [(0.1, 0.1, -0.2), (0.0, 0.15, 0.15)])
+def test_poles_with_both_planes_coupled_are_those_of_matrices_put_together_by_hand(
+    link: Prototype, offset: tuple[float, float, float]
+):
+    second = Lag(gain_A_per_V=0.03, pole_Hz=1.0, zero_Hz=20.0)
+    assert link.arm is not None
+    rig = link.but(arm=link.arm.but(offset_m=offset, second_controller=second))
+    for payload in (0.0, 1.7, 6.8):
+        expected = np.linalg.eigvals(assemble(rig, payload, offset, END_INERTIA).a)
+        found = both_planes(rig).poles(payload)
+        assert len(found) == len(expected)
+        for pole in found:
+            assert np.abs(expected - pole).min() < 1e-6 * abs(pole)
+
+
+def test_responses_are_those_of_matrices_put_together_by_hand(link: Prototype):
+    """Of tip, payload, twist and loop, at a payload other than those the polynomials were made at."""
+    rig, payload, frequency = at(link, *OFFSET), 3.7, np.array([0.5, 8.0, 40.0, 150.0, 260.0])
+    plane, by_hand = plane_loop(rig, "z"), assemble(rig, payload, OFFSET, END_INERTIA)
+    s = 2j * pi * frequency
+
+    def solved(a: np.ndarray, right: np.ndarray) -> np.ndarray:
+        return np.stack([np.linalg.solve(at * np.eye(len(a)) - a, right) for at in s])
+
+    motion = by_hand.motion @ solved(by_hand.a, by_hand.b)
+    rest = 3 * OFFSET[0] ** 2 / (4 * 486_800.0 * LENGTH_M**2)
+    np.testing.assert_allclose(plane.at_load(payload).compliance_response(frequency), motion[:, 2, 2] + rest, rtol=1e-7)
+    characteristic, roll = (_values(part.at(fmpq(37, 10)), s) for part in (plane.characteristic, plane.roll))
+    np.testing.assert_allclose(roll / characteristic, motion[:, 3, 2], rtol=1e-7)
+    gain = -solved(by_hand.opened, by_hand.valve) @ by_hand.current
+    np.testing.assert_allclose(plane.at(payload).loop_response(frequency), gain, rtol=1e-7)
+    full = both_planes(rig).response(payload, frequency)
+    np.testing.assert_allclose(full, motion, rtol=1e-6, atol=1e-14)
+
+
+def _values(polynomial: fmpq_poly, s: np.ndarray) -> np.ndarray:
+    return np.polyval([float(c) for c in reversed(polynomial.coeffs())], s)
+
+
+def test_a_force_in_time_moves_the_payload_as_the_proved_polynomials_say(link: Prototype):
+    """A force at 12 Hz from rest, integrated until the transient has died: amplitude and phase of what is left."""
+    rig, payload, frequency = at(link, 0.0, 0.15, 0.0), 5.0, 12.0
+    by_hand = assemble(rig, payload, (0.0, 0.15, 0.0), END_INERTIA)
+    w = 2 * pi * frequency
+
+    def rate(time: float, state: np.ndarray) -> np.ndarray:
+        return by_hand.a @ state + by_hand.b[:, 2] * 100.0 * np.sin(w * time)
+
+    settled = 12 / frequency
+    times = np.linspace(settled, settled + 1 / frequency, 65)[:-1]
+    run = solve_ivp(
+        rate, (0.0, float(times[-1])), np.zeros(len(by_hand.a)), "Radau", times, rtol=1e-6, atol=1e-12, jac=by_hand.a
+    )
+    moved = by_hand.motion[2] @ run.y
+    found = 2j * np.mean(moved * np.exp(-1j * w * times)) / 100.0
+    expected = plane_loop(rig, "z").at_load(payload).compliance_response(np.array([frequency]))[0]
+    assert found == pytest.approx(expected, rel=2e-3)
+
+
+def test_payloads_at_which_roots_cross_are_where_poles_by_hand_cross(link: Prototype):
+    """A payload 0.5 m to the side is stable up to some mass; poles by hand change sides there."""
+    offset = (0.0, 0.5, 0.0)
+    rig = at(link, *offset)
+    found = certify_plane(rig, "z", 0.0, 6.8)
+    assert not found.stable
+    (crossing,) = found.crossings
+    for factor, stable in ((1 - 1e-5, True), (1 + 1e-5, False)):
+        poles = np.linalg.eigvals(assemble(rig, factor * crossing.value, offset, END_INERTIA).a)
+        assert (poles.real.max() < 0) == stable
+    assert replay_text(found.text).valid
+
+
+def test_guarantees_hold_and_are_tight_on_a_grid(link: Prototype):
+    rig = at(link, 0.0, 0.05, 0.0)
+    found = certify_plane(rig, "z", 0.0, 6.8).guaranteed
+    assert found is not None
+    plane, frequency = plane_loop(rig, "z"), np.geomspace(0.1, 500.0, 4000)
+    members = [plane.at(mass) for mass in np.linspace(0.0, 6.8, 18)]
+    loads = [plane.at_load(mass) for mass in np.linspace(0.0, 6.8, 18)]
+    peak = max(np.abs(member.sensitivity_response(frequency)).max() for member in members)
+    assert peak <= found.peak_sensitivity <= 1.002 * peak
+    for looked_at, bandwidth in ((members, found.tip_bandwidth_Hz), (loads, found.load_bandwidth_Hz)):
+        below, above = bandwidth * np.linspace(0.02, 1.0, 60), np.array([1.002 * bandwidth])
+        goal = rig.goal.compliance_m_per_N
+        assert all(np.abs(member.compliance_response(below)).max() <= goal for member in looked_at)
+        assert any(np.abs(member.compliance_response(above)).max() > goal for member in looked_at)
+
+
+def test_both_planes_without_a_second_offset_are_the_product_of_the_single_ones(link: Prototype):
+    rig, mass = at(link, *OFFSET), fmpq(5, 2)
+    both = both_planes(rig).at(2.5)
+    y, z = (plane_loop(rig, name).characteristic.at(mass) for name in ("y", "z"))
+    assert both == y * z
+    with pytest.raises(ValueError, match="both planes"):
+        plane_loop(at(link, 0.0, 0.1, 0.1), "z")
+
+
+def test_a_payload_off_to_both_sides_is_proved_in_ball_arithmetic(link: Prototype):
+    rig = at(link, 0.0, 0.1, -0.1)
+    verdict = both_planes(rig).prove(0.0, 6.8)
+    assert verdict.stable
+    assert replay_text(verdict.certificate).valid
+    far = work_out(at(link, 0.0, 0.5, 0.5), (0.0, 6.8), (0.0, 0.0, -100.0))
+    assert far.stable is False
+    assert far.with_servo is None
+    assert not all(stable for _, stable in far.sampled_stable)
+
+
+def test_the_second_controller_acts_sideways_only(link: Prototype):
+    assert link.arm is not None
+    second = Lag(gain_A_per_V=0.02, pole_Hz=1.7, zero_Hz=20.0)
+    rig = link.but(arm=link.arm.but(second_controller=second, offset_m=OFFSET))
+    assert plane_loop(rig, "z") == plane_loop(at(link, *OFFSET), "z")
+    alone = link.but(controller=second)
+    assert plane_loop(rig, "y").opened == plane_loop(at(alone, *OFFSET), "y").opened
+    assert work_out(rig, (0.0, 6.8), (0.0, -50.0, 0.0)).closed_m_per_N == pytest.approx(
+        (loop(alone).at(0.0).static_compliance(), loop(link).at(0.0).static_compliance())
+    )
+
+
+# Certificates.
+
+
+def replay_text(text: str):
+    from importlib import import_module
+    from tomllib import loads
+
+    from beamdesign.proof.replay_any import ROOMS
+
+    return import_module(ROOMS[loads(text)["kind"]]).replay(text)
+
+
+def resealed(text: str) -> str:
+    """With the checksum of what the text has become."""
+    from hashlib import sha256
+
+    lines = text.splitlines(keepends=True)
+    rest = "".join(line for line in lines if not line.startswith("sha256"))
+    own = f'sha256 = "{sha256(rest.encode()).hexdigest()}"\n'
+    return "".join(own if line.startswith("sha256") else line for line in lines)
+
+
+def test_certificates_are_proved_again_and_false_ones_refused(link: Prototype):
+    rig = at(link, 0.05, 0.05, 0.0).but(goal=link.goal.but(loop_gain=0.25, controller_effort_A_per_V=0.06))
+    for name in ("y", "z"):
+        text = certify_plane(rig, name, 0.0, 6.8).text
+        outcome = replay_text(text)
+        assert outcome.valid, outcome.reasons
+        assert sum("compliance" in words for words in outcome.claims) == 2
+        assert any("loop_gain" in words for words in outcome.claims)
+        assert any("controller_effort" in words for words in outcome.claims)
+    assert not replay_text(text.replace('plane = "z"', 'plane = "y"')).valid
+    for old, new, words in (
+        ('"0.05", "0.05", "0"', '"0.05", "0.6", "0"', "not proved"),
+        ('kind = "peak_sensitivity"\nlimit = "1.', 'kind = "peak_sensitivity"\nlimit = "0.', "not proved: peak"),
+        ('up_to_Hz = "', 'up_to_Hz = "1', "not proved: tip_compliance"),
+    ):
+        assert old in text
+        outcome = replay_text(resealed(text.replace(old, new, 1)))
+        assert any(words in reason for reason in outcome.reasons), (old, outcome.reasons)
+
+
+# Input and command line.
+
+
+def test_missing_figures_are_all_named_at_once(paper: Prototype):
+    rig = paper.but(controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0))
+    with pytest.raises(InputError) as caught:
+        arm_figures(rig)
+    keys = [problem.key for problem in caught.value.problems]
+    assert keys == ["outer_beam.free_length_m", "arm.torsional_stiffness_N_m_per_rad", "arm.end_polar_inertia_kg_m2"]
+    given = Arm(torsional_stiffness_N_m_per_rad=1e5, end_polar_inertia_kg_m2=0.02)
+    figures = arm_figures(rig.but(arm=given, outer_beam=rig.outer_beam.but(free_length_m=1.2)))
+    assert (figures.torsional_stiffness, figures.polar_inertia, figures.axial_stiffness) == (1e5, 0.02, None)
+    with pytest.raises(InputError, match=r"effects\.sensor_lag"):
+        both_planes(rig.but(arm=given, outer_beam=rig.outer_beam.but(free_length_m=1.2), effects={"sensor_lag": {}}))
+
+
+def run(*arguments: str | Path):
+    return CliRunner().invoke(app, ["arm", *map(str, arguments)])
+
+
+def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
+    path, answer = tmp_path / "link.toml", tmp_path / "answer.json"
+    write_prototype(link, path)
+    done = run(
+        path, "--offset-m", "0,0.1,0", "--force-N", "500", "--allowed-mm", "0.02", "--out", tmp_path, "--json", answer
+    )
+    assert done.exit_code == 0, done.output
+    assert "stable for every payload from 0 to 6.8 kg" in done.output
+    fields = json.loads(answer.read_text())
+    assert fields["with_servo"]["shares_m"]["twist"] == pytest.approx(
+        500 * 0.1**2 / arm_figures(link).torsional_stiffness
+    )
+    assert fields["with_servo"]["size_m"] < 0.1 * fields["without_servo"]["size_m"]
+    assert [plane["coupled_with_torsion"] for plane in fields["planes"]] == [False, True]
+    for name in ("certificate_y.toml", "certificate_z.toml"):
+        assert replay(tmp_path / name).valid
+    for name in ("compliance.csv", "remaining.csv", "response.csv", "arm.svg", "arm.png", "prototype.toml"):
+        assert (tmp_path / name).stat().st_size > 0
+    again = run(tmp_path / "prototype.toml", "--force-N", "500", "--json", tmp_path / "again.json")
+    assert again.exit_code == 0
+    assert json.loads((tmp_path / "again.json").read_text())["planes"] == fields["planes"]
+    refused = run(path, "--offset-m", "0,0.5,0", "--force-N", "500")
+    assert refused.exit_code == 1
+    assert "plane z, with torsion: NOT stable" in refused.output
+    both = run(path, "--offset-m=0,-0.1,0.1")
+    assert both.exit_code == 0
+    assert "bandwidth and peaks are not proved" in both.output
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--offset-m", "0.1,0.1", "expected three figures in m"),
+        ("--offset-m", "0.1,nan,0", "must be finite"),
+        ("--force-N", "-5", "above zero; it acts downwards"),
+        ("--force-N", "much", "expected a force in N"),
+        ("--allowed-mm", "0", "above zero"),
+    ],
+)
+def test_bad_options_are_refused(link: Prototype, tmp_path: Path, option: str, value: str, words: str):
+    write_prototype(link, tmp_path / "link.toml")
+    done = run(tmp_path / "link.toml", f"{option}={value}")
+    assert isinstance(done.exception, InputError)
+    assert words in str(done.exception)
