@@ -6,6 +6,7 @@ import numpy as np
 
 from beamdesign.controller import control_model
 from beamdesign.members import MemberRig, family
+from beamdesign.observer import Observer
 from beamdesign.prototype import Prototype
 from beamdesign.rig import twin_beam
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     import control
 
 OUTPUTS = ("displacement_m", "sensor_V", "current_A")
-"""Outputs of the open and the closed loop; the plant has the first two."""
+"""Outputs of the open and the closed loop; the plant has the first two. What added sensors read follows."""
 
 
 def state_space(
@@ -23,8 +24,12 @@ def state_space(
 
     - "plant": `disturbance_N` and `current_A` to `displacement_m` and `sensor_V`.
     - "open": the controller before the plant, the sensor not fed back: `disturbance_N` and `command_V` to
-      `displacement_m`, `sensor_V` and `current_A`. The loop transfer function L is `sensor_V` over `command_V`.
+      `displacement_m`, `sensor_V` and `current_A`. The loop transfer function L is `sensor_V` over `command_V` where
+      nothing but the sensor is to be fed back.
     - "closed": the same signals with the sensor subtracted from the command, equation (12).
+
+    Where the controller has added sensors, what they read are further outputs of all three, and are fed back in the
+    third: `inner_displacement_m`, `load_pressure_Pa`.
 
     States are named as in `beamdesign.rig.twin_beam.STATES`, then `filtered_V` where the sensor has a filter, then
     `controller_1` and so on for a controller with dynamics. A prototype with effects is taken linear at rest; its
@@ -45,27 +50,32 @@ def state_space(
     member = family(prototype, outer_end_mass_kg).rest
     a, b, c = member.rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
     b = b * [1.0, member.gain.high]
+    added = prototype.controller.added if isinstance(prototype.controller, Observer) else ()
+    c = np.vstack([c, *(member.rig.added_rows()[[twin_beam.ADDED_OUTPUTS.index(name)]] for name in added)])
     if isinstance(member.rig, MemberRig):
         states = [name.replace(".", "_") for name in member.rig.assembly.states]
     else:
         states = [*twin_beam.STATES, *(["filtered_V"] if member.rig.filtered else [])]
     if loop == "plant":
         return control.ss(
-            a, b, c, np.zeros((2, 2)), states=states, inputs=twin_beam.INPUTS, outputs=twin_beam.OUTPUTS, name="plant"
+            a, b, c, np.zeros((len(c), 2)), states=states, inputs=twin_beam.INPUTS,
+            outputs=[*twin_beam.OUTPUTS, *added], name="plant",
         )  # fmt: skip
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
     law = control_model(prototype.controller)
     n, k = len(states), law.nstates
-    # The error, in volts, is the command less what is fed back of the sensor.
-    fed_back = c[1:2] if loop == "closed" else np.zeros((1, n))
-    disturbance, current = b[:, :1], b[:, 1:]
+    # The error, in volts, is the command less what is fed back of the sensor; the added sensors have no command.
+    fed_back = c[1:] if loop == "closed" else np.zeros((1 + len(added), n))
+    disturbance, current, commanded = b[:, :1], b[:, 1:], slice(0, 1)
     dynamics = np.block([[a - current @ law.D @ fed_back, current @ law.C], [-law.B @ fed_back, law.A]])
-    inputs = np.block([[disturbance, current @ law.D], [np.zeros((k, 1)), law.B]])
-    outputs = np.block([[c, np.zeros((2, k))], [-law.D @ fed_back, law.C]])
-    through = np.block([[np.zeros((2, 2))], [np.zeros((1, 1)), law.D]])
+    inputs = np.block([[disturbance, current @ law.D[:, commanded]], [np.zeros((k, 1)), law.B[:, commanded]]])
+    shown = np.hstack([c, np.zeros((len(c), k))])
+    outputs = np.vstack([shown[:2], np.hstack([-law.D @ fed_back, law.C]), shown[2:]])
+    through = np.zeros((len(outputs), 2))
+    through[2, 1:] = law.D[:, commanded]
     return control.ss(
         dynamics, inputs, outputs, through,
         states=[*states, *(f"controller_{i + 1}" for i in range(k))], inputs=["disturbance_N", "command_V"],
-        outputs=OUTPUTS, name=f"{loop}_loop",
+        outputs=[*OUTPUTS, *added], name=f"{loop}_loop",
     )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdesign import lumped, section
 from beamdesign.beam import MODE_MASS_FRACTION, natural_frequencies
-from beamdesign.controller import shape_response
+from beamdesign.controller import sensor_responses
 from beamdesign.loop import critical_gain
 from beamdesign.materials import material
 from beamdesign.prototype import Beam, Prototype
@@ -123,17 +123,24 @@ class Signals:
     Attributes:
         loop_per_gain: loop transfer function L over the amplifier gain, V/A.
         compliance: of the outer tip with no valve current, m/N.
+        crossed_per_gain: what added sensors feed back of a held tip, over the amplifier gain, m/N; zero without them.
     """
 
     loop_per_gain: np.ndarray
     compliance: np.ndarray
+    crossed_per_gain: np.ndarray
+
+    def closed(self, gain: float) -> np.ndarray:
+        """Compliance of the outer tip with the loop closed at an amplifier gain, m/N."""
+        return np.asarray((self.compliance + gain * self.crossed_per_gain) / (1 + gain * self.loop_per_gain))
 
 
 def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequency_Hz: np.ndarray) -> Signals:
     """Equations (7) to (16) with any compliance of the two beams, loaded as they are to be.
 
     The force of the cylinder follows from Z F_c = K_q V i / (A s) - c_o F_d with
-    Z = 1/K_c + c_o + c_i + K_pq / (A^2 s), and the tip is at c_o (F_c + F_d).
+    Z = 1/K_c + c_o + c_i + K_pq / (A^2 s), and the tip is at c_o (F_c + F_d). The inner tip is at -c_i F_c, the load
+    pressure is F_c / A.
     """
     figure = lumped.figures(prototype)
     s = 1j * tau * np.asarray(frequency_Hz, dtype=float)
@@ -141,13 +148,16 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
     valve = 1 / (1 + 2 * figure["valve_damping_ratio"] * spool + spool**2)
     area, c_o, c_i = figure["piston_area"], outer(frequency_Hz), inner(frequency_Hz)
     z = 1 / figure["oil_stiffness"] + c_o + c_i + figure["leakage"] / (area**2 * s)
-    sensed = figure["sensor_gain"] * c_o * figure["flow_gain"] * valve / (area * s) / z
+    force = figure["flow_gain"] * valve / (area * s) / z  # of the cylinder per current
+    sensed = figure["sensor_gain"] * c_o * force
     if prototype.sensor.filter_Hz is not None:
         sensed = sensed / (1 + s / figure["filter_frequency"])
-    law = prototype.controller
-    if law is not None:
-        sensed = sensed * shape_response(law, frequency_Hz)
-    return Signals(sensed, c_o * (1 - c_o / z))
+    law = {"displacement_m": np.ones_like(s)}
+    if prototype.controller is not None:
+        law = sensor_responses(prototype.controller, frequency_Hz)
+    per_force = law.get("load_pressure_Pa", 0.0) / area - law.get("inner_displacement_m", 0.0) * c_i
+    back = sensed * law["displacement_m"] + per_force * force
+    return Signals(back, c_o * (1 - c_o / z), np.asarray(per_force * c_o * force))
 
 
 def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, tolerance: float = 0.1) -> SingleModeReach:
@@ -175,7 +185,7 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, toleran
     gain = prototype.controller.gain_A_per_V
     limit = critical_gain(prototype.but(effects={}), outer_end_mass).gain_A_per_V
     limit_all, at = _first_oscillation(full.loop_per_gain, grid)
-    near, exact = (part.compliance / (1 + gain * part.loop_per_gain) for part in (low, full))
+    near, exact = (part.closed(gain) for part in (low, full))
     closed_Hz = _agrees_up_to(near, exact, grid, tolerance) if gain < min(limit, limit_all) else 0.0
     modes = [
         tuple(natural_frequencies(b.rigidity, b.per_length, b.length, b.end_mass + masses[name], 3))

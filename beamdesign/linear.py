@@ -122,6 +122,17 @@ class LinearRig:
             for entries, (rows, columns) in zip(flat, shapes, strict=True)
         )
 
+    def added_rows(self) -> np.ndarray:
+        """C (2, n) of what added sensors may read, `twin_beam.ADDED_OUTPUTS`, in floats."""
+        return np.asarray(self._descriptor.added([*self.figures.values(), 0.0, 0.0]))
+
+    def exact_added_rows(self) -> fmpq_mat:
+        """The same in rationals; no end mass shows in it."""
+        vector = [*(exact(value) for value in self.figures.values()), fmpq(0), fmpq(0)]
+        n, rows = len(self._descriptor.states), len(twin_beam.ADDED_OUTPUTS)
+        flat = evaluate_exactly(self._descriptor.added, vector)[0]
+        return fmpq_mat(rows, n, [flat[j * rows + i] for i in range(rows) for j in range(n)])
+
     def plant(self, inner_end_mass: float = 0.0) -> Plant:
         """Exact transfer polynomials with the given mass (kg) added to the inner beam."""
         inner = exact(inner_end_mass)

@@ -7,54 +7,84 @@ from math import atan2, degrees, inf, pi, sqrt
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.controller import transfer_function
+from beamdesign.controller import sensed_law, transfer_function
 from beamdesign.crossing import Crossing, crossings
-from beamdesign.linear import Plant
-from beamdesign.members import Member, family
+from beamdesign.linear import LinearRig, Plant
+from beamdesign.members import Member, MemberRig, family
+from beamdesign.observer import Observer
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Controller, Prototype
+from beamdesign.sensed_plant import SensedPlant, sensed_plant
 
 
 @dataclass(frozen=True)
 class Loop:
     """The loop in exact polynomials of s; everything is affine in the outer end mass m (kg) or free of it.
 
-    With L the loop transfer function, S = opened / characteristic and x / F_d = disturbance / characteristic.
+    L is the transfer function around the loop broken at the current, all that is fed back being one current, however
+    many sensors there are. S = 1 / (1 + L) = opened / characteristic and x / F_d = disturbance / characteristic. With
+    the displacement alone fed back, L is also that of the loop broken at its sensor.
 
     Attributes:
-        opened: denominator of L.
-        returned: numerator of L, free of m.
+        opened: denominator of L, the plant's times the controller's.
+        returned: numerator of L; free of m where the displacement alone is fed back.
         disturbance: numerator of the closed-loop compliance x / F_d, free of m.
-        demanded: numerator of C S, current over command volts or over noise of the sensor; of the same denominator as
-            S. None where it is not known.
+        demanded: numerator of C S, current over command volts or over noise of the displacement sensor, C being what
+            the controller makes of that sensor; of the same denominator as S. None where it is not known.
     """
 
     opened: Affine
-    returned: fmpq_poly
+    returned: Affine
     disturbance: fmpq_poly
     demanded: Affine | None = None
 
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial p0 + m p1."""
-        return Affine(self.opened.constant + self.returned, self.opened.slope)
+        return self.opened + self.returned
+
+    @property
+    def gain_and_mass_apart(self) -> bool:
+        """Whether a factor on the gain and the mass do not multiply each other: `returned` is free of m."""
+        return self.returned.slope.is_zero()
 
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
         mass = exact(outer_end_mass)
         demanded = None if self.demanded is None else self.demanded.at(mass)
-        return LoopAtMass(self.opened.at(mass), self.returned, self.disturbance, demanded)
+        return LoopAtMass(self.opened.at(mass), self.returned.at(mass), self.disturbance, demanded)
 
 
-def close_loop(plant: Plant, controller: Controller) -> Loop:
-    """Close the loop of a plant with a controller, equation (12)."""
-    law = transfer_function(controller)
-    return Loop(
-        plant.denominator * law.denominator,
-        plant.control * law.numerator,
-        plant.disturbance * law.denominator,
-        plant.denominator * law.numerator,
-    )
+def close_loop(plant: Plant | SensedPlant, controller: Controller) -> Loop:
+    """Close the loop of a plant with a controller, equation (12).
+
+    Raises:
+        InputError: for a controller with added sensors and a plant without them.
+        ValueError: for a plant with other sensors than the controller's.
+    """
+    zero = fmpq_poly([0])
+    if isinstance(plant, Plant):
+        single = transfer_function(controller)
+        return Loop(
+            plant.denominator * single.denominator,
+            Affine(plant.control * single.numerator, zero),
+            plant.disturbance * single.denominator,
+            plant.denominator * single.numerator,
+        )
+    law = sensed_law(controller)
+    if law.sensors != plant.sensors:
+        raise ValueError(f"the plant has the sensors {plant.sensors}, the controller {law.sensors}")
+    returned, disturbance = Affine(zero, zero), plant.disturbance * law.denominator
+    for numerator, control, crossed in zip(law.numerators, plant.control, plant.crossed, strict=True):
+        returned, disturbance = returned + control * numerator, disturbance + crossed * numerator
+    return Loop(plant.denominator * law.denominator, returned, disturbance, plant.denominator * law.numerators[0])
+
+
+def rig_loop(rig: LinearRig | MemberRig, inner_end_mass: float, controller: Controller) -> Loop:
+    """Close the loop of a rig, with the given mass (kg) added to its inner beam, with any controller."""
+    if isinstance(controller, Observer) and controller.added:
+        return close_loop(sensed_plant(rig, controller.sensors, inner_end_mass), controller)
+    return close_loop(rig.plant(inner_end_mass), controller)
 
 
 def loop(prototype: Prototype) -> Loop:
@@ -71,7 +101,7 @@ def _member_loop(prototype: Prototype, member: Member) -> Loop:
     """The loop of a member at the largest of its gains."""
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
-    closed = close_loop(member.rig.plant(prototype.payload.inner_end_mass_kg), prototype.controller)
+    closed = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, prototype.controller)
     factor = member.gain.high
     return closed if factor == 1 else replace(closed, returned=closed.returned * exact(factor))
 

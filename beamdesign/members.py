@@ -1,6 +1,6 @@
 """The linear members of a prototype: one loop without effects, a set that brackets them with effects."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -18,8 +18,9 @@ from beamdesign.records import InputError, Problem
 from beamdesign.rig.effect import Operation, Span
 from beamdesign.rig.effects import library, problems
 from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
-from beamdesign.rig.linearised import LinearAssembly, linear_assembly
+from beamdesign.rig.linearised import SEEN, LinearAssembly, linear_assembly
 from beamdesign.rig.parameters import effect_parameters_of
+from beamdesign.rig.twin_beam import ADDED_OUTPUTS
 
 STANDARD_GRAVITY = 9.80665
 """m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass and the payload's
@@ -81,25 +82,36 @@ class MemberRig:
 
     def matrices(self, outer_end_mass: float, inner_end_mass: float) -> tuple[np.ndarray, ...]:
         """A (n, n), B (n, 2), C (2, n) of x' = A x + B u in floats; inputs and outputs as in `twin_beam`."""
-        found = self.assembly.function(self._values(outer_end_mass, inner_end_mass))
-        return tuple(np.asarray(matrix) for matrix in found[:3])
+        a, b, c = (np.asarray(m) for m in self.assembly.function(self._values(outer_end_mass, inner_end_mass))[:3])
+        return a, b, c[:2]
+
+    def added_rows(self) -> np.ndarray:
+        """C (2, n) of what added sensors may read, `twin_beam.ADDED_OUTPUTS`, in floats."""
+        c = np.asarray(self.assembly.function(self._values(0.0, 0.0))[2])
+        return c[[SEEN.index(name) for name in ADDED_OUTPUTS]]
 
     def exact_matrices(self, outer_end_mass: fmpq, inner_end_mass: fmpq) -> tuple[fmpq_mat, ...]:
-        """A, B, C and D in rationals, from the same CasADi instructions."""
+        """A, B, C (4, n) and D in rationals, from the same CasADi instructions."""
         values = [
             value if isinstance(value, fmpq) else exact(value) for value in self._values(outer_end_mass, inner_end_mass)
         ]
         n = len(self.assembly.states)
-        shapes = [(n, n), (n, 2), (2, n), (2, 2)]
+        shapes = [(n, n), (n, 2), (len(SEEN), n), (len(SEEN), 2)]
         flat = evaluate_exactly(self.assembly.function, values)
         return tuple(
             fmpq_mat(rows, columns, [entries[j * rows + i] for i in range(rows) for j in range(columns)])
             for entries, (rows, columns) in zip(flat, shapes, strict=True)
         )
 
-    def _transfers(self, outer: int, inner: int) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """Denominator, control and disturbance numerator at one pair of end masses, to a common factor."""
-        a, b, c, d = self.exact_matrices(fmpq(outer), fmpq(inner))
+    def transfers(self, outer: fmpq, inner: fmpq, wanted: Sequence[tuple[int, int]]) -> list[fmpq_poly]:
+        """Denominator and the wanted numerators at one pair of end masses, to a common factor that is free of both.
+
+        Args:
+            outer: mass on the outer tip, kg.
+            inner: mass on the inner tip, kg.
+            wanted: source (0 force, 1 current) and place in `beamdesign.rig.linearised.SEEN` of each numerator.
+        """
+        a, b, c, d = self.exact_matrices(outer, inner)
         n = a.nrows()
         denominator = a.charpoly()
 
@@ -108,15 +120,15 @@ class MemberRig:
             dyad = fmpq_mat(n, n, [b[i, source] * c[output, j] for i in range(n) for j in range(n)])
             return (a - dyad).charpoly() - denominator + d[output, source] * denominator
 
-        polynomials = (denominator, numerator(1, 1), numerator(0, 0))
-        # The chambers' mean pressure neither is driven nor shows: its root is in all three, and leaves them.
+        polynomials = [denominator, *(numerator(*pair) for pair in wanted)]
+        # The chambers' mean pressure neither is driven nor shows: its root is in all of them, and leaves them.
         rows = [self.assembly.states.index(name) for name in _CHAMBERS]
         mean = fmpq_poly([-(a[rows[0], rows[0]] + a[rows[1], rows[0]]), 1])
         if all(divmod(polynomial, mean)[1].is_zero() for polynomial in polynomials):
-            polynomials = (polynomials[0] / mean, polynomials[1] / mean, polynomials[2] / mean)
+            polynomials = [polynomial / mean for polynomial in polynomials]
         # End masses act through accelerations: the lowest coefficient is free of them.
         lowest = next(value for value in polynomials[0].coeffs() if value != 0)
-        return polynomials[0] / lowest, polynomials[1] / lowest, polynomials[2] / lowest
+        return [polynomial / lowest for polynomial in polynomials]
 
     @cached_property
     def bilinear(self) -> BilinearPlant:
@@ -125,7 +137,8 @@ class MemberRig:
         Raises:
             ArithmeticError: where it does not, or where a numerator depends on the outer end mass.
         """
-        at = {(m, n): self._transfers(m, n) for m, n in ((0, 0), (1, 0), (0, 1), (1, 1), (2, 3))}
+        wanted = ((1, 1), (0, 0))  # current to measured voltage, force to displacement
+        at = {(m, n): self.transfers(fmpq(m), fmpq(n), wanted) for m, n in ((0, 0), (1, 0), (0, 1), (1, 1), (2, 3))}
         bare, outer, inner, both = (at[masses] for masses in ((0, 0), (1, 0), (0, 1), (1, 1)))
         slope = inner[0] - bare[0]
         denominator = ((bare[0], slope), (outer[0] - bare[0], both[0] - outer[0] - slope))
@@ -138,7 +151,7 @@ class MemberRig:
             disturbance[0] + 3 * disturbance[1],
         )
         free = all(at[(1, n)][i] == at[(0, n)][i] for n in (0, 1) for i in (1, 2))
-        if at[(2, 3)] != expected or not free:
+        if tuple(at[(2, 3)]) != expected or not free:
             raise ArithmeticError("an end mass enters this rig with more than rank one")
         return plant
 

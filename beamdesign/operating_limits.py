@@ -136,8 +136,7 @@ def demand(prototype: Prototype, outer_end_mass: float, frequency_Hz: np.ndarray
     inner = with_mass(single_compliance(prototype, "inner_beam"), prototype.payload.inner_end_mass_kg)
     rig = signals(prototype, outer, inner, frequency_Hz)
     assert prototype.controller is not None
-    gain = prototype.controller.gain_A_per_V
-    x = rig.compliance / (1 + gain * rig.loop_per_gain)
+    x = rig.closed(prototype.controller.gain_A_per_V)
     force = x / outer(frequency_Hz) - 1  # the tip is at c_o (F_c + F_d)
     stroke = x + inner(frequency_Hz) * force
     # The flow that reaches the cylinder moves it and compresses the oil; the valve's leakage is lost.

@@ -31,8 +31,11 @@ class Affine:
         """The polynomial at one value of the parameter."""
         return self.constant + self.slope * value
 
-    def __mul__(self, factor: fmpq_poly) -> "Affine":
+    def __mul__(self, factor: fmpq_poly | fmpq) -> "Affine":
         return Affine(self.constant * factor, self.slope * factor)
+
+    def __add__(self, other: "Affine") -> "Affine":
+        return Affine(self.constant + other.constant, self.slope + other.slope)
 
 
 def even_odd(polynomial: fmpq_poly) -> tuple[fmpq_poly, fmpq_poly]:

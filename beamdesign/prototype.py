@@ -8,6 +8,7 @@ from pydantic import Field, FiniteFloat
 
 from beamdesign import records
 from beamdesign.materials import unknown_material
+from beamdesign.observer import Observer
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 from beamdesign.whole_file import write_whole
 
@@ -140,7 +141,7 @@ class Structured(Record):
     ]
 
 
-Controller = Annotated[Proportional | Lag | Structured, Field(discriminator="kind")]
+Controller = Annotated[Proportional | Lag | Structured | Observer, Field(discriminator="kind")]
 
 
 class Payload(Record):

@@ -201,7 +201,7 @@ def test_a_peak_sensitivity_of_one_is_refuted_at_high_frequency(remedy: Prototyp
 
 def test_a_loop_that_no_gain_upsets_gets_the_largest_factor():
     """1 / (s + 1 + m): first order, stable at every gain."""
-    closed = Loop(Affine(fmpq_poly([1, 1]), fmpq_poly([1])), fmpq_poly([1]), fmpq_poly([1]))
+    closed = Loop(Affine(fmpq_poly([1, 1]), fmpq_poly([1])), Affine(fmpq_poly([1]), fmpq_poly([0])), fmpq_poly([1]))
     assert guaranteed_gain_margin(closed, 0.0, 1.0) == LARGEST_GAIN_MARGIN
     assert guaranteed_decay_rate(closed, 0.0, 1.0) == pytest.approx(2.0, rel=2e-4)
 

@@ -51,6 +51,7 @@ def certify_box(
     Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
     """
+    from beamdesign.controller import without_added_sensors
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
@@ -64,6 +65,7 @@ def certify_box(
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    without_added_sensors(record.controller, prototype, "certify-box, whose polynomial is that of one sensor")
 
     from beamdesign.proof.box import certify_box as prove
     from beamdesign.proof.scaling import largest_scaling

@@ -67,6 +67,7 @@ def code(
     what rate and rounding cost in margin is told. Exit status 1, and no code, if that loop is not proved stable over
     the range; a higher rate or a longer word may be.
     """
+    from beamdesign.controller import without_added_sensors
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
@@ -80,6 +81,7 @@ def code(
     if faults:
         raise InputError(prototype, faults)
     assert record.controller is not None
+    without_added_sensors(record.controller, prototype, "code, which reads one voltage")
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.realisation.folder import write_code

@@ -4,13 +4,15 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import isinf
+from typing import Any
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.controller import transfer_function
+from beamdesign.controller import sensed_law
 from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
 from beamdesign.lumped import figures
+from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.performance import Claim
 from beamdesign.proof.rational import bounds, simple_between, text
@@ -112,14 +114,18 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
     """The table of the controller: its figures and its polynomials."""
     controller = prototype.controller
     assert controller is not None  # there is a loop
-    law = transfer_function(controller)
-    yield "# From error voltage (V) to current (A); the polynomials are what counts."
+    law = sensed_law(controller)
+    if isinstance(controller, Observer):
+        yield "# z' = a z + b e, current = gain_A_per_V (c z + d e); e is the error voltage (V), then what the added"
+        yield "# sensors read (m, Pa) with its sign turned. The polynomials are from error voltage to current (A)."
+    else:
+        yield "# From error voltage (V) to current (A); the polynomials are what counts."
     yield "[controller]"
     figures = controller.model_dump()
     sections = figures.pop("section", ())
     for name, value in figures.items():
-        yield f'{name} = "{value if isinstance(value, str) else text(exact(value))}"'
-    yield f"numerator = {_list(law.numerator)}"
+        yield f"{name} = {_stated(value)}"
+    yield f"numerator = {_list(law.numerators[0])}"
     yield f"denominator = {_list(law.denominator)}"
     yield ""
     for section in sections:
@@ -128,14 +134,23 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
         yield ""
 
 
+def _stated(value: str | float | tuple[Any, ...]) -> str:
+    """A word, a figure as exact text, or a list of either."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_stated(entry) for entry in value) + "]"
+    return f'"{value if isinstance(value, str) else text(exact(value))}"'
+
+
 def polynomial_lines(loop: Loop, table: str = "polynomials") -> Iterator[str]:
-    """All four over one common factor, so that every coefficient is an integer."""
+    """All of them over one common factor, so that every coefficient is an integer."""
     named = {
         "p0": loop.characteristic.constant,
         "p1": loop.characteristic.slope,
-        "returned": loop.returned,
+        "returned": loop.returned.constant,
         "disturbance": loop.disturbance,
     }
+    if not loop.returned.slope.is_zero():
+        named["returned_slope"] = loop.returned.slope
     factor = fmpq(1)
     for polynomial in named.values():
         factor *= (polynomial * factor).denom()
@@ -145,6 +160,9 @@ def polynomial_lines(loop: Loop, table: str = "polynomials") -> Iterator[str]:
             divisor = fmpq(value.p.gcd(divisor.p))
     yield "# The closed loop's characteristic polynomial is p0 + m p1, m the outer end mass in kg; the open loop is"
     yield "# returned / (p0 - returned + m p1), and the closed-loop compliance x / F_d is disturbance / (p0 + m p1)."
+    if "returned_slope" in named:
+        yield "# For p0 - returned + m p1 read p0 - returned + m (p1 - returned_slope), and for returned read"
+        yield "# returned + m returned_slope: what added sensors feed back depends on the mass."
     yield f"[{table}]"
     for name, polynomial in named.items():
         yield f"{name} = {_list(polynomial * (factor / divisor), one_per_line=True)}"

@@ -24,20 +24,22 @@ def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
 
 def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
     """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
-    degree = max(polynomial.degree() for polynomial in (loop.opened.constant, loop.opened.slope, loop.returned))
-    constant, slope, returned = (_floats(p, degree) for p in (loop.opened.constant, loop.opened.slope, loop.returned))
+    parts = (loop.opened.constant, loop.opened.slope, loop.returned.constant, loop.returned.slope)
+    degree = max(polynomial.degree() for polynomial in parts)
+    constant, slope, returned, returned_slope = (_floats(part, degree) for part in parts)
 
     def seen(masses: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest |S| of each mass over its row of frequencies, and where."""
         s = 1j * frequencies
         opened = np.polyval(constant, s) + masses[:, None] * np.polyval(slope, s)
-        values = np.abs(opened / (opened + np.polyval(returned, s)))
+        fed_back = np.polyval(returned, s) + masses[:, None] * np.polyval(returned_slope, s)
+        values = np.abs(opened / (opened + fed_back))
         rows, columns = np.arange(len(masses)), values.argmax(axis=1)
         return values[rows, columns], frequencies[rows, columns]
 
     def with_poles(masses: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
         """The frequencies, and for each mass those of its poles."""
-        closed = constant + returned + masses[:, None] * slope
+        closed = constant + returned + masses[:, None] * (slope + returned_slope)
         companions = np.zeros((len(masses), degree, degree))
         companions[:, :1] = -closed[:, None, 1:] / closed[:, None, :1]
         companions[:, 1:, :-1] = np.eye(max(degree - 1, 0))
@@ -70,7 +72,7 @@ def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
 def loop_gain(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) -> float:
     """Largest |L| seen from a frequency up, over sampled masses and frequencies."""
     start = 2 * np.pi * max(from_Hz, 1e-3)
-    return _largest_ratio(Affine(loop.returned, fmpq_poly([0])), loop.opened, np.geomspace(start, 1e6, 2000), low, high)
+    return _largest_ratio(loop.returned, loop.opened, np.geomspace(start, 1e6, 2000), low, high)
 
 
 def controller_effort(loop: Loop, low: fmpq, high: fmpq) -> float:

@@ -7,7 +7,7 @@ from math import isinf
 from flint import fmpq
 
 from beamdesign.crossing import Crossing
-from beamdesign.loop import close_loop
+from beamdesign.loop import rig_loop
 from beamdesign.members import Family, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
@@ -25,6 +25,7 @@ from beamdesign.proof.rectangle import (
 )
 from beamdesign.proof.stability import Range, StabilityMap, in_words, stable_ranges
 from beamdesign.prototype import Goal, Prototype
+from beamdesign.records import InputError, Problem
 from beamdesign.rig.effects import library
 
 _STEPS, _HALVINGS = 64, 24
@@ -39,12 +40,21 @@ def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> li
         raise ValueError("the prototype has no [controller]")
     found_loops = []
     for member in found.members:
-        loop = close_loop(member.rig.plant(prototype.payload.inner_end_mass_kg), controller)
+        loop = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, controller)
+        if member.gain.low < member.gain.high and not loop.gain_and_mass_apart:
+            raise InputError(prototype.name, _gain_and_mass(prototype))
         stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         inside = member.performance
         performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
         found_loops.append(Proved(member, stable, performing))
     return found_loops
+
+
+def _gain_and_mass(prototype: Prototype) -> list[Problem]:
+    """What to change where mass and gain multiply each other, so that the sides of their rectangle do not decide."""
+    reason = "lets the gain vary, which is not proved of a controller with added sensors; remove it"
+    varying = [name for name in prototype.effects if (one := library()[name].linear) is not None and one.gain]
+    return [Problem(f"effects.{name}", reason) for name in varying]
 
 
 def certify_family(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:

@@ -59,9 +59,9 @@ class GainLoop:
     demanded: Affine | None = None
 
     @property
-    def returned(self) -> fmpq_poly:
+    def returned(self) -> Affine:
         """Numerator of L at no gain."""
-        return _ZERO
+        return Affine(_ZERO, _ZERO)
 
     @property
     def characteristic(self) -> Affine:
@@ -107,6 +107,9 @@ class Rectangle:
         high: largest.
         least: least factor.
         most: largest.
+
+    Raises:
+        ValueError: for a range of factors on a loop in which they and the mass multiply each other.
     """
 
     loop: Loop
@@ -114,6 +117,10 @@ class Rectangle:
     high: fmpq
     least: fmpq = _ONE
     most: fmpq = _ONE
+
+    def __post_init__(self) -> None:
+        if self.least != self.most and not self.loop.gain_and_mass_apart:
+            raise ValueError("mass and gain multiply each other in this loop, so that the sides do not decide")
 
     def sides(self) -> list[Side]:
         """The sides, those of varying mass first; one alone where the factor does not vary."""
@@ -127,7 +134,7 @@ class Rectangle:
             Side(
                 GainLoop(
                     Affine(self.loop.opened.at(mass), _ZERO),
-                    self.loop.returned,
+                    self.loop.returned.at(mass),
                     self.loop.disturbance,
                     None if self.loop.demanded is None else Affine(self.loop.demanded.at(mass), _ZERO),
                 ),

@@ -101,6 +101,14 @@ def _polynomial(coefficients: Sequence[str]) -> fmpq_poly:
     return fmpq_poly([rational(value) for value in coefficients])
 
 
+def stated_polynomials(table: dict[str, Any]) -> dict[str, fmpq_poly]:
+    """The polynomials of a loop; what is returned has a part in the mass where added sensors feed it back."""
+    names = ("p0", "p1", "returned", "disturbance")
+    return {name: _polynomial(table[name]) for name in names} | {
+        "returned_slope": _polynomial(table.get("returned_slope", []))
+    }
+
+
 def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
     """Every statement of the certificate: whether it was proved, and it or its failure in words."""
     checksum = f'sha256 = "{table["sha256"]}"\n'
@@ -109,7 +117,7 @@ def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
     low, high = rational(table["low"]), rational(table["high"])
     if low > high:
         raise Malformed("the range of masses is empty")
-    stated = {name: _polynomial(table["polynomials"][name]) for name in ("p0", "p1", "returned", "disturbance")}
+    stated = stated_polynomials(table["polynomials"])
     yield from _figures(table)
     same = _proportional(_rebuilt(table), stated)
     yield same, "the polynomials follow from the figures" if same else "the polynomials do not follow from the figures"
@@ -146,6 +154,9 @@ def _figures(table: dict[str, Any]) -> Iterator[tuple[bool, str]]:
             breaks, fits = [], _sections_agree(controller, numerator, denominator)
         case "transfer_function":
             breaks, fits = [], True
+        case "observer":
+            numerators, expected = law_of(controller)
+            breaks, fits = [], numerator == numerators[SENSED[0]] and denominator == expected
         case other:
             raise Malformed(f"controller.kind {other!r} is not known here")
     agree = all(_same_frequency(rational(controller[name]), value) for name, value in breaks)
@@ -195,6 +206,38 @@ def _sections_agree(controller: dict[str, Any], numerator: fmpq_poly, denominato
     )
 
 
+SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
+
+
+def law_of(controller: dict[str, Any]) -> tuple[dict[str, fmpq_poly], fmpq_poly]:
+    """The controller: numerators by what they sense, and their denominator.
+
+    Of matrices they are made by the recursion of Le Verrier and Faddeev: adj(sI - a) = sum M_k s^(n-k) with M_1 = I,
+    M_(k+1) = a M_k + q_k I, q_k = -trace(a M_k) / k, and det(sI - a) = s^n + sum q_k s^(n-k).
+    """
+    if controller["kind"] != "observer":
+        return {SENSED[0]: _polynomial(controller["numerator"])}, _polynomial(controller["denominator"])
+    gain, sensors = rational(controller["gain_A_per_V"]), controller["sensors"]
+    a, b = ([[rational(value) for value in row] for row in controller[name]] for name in ("a", "b"))
+    c, d = ([rational(value) for value in controller[name]] for name in ("c", "d"))
+    n, p = len(a), len(sensors)
+    fits = len(b) == len(c) == n and len(d) == p and all(len(row) == n for row in a) and all(len(row) == p for row in b)
+    if not fits or not set(sensors) <= set(SENSED) or len(set(sensors)) != p or sensors[:1] != [SENSED[0]]:
+        raise Malformed("the controller's matrices do not fit each other or its sensors")
+    above, below = [fmpq_poly([0])] * p, S**n
+    if n:
+        motion, driven = (fmpq_mat(n, len(m[0]), [value for row in m for value in row]) for m in (a, b))
+        shown, one = fmpq_mat(1, n, c), fmpq_mat(n, n, [fmpq(int(i == j)) for i in range(n) for j in range(n)])
+        term = one
+        for k in range(1, n + 1):
+            through, product = shown * term * driven, motion * term
+            above = [above[j] + through[0, j] * S ** (n - k) for j in range(p)]
+            trace = -sum((product[i, i] for i in range(n)), fmpq(0)) / k
+            below += trace * S ** (n - k)
+            term = product + trace * one
+    return {name: gain * (above[j] + d[j] * below) for j, name in enumerate(sensors)}, below
+
+
 def _same_frequency(hertz: fmpq, radians: fmpq) -> bool:
     ratio = 2 * arb.pi() * arb(hertz) / arb(radians)
     return bool(abs(ratio - 1) < arb(FLOAT_ROUNDING))
@@ -205,10 +248,14 @@ def _rebuilt(table: dict[str, Any]) -> dict[str, fmpq_poly]:
 
     With the impedance of each beam, D = M s^2 + b s + K, the oil's h = s / K_c + K_pq / A^2 and the valve's
     V = s^2 + 2 xi w s + w^2: the open loop is (h D_m D_f + s (D_m + D_f)) V, the current acts on the outer tip by
-    D_f K_q w^2 / A, and a tip force by (h D_f + s) V.
+    D_f K_q w^2 / A, and a tip force by (h D_f + s) V. On the inner tip the current acts by -D_m K_q w^2 / A, on the
+    load pressure by D_m D_f K_q w^2 / A^2. The closed loop is that of an impedance in series with the oil's: with
+    C_i and C_p from inner displacement and load pressure, h D_f + s becomes h D_f + s + (C_p D_f / A - C_i) K_q w^2
+    / (A V). An end mass m adds m s^2 to D_m.
     """
     figure = {name: rational(value) for name, value in table["rig"].items() if name != "kind"}
-    numerator, denominator = (_polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
+    numerators, denominator = law_of(table["controller"])
+    numerator, of_inner, of_pressure = (numerators.get(name, fmpq_poly([0])) for name in SENSED)
     area, valve = figure["piston_area_m2"], figure["valve_frequency_rad_per_s"]
 
     def impedance(beam: str, mass: fmpq) -> fmpq_poly:
@@ -223,11 +270,18 @@ def _rebuilt(table: dict[str, Any]) -> dict[str, fmpq_poly]:
         passed = figure["filter_frequency_rad_per_s"]
         lag = fmpq_poly([passed, 1])
     around = spool * denominator * lag
-    gain = figure["sensor_gain_V_per_m"] * figure["flow_gain_m3_per_s_per_A"] * valve**2 * passed / area
-    returned = gain * inner * numerator
-    disturbance = (oil * inner + S) * around
+    drive = figure["flow_gain_m3_per_s_per_A"] * valve**2 / area
+    inside = drive * (inner * of_pressure / area - of_inner) * lag  # what a motion of the outer tip is met with
+    returned = drive * figure["sensor_gain_V_per_m"] * passed * inner * numerator + outer * inside
+    disturbance = (oil * inner + S) * around + inside
     opened = (oil * outer * inner + S * (outer + inner)) * around
-    return {"p0": opened + returned, "p1": S * S * disturbance, "returned": returned, "disturbance": disturbance}
+    return {
+        "p0": opened + returned,
+        "p1": S * S * disturbance,
+        "returned": returned,
+        "disturbance": disturbance,
+        "returned_slope": S * S * inside,
+    }
 
 
 def _proportional(rebuilt: dict[str, fmpq_poly], stated: dict[str, fmpq_poly]) -> bool:
@@ -577,7 +631,8 @@ def _claim(
 ) -> tuple[bool, str]:
     """One claim: it holds if it says so, and fails (at its witness) if it says so."""
     kind, limit, holds = claim["kind"], rational(claim["limit"]), claim["holds"]
-    p0, p1, returned = stated["p0"], stated["p1"], stated["returned"]
+    p0, p1, returned = stated["p0"], stated["p1"], (stated["returned"], stated["returned_slope"])
+    opened = (p0 - returned[0], p1 - returned[1])
     words = f"{kind} {claim['limit']}"
     if not isinstance(holds, bool) or limit <= 0:
         raise Malformed("a claim needs holds = true or false, and a positive limit")
@@ -587,7 +642,7 @@ def _claim(
     if kind in INEQUALITIES:
         more, start, until = band(claim)
         words += more
-        bottom, top = magnitudes(kind, (p0 - returned, p1), returned, stated["disturbance"], law)
+        bottom, top = magnitudes(kind, opened, returned, stated["disturbance"], law)
         slack = Slack(limit, bottom, top)
         truth = stable and slack.nonnegative(low, high, until, start)
         if witness and "squared_frequency" in witness:
@@ -601,14 +656,16 @@ def _claim(
         family = Family(p0(shift), p1(shift))
         truth = family.is_stable_over(low, high)
     elif kind == "gain_margin":
-        opened, ends = p0 - returned, sorted((fmpq(1), limit))
-        over_mass = [Family(opened + k * returned, p1) for k in ends]
-        over_gain = [Family(opened + m * p1, returned) for m in (low, high)]
+        if returned[1] != 0:
+            raise Malformed("mass and gain multiply each other, and this file does not know how to prove a gain margin")
+        ends = sorted((fmpq(1), limit))
+        over_mass = [Family(opened[0] + k * returned[0], p1) for k in ends]
+        over_gain = [Family(opened[0] + m * p1, returned[0]) for m in (low, high)]
         # On a polytope of polynomials of constant degree the edges decide (Bartlett, Hollot and Huang, 1988).
         truth = all(f.is_stable_over(low, high) for f in over_mass) and all(f.is_stable_over(*ends) for f in over_gain)
         if witness:
             factor = rational(witness["gain_factor"])
-            family = Family(opened + factor * returned, p1)
+            family = Family(opened[0] + factor * returned[0], p1)
             if not ends[0] <= factor <= ends[1]:
                 return False, f"the witness against {words} is outside the range"
     else:
@@ -642,21 +699,22 @@ def band(claim: dict[str, Any]) -> tuple[str, fmpq, fmpq | None]:
 
 
 def magnitudes(
-    kind: str, opened: Polynomials, returned: fmpq_poly, disturbance: fmpq_poly, law: Sequence[fmpq_poly]
+    kind: str, opened: Polynomials, returned: Polynomials, disturbance: fmpq_poly, law: Sequence[fmpq_poly]
 ) -> tuple[Polynomials, Polynomials]:
     """Denominator and numerator of what a claim bounds, each over the mass; `law` is the controller.
 
     With p = opened + returned: x / F_d = disturbance / p, S = opened / p, L = returned / opened, and C S is
-    (opened / law denominator) (law numerator) / p, the controller's denominator being a factor of `opened`.
+    (opened / law denominator) (law numerator) / p, the controller's denominator being a factor of `opened`; C is from
+    the displacement sensor's volts to the current.
     """
-    closed, none = (opened[0] + returned, opened[1]), fmpq_poly([0])
+    closed, none = (opened[0] + returned[0], opened[1] + returned[1]), fmpq_poly([0])
     match kind:
         case "compliance":
             return closed, (disturbance, none)
         case "peak_sensitivity":
             return closed, opened
         case "loop_gain":
-            return opened, (returned, none)
+            return opened, returned
     if any(divmod(part, law[1])[1] != 0 for part in opened):
         raise Malformed("the controller's poles are not those of the open loop")
     above, below = law

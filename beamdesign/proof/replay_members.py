@@ -12,6 +12,7 @@ import hashlib
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -139,19 +140,29 @@ class Member:
         self.performance = _factors(entry["performance_gain"]) if "performance_gain" in entry else None
         if self.performance and not self.gain[0] <= self.performance[0] <= self.performance[1] <= self.gain[1]:
             raise Malformed("the factors for performance are not among those for stability")
-        names = ("p0", "p1", "returned", "disturbance")
-        stated = {name: single._polynomial(entry["polynomials"][name]) for name in names}
-        self.opened, self.p1 = stated["p0"] - stated["returned"], stated["p1"]
-        self.returned, self.disturbance = stated["returned"], stated["disturbance"]
+        stated = single.stated_polynomials(entry["polynomials"])
+        self.returned, self.returned_slope = stated["returned"], stated["returned_slope"]
+        self.opened, self.opened_slope = stated["p0"] - self.returned, stated["p1"] - self.returned_slope
+        self.disturbance = stated["disturbance"]
+        if self.returned_slope != 0 and self.gain[0] < self.gain[1]:
+            raise Malformed("mass and gain multiply each other, and this file does not know how to prove that")
         self.law = tuple(single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
         self.follows = single._proportional(_rebuilt(table, entry.get("frozen", {})), stated)
 
     def is_stable_over(self, low: fmpq, high: fmpq, s: fmpq_poly = S, gain: Pair | None = None) -> bool:
         """Whether it is stable on the rectangle, with s replaced: the four sides decide (Bartlett et al., 1988)."""
-        opened, p1, returned = (polynomial(s) for polynomial in (self.opened, self.p1, self.returned))
+        opened, opened_slope = self.opened(s), self.opened_slope(s)
+        returned, returned_slope = self.returned(s), self.returned_slope(s)
         least, most = gain or self.gain
-        over_mass = [single.Family(opened + factor * returned, p1) for factor in {least, most}]
-        over_gain = [single.Family(opened + mass * p1, returned) for mass in {low, high}]
+        over_mass = [
+            single.Family(opened + factor * returned, opened_slope + factor * returned_slope)
+            for factor in {least, most}
+        ]
+        if least == most:
+            return over_mass[0].is_stable_over(low, high)
+        if returned_slope != 0:
+            raise Malformed("mass and gain multiply each other, and this file does not know how to prove that")
+        over_gain = [single.Family(opened + mass * opened_slope, returned) for mass in {low, high}]
         return all(side.is_stable_over(low, high) for side in over_mass) and all(
             side.is_stable_over(least, most) for side in over_gain
         )
@@ -164,15 +175,16 @@ class Member:
         if self.performance is None:
             return True
         for factor in set(self.performance):
-            over_mass = (self.opened, self.p1)
-            bottom, top = single.magnitudes(kind, over_mass, factor * self.returned, self.disturbance, self.law)
+            over_mass = (self.opened, self.opened_slope)
+            returned = (factor * self.returned, factor * self.returned_slope)
+            bottom, top = single.magnitudes(kind, over_mass, returned, self.disturbance, self.law)
             if not single.Slack(limit, bottom, top).nonnegative(low, high, until, start):
                 return False
-        if kind == "loop_gain":  # it grows with the factor
+        if kind == "loop_gain" or self.performance[0] == self.performance[1]:  # it grows with the factor
             return True
         for mass in {low, high}:
-            opened = (self.opened + mass * self.p1, ZERO)
-            (_, _), top = single.magnitudes(kind, opened, ZERO, self.disturbance, self.law)
+            opened = (self.opened + mass * self.opened_slope, ZERO)
+            (_, _), top = single.magnitudes(kind, opened, (ZERO, ZERO), self.disturbance, self.law)
             slack = single.Slack(limit, (opened[0], self.returned), top)
             if not slack.nonnegative(*self.performance, until, start):
                 return False
@@ -198,49 +210,68 @@ def _rebuilt(table: dict[str, Any], frozen: Mapping[str, Mapping[str, str]]) -> 
         for name, own in table["effects"].items()
         if name != "two_pi"
     }
-    numerator, denominator = (single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
-    bare, loaded = (_mechanics(figure, effects, turn, fmpq(mass)) for mass in (0, 1))
+    numerators, denominator = single.law_of(table["controller"])
+    bare, loaded = (_mechanics(figure, effects, turn, fmpq(mass), list(numerators)) for mass in (0, 1))
     valve = figure["valve_frequency_rad_per_s"]
     spring = 1 + effects["valve_hysteresis"]["spring"] if "valve_hysteresis" in effects else 1
     around = fmpq_poly([valve**2 * spring, 2 * figure["valve_damping_ratio"] * valve, 1]) * denominator
-    forward = figure["sensor_gain_V_per_m"] * figure["flow_gain_m3_per_s_per_A"] * valve**2 * numerator
+    drive = figure["flow_gain_m3_per_s_per_A"] * valve**2
+    forward, lags = drive * figure["sensor_gain_V_per_m"] * numerators[single.SENSED[0]], ONE
     if "filter_frequency_rad_per_s" in figure:
-        forward, around = (
-            forward * figure["filter_frequency_rad_per_s"],
-            around * (S + figure["filter_frequency_rad_per_s"]),
-        )
+        forward *= figure["filter_frequency_rad_per_s"]
+        lags *= S + figure["filter_frequency_rad_per_s"]
     if "sensor_lag" in effects:
         rate = turn * effects["sensor_lag"]["break_Hz"]
-        forward, around = forward * rate, around * (S + rate)
+        forward, lags = forward * rate, lags * (S + rate)
     if "sensor_lag_second_order" in effects:
         own = effects["sensor_lag_second_order"]
         natural = 2 * turn * own["damping_ratio"] * own["break_Hz"]
-        forward, around = forward * natural**2, around * fmpq_poly([natural**2, 2 * own["damping_ratio"] * natural, 1])
+        forward, lags = forward * natural**2, lags * fmpq_poly([natural**2, 2 * own["damping_ratio"] * natural, 1])
     if "transport_delay" in effects:
         delay = effects["transport_delay"]["delay_s"]
         forward *= fmpq_poly([12, -6 * delay, delay**2])
-        around *= fmpq_poly([12, 6 * delay, delay**2])
-    opened, sensed, moved = bare
-    returned = forward * sensed
-    p0 = opened * around + returned
+        lags *= fmpq_poly([12, 6 * delay, delay**2])
+    # What added sensors read passes none of the lags of the displacement's volts.
+    back = {single.SENSED[0]: forward} | {
+        name: drive * numerators[name] * lags for name in single.SENSED[1:] if name in numerators
+    }
+    around *= lags
+    returned, heavier = (sum((law * at.sensed[name] for name, law in back.items()), ZERO) for at in (bare, loaded))
+    inside = sum((law * bare.crossed[name] for name, law in back.items()), ZERO)
+    p0 = bare.opened * around + returned
     return {
         "p0": p0,
-        "p1": (loaded[0] - opened) * around,
+        "p1": loaded.opened * around + heavier - p0,
         "returned": returned,
-        "disturbance": moved * around,
+        "disturbance": bare.moved * around + inside,
+        "returned_slope": heavier - returned,
     }
 
 
+@dataclass(frozen=True)
+class Mechanics:
+    """Beams, mount, rod and oil: the determinant, and numerators over it.
+
+    Attributes:
+        opened: the determinant.
+        moved: what a force on the tip does to the tip, m/N.
+        sensed: what a flow does to what is sensed, by its name; of the displacement per volt of the sensor, in m.
+        crossed: of each of them, what a force and a flow together do: determinants with both columns replaced.
+    """
+
+    opened: fmpq_poly
+    moved: fmpq_poly
+    sensed: dict[str, fmpq_poly]
+    crossed: dict[str, fmpq_poly]
+
+
 def _mechanics(
-    figure: Figures, effects: Mapping[str, Figures], turn: fmpq, mass: fmpq
-) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
+    figure: Figures, effects: Mapping[str, Figures], turn: fmpq, mass: fmpq, sensed: Sequence[str]
+) -> Mechanics:
     """Beams, mount, rod and oil with a mass on the outer tip.
 
     The unknowns are the outer beam's first mode, its second, the inner tip, the rod, the mount and the force of the
     oil, or of each chamber, as far as there are such; each has one equation.
-
-    Returns:
-        determinant, what a flow gives at the sensor, and what a force on the tip gives there; over the determinant.
     """
     leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
     # Both chambers show only where their sides differ and leak; else they act as one.
@@ -311,23 +342,46 @@ def _mechanics(
         add(name, name, fmpq_poly([count * leak / (area * side) ** 2, 1 / spring]))
     matrix = [[rows[row].get(column, ZERO) for column in names] for row in names]
 
+    def replaced(columns: Mapping[str, Sequence[fmpq]]) -> fmpq_poly:
+        """The determinant with the columns of some unknowns replaced by what drives each equation."""
+        return _determinant(
+            [
+                [fmpq_poly([columns[name][k]]) if name in columns else row[j] for j, name in enumerate(names)]
+                for k, row in enumerate(matrix)
+            ]
+        )
+
     def moved(by: Sequence[fmpq], seen: Mapping[str, fmpq]) -> fmpq_poly:
         """Numerator of a sum of coordinates over the forces that drive each equation."""
+        return sum((weight * replaced({name: by}) for name, weight in seen.items() if name in names), ZERO)
+
+    def crossed(seen: Mapping[str, fmpq]) -> fmpq_poly:
+        """The tip by a force and a sum of coordinates by a flow, in one determinant."""
         total = ZERO
-        for i, name in enumerate(names):
-            if name in seen:
-                column = [
-                    [fmpq_poly([by[k]]) if j == i else entry for j, entry in enumerate(row)]
-                    for k, row in enumerate(matrix)
-                ]
-                total += seen[name] * _determinant(column)
+        for one in tip:
+            for name, weight in seen.items():
+                if name in names and name != one:
+                    total += weight * replaced({one: force, name: flow})
         return total
 
     at_tip: dict[str, fmpq] = dict.fromkeys(tip, fmpq(1))
     share = effects["mount_compliance"]["sensor_share"] if "mount_compliance" in effects else fmpq(0)
     flow = [1 / area if name in chambers else fmpq(0) for name in names]
     force = [fmpq(1) if name in tip else fmpq(0) for name in names]
-    return _determinant(matrix), moved(flow, {**at_tip, "mount": -share}), moved(force, at_tip)
+    # A chamber's unknown is its force; its pressure acts on its own side, and the two against each other.
+    pressure = {name: (1 / (area * side)) for name, side in chambers.items()}
+    read = {
+        "displacement_m": {**at_tip, "mount": -share} if share != 0 else at_tip,
+        "inner_displacement_m": {"inner": fmpq(1)},
+        "load_pressure_Pa": pressure,
+    }
+    seen = {name: read[name] for name in sensed}
+    return Mechanics(
+        _determinant(matrix),
+        moved(force, at_tip),
+        {name: moved(flow, where) for name, where in seen.items()},
+        {name: crossed(where) for name, where in seen.items()},
+    )
 
 
 def _determinant(matrix: Sequence[Sequence[fmpq_poly]]) -> fmpq_poly:

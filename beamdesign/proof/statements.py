@@ -54,7 +54,7 @@ def sensitivity_slack(loop: Loop, limit: fmpq) -> Coefficients:
 
 def loop_gain_slack(loop: Loop, limit: fmpq) -> Coefficients:
     """limit^2 |opened|^2 - |returned|^2 for the loop gain returned / opened."""
-    return magnitude_slack(limit, loop.opened, Affine(loop.returned, fmpq_poly([0])))
+    return magnitude_slack(limit, loop.opened, loop.returned)
 
 
 def effort_slack(loop: Loop, limit_A_per_V: fmpq) -> Coefficients:
@@ -104,9 +104,14 @@ def gain_edges(loop: Loop, factor: fmpq, low: fmpq, high: fmpq) -> list[Edge]:
 
     opened + factor returned is affine in the mass and the factor together, so it is stable on the whole rectangle if
     it is on the four sides (edge theorem of Bartlett, Hollot and Huang, 1988, for polytopes of constant degree).
+
+    Raises:
+        ValueError: for a loop in which mass and factor multiply each other, so that the sides do not decide.
     """
+    if not loop.gain_and_mass_apart:
+        raise ValueError("mass and gain multiply each other in this loop")
     least, most = min(factor, fmpq(1)), max(factor, fmpq(1))
-    opened, returned = loop.opened, loop.returned
+    opened, returned = loop.opened, loop.returned.constant
     over_mass = [
         Edge(Affine(opened.constant + k * returned, opened.slope), low, high, factor=k) for k in (fmpq(1), factor)
     ]

@@ -1,5 +1,6 @@
 """A design run as one self-contained HTML page: no requests, both themes, fit for print."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from beamdesign.design.checks import Check
 from beamdesign.design.pair import CheckedPair
 from beamdesign.loop import loop
 from beamdesign.lumped import notes
+from beamdesign.observer import Observer
 from beamdesign.prototype import Controller, Proportional, Structured
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
@@ -104,6 +106,8 @@ def check_row(check: Check) -> tuple[str, str, str, str, bool, float]:
 
 def controller_rows(controller: Controller) -> list[tuple[str, str, str]]:
     """Each figure of a controller: name, value in full, what it means."""
+    if isinstance(controller, Observer):
+        return _matrix_rows(controller)
     rows = [("gain", quantity(controller.gain_A_per_V, "A/V", 7), "K_sa, valve current per error voltage when static")]
     if not isinstance(controller, Proportional):
         above = "gain above the zero" + (", before the sections" if isinstance(controller, Structured) else "")
@@ -127,6 +131,23 @@ def controller_rows(controller: Controller) -> list[tuple[str, str, str]]:
         )
         rows += [(f"zeros of section {k}", zero, "numerator"), (f"poles of section {k}", pole, "denominator")]
     return rows
+
+
+def _matrix_rows(controller: Observer) -> list[tuple[str, str, str]]:
+    rows = [
+        ("gain", quantity(controller.gain_A_per_V, "A/V", 7), "factor on the whole law"),
+        ("sensors", ", ".join(controller.sensors), "e: error volts, then what the others read with its sign turned"),
+    ]
+    for name, matrix in (("a", controller.a), ("b", controller.b)):
+        for i, row in enumerate(matrix, start=1):
+            rows.append((f"{name}, row {i}", _listed(row), "z' = a z + b e, in SI"))
+    if controller.c:
+        rows.append(("c", _listed(controller.c), "current = gain (c z + d e)"))
+    return [*rows, ("d", _listed(controller.d), "the same")]
+
+
+def _listed(row: Sequence[float]) -> str:
+    return ", ".join(f"{value:.12g}" for value in row)
 
 
 def _inline(picture: Picture) -> Markup:

@@ -248,7 +248,10 @@ def _kind(annotation: Any) -> str:
     if origin is Literal:
         return ("one of " if len(parts) > 1 else "") + ", ".join(f'"{part}"' for part in parts)
     if origin is tuple and Ellipsis in parts:
-        return f"a list of {_kind(parts[0]).removeprefix('a ')}s"
+        each = _kind(parts[0])
+        if each.startswith(("one of ", "a list of ")):
+            return f"a list, each {each}"
+        return f"a list of {each.removeprefix('a ')}s"
     if origin is tuple:
         return f"a list of {len(parts)} {_kind(parts[0]).removeprefix('a ')}s"
     if origin is dict or annotation is dict:

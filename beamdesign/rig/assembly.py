@@ -16,7 +16,7 @@ from beamdesign.rig.bench import BENCH
 from beamdesign.rig.component import Rig
 from beamdesign.rig.effect import Effect, Site
 from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import section_figures, section_states
+from beamdesign.rig.electronics import observer_figures, observer_states, section_figures, section_states
 
 __all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble", "join"]
 
@@ -33,22 +33,26 @@ class Structure:
     """What decides the equations of a rig, as opposed to its figures.
 
     Attributes:
-        controller: `lag`, `structured` and `proportional` are continuous; with `sampled` the current is an input;
-            `none` is the open loop.
+        controller: `lag`, `structured`, `proportional` and `observer` are continuous; with `sampled` the current is an
+            input; `none` is the open loop.
         filtered: whether the prototype's own low-pass filter follows the sensor.
         effects: names, sorted.
         rig: one of `RIGS`.
         heard: share of the model's own volts that its controller hears; the rest has to come with the command, from a
             record that the model is made to follow.
         sections: second-order sections of a structured controller.
+        order: of an observer.
+        sensors: of an observer; none for every other controller.
     """
 
-    controller: Literal["lag", "structured", "proportional", "sampled", "none"]
+    controller: Literal["lag", "structured", "proportional", "observer", "sampled", "none"]
     filtered: bool = False
     effects: tuple[str, ...] = ()
     rig: str = "twin_beam"
     heard: float = 1.0
     sections: int = 0
+    order: int = 0
+    sensors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ class Assembly:
     Attributes:
         function: (t, x, u, p) to (x', y), a CasADi SX function.
         states: names of x.
-        parameters: names of p: figures of the rig, those of the controller's sections, then `EFFECT.PARAMETER`.
+        parameters: names of p: figures of the rig, those of the controller's sections or matrices, then
+            `EFFECT.PARAMETER`.
         inputs: names of u.
         outputs: names of y.
         kinds: what decided the equations.
@@ -95,9 +100,9 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
             laws[name]
     states = rig.states + (("filtered_V",) if kinds.filtered else ())
     states += ("slow_error_V",) if kinds.controller in ("lag", "structured") else ()
-    states += section_states(kinds.sections)
+    states += section_states(kinds.sections) + observer_states(kinds.order)
     states += tuple(f"{effect.name}.{state}" for effect in effects for state in effect.states)
-    parameters = rig.figures + section_figures(kinds.sections)
+    parameters = rig.figures + section_figures(kinds.sections) + observer_figures(kinds.order, kinds.sensors)
     parameters += tuple(f"{e.name}.{q.name}" for e in effects for q in e.parameters)
     x, u, p = (ca.SX.sym(name, len(names)) for name, names in (("x", states), ("u", INPUTS), ("p", parameters)))
     time = ca.SX.sym("t")

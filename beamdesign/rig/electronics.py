@@ -1,5 +1,6 @@
 """Sensor, controller and amplifier as components, and their laws."""
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from beamdesign.rig.component import Component, Signals
@@ -44,9 +45,55 @@ def _sections(port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict
     return figure["gain"] * signal, rates
 
 
+SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
+    "displacement_m": lambda port, state: port["error_V"],
+    "inner_displacement_m": lambda port, state: -state["inner_m"],
+    "load_pressure_Pa": lambda port, state: state["pressure_b_Pa"] - state["pressure_a_Pa"],
+}
+"""What a controller of several sensors is given of each: what it should be less what it is."""
+
+
+def observer_figures(order: int, sensors: Sequence[str]) -> tuple[str, ...]:
+    """Names of the entries of an observer's matrices: a and b row by row, then c and d."""
+    rows = range(1, order + 1)
+    names = [f"observer_a_{i}_{j}" for i in rows for j in rows]
+    names += [f"observer_b_{i}_{sensor}" for i in rows for sensor in sensors]
+    return (*names, *(f"observer_c_{i}" for i in rows), *(f"observer_d_{sensor}" for sensor in sensors))
+
+
+def observer_states(order: int) -> tuple[str, ...]:
+    """Names of its states."""
+    return tuple(f"observer_{i}" for i in range(1, order + 1))
+
+
+def _observer_current(port: Signals, figure: Signals, state: Signals) -> Any:
+    current = sum(
+        figure[f"observer_d_{sensor}"] * signal(port, state)
+        for sensor, signal in SENSED.items()
+        if f"observer_d_{sensor}" in figure
+    )
+    i = 1
+    while f"observer_{i}" in state:
+        current += figure[f"observer_c_{i}"] * state[f"observer_{i}"]
+        i += 1
+    return figure["gain"] * current
+
+
+def _observer_rates(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    given = {sensor: signal(port, state) for sensor, signal in SENSED.items() if f"observer_d_{sensor}" in figure}
+    names = [name for name in state if name.removeprefix("observer_").isdigit()]
+    return {
+        row: sum(figure[f"observer_a_{row[9:]}_{column[9:]}"] * state[column] for column in names)
+        + sum(figure[f"observer_b_{row[9:]}_{sensor}"] * signal for sensor, signal in given.items())
+        for row in names
+    }
+
+
 def _controller(port: Signals, figure: Signals, state: Signals) -> Any:
     if "section_1_V" in state:
         return _sections(port, figure, state)[0]
+    if "observer_d_displacement_m" in figure:
+        return _observer_current(port, figure, state)
     if "slow_error_V" in state:
         return lag_current(figure["gain"], figure["pole"], figure["zero"], port["error_V"], state["slow_error_V"])
     return port.get("sampled_current_A", figure["gain"] * port["error_V"])
@@ -58,7 +105,9 @@ def _filtered(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     return {"filtered_V": low_pass_rate(figure["filter_frequency"], port["sensor_V"], state["filtered_V"])}
 
 
-def _slow_error(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+def _controller_rates(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+    if "observer_1" in state:
+        return _observer_rates(port, figure, state)
     if "slow_error_V" not in state:
         return {}
     more = _sections(port, figure, state)[1] if "section_1_V" in state else {}
@@ -80,7 +129,7 @@ CONTROLLER = Component(
         "demanded_A": _controller,
         "current_A": lambda port, figure, state: port["demanded_A"],
     },
-    _slow_error,
+    _controller_rates,
 )
 """From command and measurement to current."""
 

@@ -10,7 +10,8 @@ from beamdesign.rig.effect import Effect, Parameter
 from beamdesign.rig.effects import library
 
 SOURCES = ("disturbance_N", "sampled_current_A")
-SEEN = ("outer_displacement_m", "measured_V")
+SEEN = ("outer_displacement_m", "measured_V", "inner_displacement_m", "load_pressure_Pa")
+"""What the tip does, what the controller hears of it, and what added sensors may read."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +19,8 @@ class LinearAssembly:
     """The linear plant of an assembly.
 
     Attributes:
-        function: its parameters (one vector) to A (n, n), B (n, 2), C (2, n) and D (2, 2), from disturbance and current
-            to displacement and measured voltage.
+        function: its parameters (one vector) to A (n, n), B (n, 2), C (4, n) and D (4, 2), from disturbance and current
+            to what is in `SEEN`.
         states: names of the n states.
         parameters: names of the parameters.
     """

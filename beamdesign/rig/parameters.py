@@ -2,12 +2,15 @@
 
 from math import pi
 
+import numpy as np
+
 from beamdesign import lumped
-from beamdesign.prototype import Proportional, Prototype, Structured
+from beamdesign.observer import Observer
+from beamdesign.prototype import Lag, Prototype, Structured
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import Structure
 from beamdesign.rig.effects import library, problems
-from beamdesign.rig.electronics import section_figures
+from beamdesign.rig.electronics import observer_figures, section_figures
 
 
 def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
@@ -30,6 +33,8 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     filtered, effects = prototype.sensor.filter_Hz is not None, tuple(sorted(prototype.effects))
     if sampled:
         return Structure("sampled", filtered, effects)
+    if isinstance(law, Observer):
+        return Structure(law.kind, filtered, effects, order=law.order, sensors=law.sensors)
     sections = len(law.section) if isinstance(law, Structured) else 0
     return Structure(law.kind, filtered, effects, sections=sections)
 
@@ -51,8 +56,8 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
         "supply_pressure": prototype.supply.pressure_Pa,
         "believed_sensor_gain": prototype.sensor.gain_V_per_m,
         "gain": controller.gain_A_per_V,
-        "pole": 1.0 if isinstance(controller, Proportional) else 2 * pi * controller.pole_Hz,
-        "zero": 1.0 if isinstance(controller, Proportional) else 2 * pi * controller.zero_Hz,
+        "pole": 2 * pi * controller.pole_Hz if isinstance(controller, Lag | Structured) else 1.0,
+        "zero": 2 * pi * controller.zero_Hz if isinstance(controller, Lag | Structured) else 1.0,
     }
     if isinstance(controller, Structured):
         own = [
@@ -61,9 +66,35 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
             for figure in (2 * pi * s.zero_Hz, s.zero_damping_ratio, 2 * pi * s.pole_Hz, s.pole_damping_ratio)
         ]
         values |= dict(zip(section_figures(len(controller.section)), own, strict=True))
+    if isinstance(controller, Observer):
+        names = observer_figures(controller.order, controller.sensors)
+        values |= dict(zip(names, _entries(controller), strict=True))
     for name, table in effect_parameters_of(prototype).items():
         values |= {f"{name}.{key}": value for key, value in table.items()}
     return values
+
+
+_TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6}
+"""V, m, Pa: of what a controller is given."""
+_POINTS_PER_S = (1 + 1j) * np.geomspace(1.0, 1e4, 25)
+"""Off the imaginary axis, so that no undamped mode is met."""
+
+
+def _entries(law: Observer) -> list[float]:
+    """The matrices of an observer, in the order of `observer_figures`, for states that are of the order of one.
+
+    Whoever designs it chooses the units of its states; a simulation wants to know when they stand still. They are
+    scaled by powers of two, which round nothing.
+    """
+    n, p = law.order, len(law.sensors)
+    a, b, c = np.reshape(law.a, (n, n)), np.reshape(law.b, (n, p)), np.array(law.c)
+    if n:
+        typical = b * [_TYPICAL[name] for name in law.sensors]
+        pencils = _POINTS_PER_S[:, None, None] * np.eye(n) - a
+        size = np.abs(np.linalg.solve(pencils, np.broadcast_to(typical, (len(pencils), n, p)))).max(axis=(0, 2))
+        scale = np.exp2(np.round(np.log2(np.where(size > 0, size, 1.0))))
+        a, b, c = a * scale / scale[:, None], b / scale[:, None], c * scale
+    return [float(value) for part in (a, b, c, law.d) for value in np.ravel(part)]
 
 
 def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:

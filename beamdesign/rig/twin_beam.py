@@ -22,6 +22,8 @@ STATES = (
 )
 INPUTS = ("disturbance_N", "current_A")
 OUTPUTS = ("displacement_m", "sensor_V")
+ADDED_OUTPUTS = ("inner_displacement_m", "load_pressure_Pa")
+"""What added sensors may read."""
 FIGURES = (
     "outer_stiffness",  # K_m, N/m
     "outer_mass",  # M_m, kg
@@ -69,10 +71,12 @@ class Descriptor:
     Attributes:
         function: figures in the order of `FIGURES` (vector of 16) to E, A (n x n), B (n x 2) and C (2 x n).
         states: names of the n states.
+        added: the same figures to the rows (2 x n) of `ADDED_OUTPUTS`.
     """
 
     function: ca.Function
     states: tuple[str, ...]
+    added: ca.Function
 
 
 @cache
@@ -124,4 +128,5 @@ def descriptor(filtered: bool) -> Descriptor:
     function = ca.Function(
         "descriptor", [figures], [ca.densify(m) for m in matrices], ["figures"], ["E", "A", "B", "C"]
     )
-    return Descriptor(function, states)
+    added = ca.jacobian(ca.vertcat(inner, force / figure["piston_area"]), x)
+    return Descriptor(function, states, ca.Function("added", [figures], [ca.densify(added)], ["figures"], ["C"]))

@@ -6,6 +6,7 @@ from typing import Literal
 
 from flint import fmpq
 
+from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import certify
@@ -79,8 +80,8 @@ def analogue_controllers(
     asked = prototype.controller
     if asked is None:
         raise ValueError("the prototype has no [controller]")
-    if isinstance(asked, Structured):
-        raise ValueError("the circuit is that of a lag, without second-order sections")
+    if isinstance(asked, Structured | Observer):
+        raise ValueError("the circuit is that of a lag, without second-order sections or matrices")
     found: dict[tuple[float | None, ...], AnalogueController] = {}
     for resistors, capacitors in SERIES:
         told(f"analogue controller, {resistors}")

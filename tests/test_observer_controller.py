@@ -1,0 +1,399 @@
+"""Controllers of several sensors: from their record to what is proved, replayed and simulated of them."""
+
+import hashlib
+from math import pi
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.control_models import state_space
+from beamdesign.controller import (
+    control_model,
+    gain_at_high_frequency,
+    sensed_law,
+    sensor_responses,
+    shape_response,
+    transfer_function,
+)
+from beamdesign.higher_modes import signals, single_compliance, with_mass
+from beamdesign.linear import linear_rig
+from beamdesign.loop import critical_gain, loop
+from beamdesign.lumped import figures
+from beamdesign.members import family
+from beamdesign.observer import SENSED, Observer
+from beamdesign.polynomial import exact
+from beamdesign.proof import replay_members
+from beamdesign.proof.certificate import Asked, Certificate, certify
+from beamdesign.proof.replay import replay
+from beamdesign.prototype import Lag, Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
+from beamdesign.sensed_plant import sensed_plant
+from beamdesign.simulate import simulate
+
+MASSES_KG = (0.0, 6.8)
+FREQUENCIES_HZ = np.geomspace(0.1, 600.0, 300)
+SLOW, FAST = 2 * pi * 1.75, 2 * pi * 3.0  # rad/s
+LAW = Observer(
+    gain_A_per_V=0.1,
+    sensors=SENSED,
+    a=((-SLOW, 0.05), (0.0, -FAST)),
+    b=((SLOW, 2.0, 1e-9), (0.0, 30.0, 1e-6)),
+    c=(1.0, -1e-3 * FAST),
+    d=(0.07, 1.0, 1e-9),
+)
+"""A lag, and what the pressure varies by beyond 3 Hz against the resonances (dynamic pressure feedback)."""
+
+
+@pytest.fixture(scope="module")
+def bare() -> Prototype:
+    """The published remedy without effects."""
+    path = Path(__file__).parent.parent / "studies/prototypes/paper_remedy.toml"
+    return read_prototype(path).but(effects={}, payload={"outer_end_mass_kg": MASSES_KG, "inner_end_mass_kg": 4.5})
+
+
+@pytest.fixture(scope="module")
+def rig(bare: Prototype) -> Prototype:
+    """The same with all three sensors fed back, and its sensor filter."""
+    return bare.but(controller=LAW, sensor=bare.sensor.but(filter_Hz=400.0))
+
+
+def as_observer(lag: Lag) -> Observer:
+    """A lag by its matrices: z is the error through its pole."""
+    pole, share = 2 * pi * lag.pole_Hz, lag.pole_Hz / lag.zero_Hz
+    return Observer.of(lag.gain_A_per_V, ["displacement_m"], [[-pole]], [[pole * (1 - share)]], [1.0], [share])
+
+
+def closed_by_hand(prototype: Prototype, mass: float) -> tuple[np.ndarray, ...]:
+    """A, B and C of the closed loop from force and command to displacement and current.
+
+    The plant's matrices are the linear rig's own, which other tests hold against the paper; what the added sensors
+    read, and the feedback, are written here.
+    """
+    law = prototype.controller
+    assert isinstance(law, Observer)
+    a, b, c = linear_rig(prototype).matrices(mass, prototype.payload.inner_end_mass_kg)
+    figure, n, k = figures(prototype), len(a), law.order
+    inner, pressure = np.zeros(n), np.zeros(n)
+    inner[3] = 1.0  # of twin_beam.STATES
+    pressure[[2, 0]] = np.array([1, -1]) * figure["oil_stiffness"] / figure["piston_area"]
+    sensed = np.array([{"displacement_m": c[1], SENSED[1]: inner, SENSED[2]: pressure}[s] for s in law.sensors])
+    la, lb = np.reshape(law.a, (k, k)), np.reshape(law.b, (k, len(sensed)))
+    lc, ld = law.gain_A_per_V * np.array([law.c]), law.gain_A_per_V * np.array([law.d])
+    closed = np.block([[a - b[:, 1:] @ ld @ sensed, b[:, 1:] @ lc.reshape(1, k)], [-lb @ sensed, la]])
+    drive = np.block([[b[:, :1], b[:, 1:] @ ld[:, :1]], [np.zeros((k, 1)), lb[:, :1]]])
+    return closed, drive, np.vstack([np.append(c[0], np.zeros(k)), np.hstack([-ld @ sensed, lc.reshape(1, k)])[0]])
+
+
+def response(matrices: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(f, outputs, inputs) at `FREQUENCIES_HZ`, direct terms left out."""
+    a, b, c = matrices
+    pencil = 2j * pi * FREQUENCIES_HZ[:, None, None] * np.eye(len(a)) - a
+    return np.asarray(c @ np.linalg.solve(pencil, np.broadcast_to(b.astype(complex), (len(pencil), *b.shape))))
+
+
+def test_a_lag_written_in_matrices_is_that_lag(bare: Prototype) -> None:
+    """The same characteristic polynomial up to a factor, and the same proved figures."""
+    lag = Lag(gain_A_per_V=0.08, pole_Hz=1.75, zero_Hz=26.0)
+    one, other = bare.but(controller=lag), bare.but(controller=as_observer(lag))
+    first, second = loop(one), loop(other)
+    for mass in (exact(0.0), exact(3.3)):
+        p, q = first.characteristic.at(mass), second.characteristic.at(mass)
+        factor = q[q.degree()] / p[p.degree()]
+        # The figures in rad/s are decimals of floats, so that the two agree to their rounding.
+        assert all(abs(float(q[k] / (factor * p[k]) - 1)) < 1e-14 for k in range(p.degree() + 1))
+    asked = [Asked("decay_rate", 1.0), Asked("controller_effort", 0.2), Asked("gain_margin", 1.4)]
+    found, expected = (certify(prototype, *MASSES_KG, asked) for prototype in (other, one))
+    assert found.stable
+    assert found.guaranteed == expected.guaranteed
+    assert [claim.holds for claim in found.claims] == [claim.holds for claim in expected.claims]
+    assert replay(found.text).valid
+    assert critical_gain(other).gain_A_per_V == pytest.approx(critical_gain(one).gain_A_per_V, rel=1e-12)
+    np.testing.assert_allclose(
+        shape_response(as_observer(lag), FREQUENCIES_HZ), shape_response(lag, FREQUENCIES_HZ), rtol=1e-12
+    )
+    assert gain_at_high_frequency(as_observer(lag)) == pytest.approx(gain_at_high_frequency(lag))
+
+
+@pytest.mark.parametrize("sensors", [SENSED, SENSED[::2], ("displacement_m", *SENSED[:0:-1])])
+@pytest.mark.parametrize("mass", [0.0, 2.37, 6.8])
+def test_the_loop_is_that_of_its_matrices(rig: Prototype, sensors: tuple, mass: float) -> None:
+    """Poles, compliance, effort and sensitivity, at masses other than the two the polynomials are made from."""
+    columns = [SENSED.index(name) for name in sensors]
+    law = LAW.but(
+        sensors=sensors, b=tuple(tuple(row[k] for k in columns) for row in LAW.b), d=tuple(LAW.d[k] for k in columns)
+    )
+    prototype = rig.but(controller=law)
+    here, matrices = loop(prototype).at(mass), closed_by_hand(prototype, mass)
+    poles = np.sort_complex(np.linalg.eigvals(matrices[0]))
+    np.testing.assert_allclose(np.sort_complex(here.poles()), poles, rtol=0, atol=1e-8 * np.abs(poles).max())
+    seen = response(matrices)
+    np.testing.assert_allclose(here.compliance_response(FREQUENCIES_HZ), seen[:, 0, 0], rtol=1e-8)
+    through = law.gain_A_per_V * law.d[0]
+    np.testing.assert_allclose(here.effort_response(FREQUENCIES_HZ), seen[:, 1, 1] + through, rtol=1e-8)
+    a, b, c = linear_rig(prototype).matrices(mass, 4.5)
+    plant = control.ss(
+        a, b[:, 1:], np.vstack([c[1:], *(linear_rig(prototype).added_rows()[[k - 1]] for k in columns[1:])]), 0
+    )
+    s = 2j * pi * FREQUENCIES_HZ
+    around = np.einsum("pkf,kpf->f", plant(s), control_model(law)(s))
+    np.testing.assert_allclose(here.loop_response(FREQUENCIES_HZ), around, rtol=1e-8)
+    np.testing.assert_allclose(here.sensitivity_response(FREQUENCIES_HZ), 1 / (1 + around), rtol=1e-8)
+
+
+def test_what_is_fed_back_of_added_sensors_depends_on_the_mass(rig: Prototype) -> None:
+    found = loop(rig)
+    assert not found.gain_and_mass_apart
+    assert loop(rig.but(controller=LAW.but(sensors=SENSED[:1], b=((SLOW,), (0.0,)), d=(0.07,)))).gain_and_mass_apart
+    # A mass on the tip is a force -m s^2 x there: the slope of the characteristic is s^2 times the compliance's top.
+    assert found.characteristic.slope == found.disturbance * exact(1.0) * type(found.disturbance)([0, 0, 1])
+    plant = sensed_plant(linear_rig(rig), SENSED, 4.5)
+    plain = linear_rig(rig).plant(4.5)
+    assert (plant.denominator, plant.control[0].constant, plant.disturbance) == (
+        plain.denominator,
+        plain.control,
+        plain.disturbance,
+    )
+    assert plant.control[0].slope.is_zero()
+    assert plant.crossed[0].is_zero()
+
+
+def test_responses_of_the_law_are_those_of_its_polynomials() -> None:
+    s = 2j * pi * FREQUENCIES_HZ
+    law, found = sensed_law(LAW), sensor_responses(LAW, FREQUENCIES_HZ)
+
+    def value(polynomial) -> np.ndarray:
+        return np.polyval([float(c) for c in polynomial.coeffs()[::-1]], s)
+
+    for name, numerator in zip(law.sensors, law.numerators, strict=True):
+        np.testing.assert_allclose(LAW.gain_A_per_V * found[name], value(numerator) / value(law.denominator), rtol=1e-9)
+    with pytest.raises(InputError, match="added sensors are not for one transfer function"):
+        transfer_function(LAW)
+
+
+@pytest.fixture(scope="module")
+def proved(rig: Prototype) -> Certificate:
+    asked = [Asked("decay_rate", 1.0), Asked("loop_gain", 0.75, from_Hz=200.0), Asked("controller_effort", 0.072)]
+    return certify(rig, *MASSES_KG, [*asked, Asked("peak_sensitivity", 2.0), Asked("compliance", 5.71e-8, 40.0)])
+
+
+def test_proved_figures_are_those_of_a_dense_grid(rig: Prototype, proved: Certificate) -> None:
+    found = proved.guaranteed
+    assert proved.stable
+    assert found is not None
+    peaks, bandwidths = zip(
+        *(
+            (here.peak_sensitivity(), here.bandwidth_Hz(rig.goal.compliance_m_per_N))
+            for here in (loop(rig).at(float(mass)) for mass in np.linspace(*MASSES_KG, 18))
+        ),
+        strict=True,
+    )
+    assert found.peak_sensitivity * (1 - 1e-3) < max(peaks) <= found.peak_sensitivity
+    assert found.bandwidth_Hz <= min(bandwidths) < found.bandwidth_Hz * (1 + 1e-3)
+    assert [claim.holds for claim in proved.claims] == [True, True, True, False, False]
+
+
+def test_the_certificate_is_proved_again_from_its_matrices(proved: Certificate) -> None:
+    assert replay(proved.text).valid
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('d = ["0.07", "1", "0.000000001"]', 'd = ["0.07", "1.01", "0.000000001"]'),
+        ('b = [["10.9', 'b = [["11.9'),
+        ('"0.05"], ["0"', '"0.06"], ["0"'),
+        ('sensors = ["displacement_m", "inner_displacement_m", "load_pressure_Pa"]',
+         'sensors = ["displacement_m", "load_pressure_Pa", "inner_displacement_m"]'),
+        ('gain_A_per_V = "0.1"', 'gain_A_per_V = "0.11"'),
+        ("returned_slope = [\n", 'returned_slope = [\n  "1",\n'),
+        ('piston_area_m2 = "0.000113"', 'piston_area_m2 = "0.000114"'),
+    ],
+)  # fmt: skip
+def test_a_tampered_certificate_is_not(proved: Certificate, old: str, new: str) -> None:
+    """Whoever alters an entry and puts the checksum right is found out by the polynomials."""
+    assert old in proved.text
+    altered = proved.text.replace(old, new)
+    line = next(line for line in altered.splitlines() if line.startswith("sha256"))
+    blank = altered.replace(line + "\n", "", 1)
+    altered = altered.replace(line, f'sha256 = "{hashlib.sha256(blank.encode()).hexdigest()}"')
+    found = replay(altered)
+    assert not found.valid
+    assert "do not follow from the figures" in " ".join(found.reasons)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"second_beam_mode": {}},
+        {"second_beam_mode": {}, "sensor_lag": {}, "mount_compliance": {}, "transport_delay": {}},
+        {"joint_backlash": {}, "seal_friction": {}, "entrained_air": {}},
+    ],
+)
+def test_with_linear_effects(bare: Prototype, effects: dict) -> None:
+    """Members against the matrices of the assembled rig, and their certificate against its replay."""
+    prototype = bare.but(controller=LAW, effects=effects)
+    found = certify(prototype, 1.0, 3.0, [Asked("loop_gain", 5.0, from_Hz=300.0), Asked("decay_rate", 0.1)])
+    assert replay_members.replay(found.text).valid
+    rest = family(prototype).rest
+    for mass in (0.0, 4.7):
+        a, b, c = rest.rig.matrices(mass, 4.5)
+        sensed = np.vstack([c[1:], rest.rig.added_rows()])
+        n, k = len(a), LAW.order
+        drive = b[:, 1:] * LAW.gain_A_per_V
+        closed = np.block(
+            [
+                [a - drive @ np.array([LAW.d]) @ sensed, drive @ np.array([LAW.c])],
+                [-np.array(LAW.b) @ sensed, np.array(LAW.a)],
+            ]
+        )
+        seen = response((closed, np.vstack([b[:, :1], np.zeros((k, 1))]), np.hstack([c[:1], np.zeros((1, k))])))
+        np.testing.assert_allclose(
+            loop(prototype).at(mass).compliance_response(FREQUENCIES_HZ), seen[:, 0, 0], rtol=1e-6
+        )
+        poles = loop(prototype).at(mass).poles()
+        for pole in np.linalg.eigvals(closed):  # among them the chambers' mean pressure, which nothing drives
+            near = np.abs(poles - pole).min()
+            assert near < 1e-5 * abs(pole) or abs(pole.imag) == 0, pole
+        assert len(poles) in (n + k - 1, n + k)
+
+
+def test_gains_that_vary_are_refused_with_what_to_remove(bare: Prototype) -> None:
+    prototype = bare.but(controller=LAW, effects={"current_saturation": {}, "second_beam_mode": {}})
+    with pytest.raises(InputError) as told:
+        certify(prototype, *MASSES_KG)
+    (problem,) = told.value.problems
+    assert problem.key == "effects.current_saturation"
+    assert "remove it" in problem.reason
+
+
+def test_a_static_gain_needs_no_states(bare: Prototype) -> None:
+    law = Observer.of(0.01, SENSED, [], [], [], [1.0, 100.0, 1e-8])
+    prototype = bare.but(controller=law)
+    poles = np.sort_complex(np.linalg.eigvals(closed_by_hand(prototype, 2.0)[0]))
+    np.testing.assert_allclose(np.sort_complex(loop(prototype).at(2.0).poles()), poles, atol=1e-8 * np.abs(poles).max())
+    found = certify(prototype, *MASSES_KG)
+    assert replay(found.text).valid
+    assert control_model(law).nstates == 0
+    assert shape_response(law, FREQUENCIES_HZ)[0] == 1.0
+
+
+@pytest.mark.parametrize("effects", [{}, {"second_beam_mode": {}}])
+def test_a_small_step_in_simulation_is_that_of_the_linear_loop(rig: Prototype, effects: dict) -> None:
+    """The assembled rig beside python-control's response of the matrices, for two slow lines of force."""
+    prototype = rig.but(effects=effects)
+    push = Step(amplitude_N=10.0, at_s=0.02, rise_s=0.02, length_s=1.0)
+    row = ScenarioRecord(name="push", input=(push,), outer_end_mass_kg=3.0)
+    record = simulate(prototype, Scenario(name="s", duration_s=0.25, sample_s=2e-4, record=(row,))).records[0]
+    assert record.stable
+    model = state_space(prototype, 3.0)
+    time, force = record.column("t_s"), record.column("disturbance_N")
+    found = control.forced_response(model, time, np.vstack([force, 0 * time])).outputs
+    for name in ("displacement_m", "current_A", "inner_displacement_m", "load_pressure_Pa"):
+        expected = found[model.output_labels.index(name if name != "displacement_m" else "sensor_V")]
+        expected = expected / rig.sensor.gain_V_per_m if name == "displacement_m" else expected
+        np.testing.assert_allclose(record.column(name), expected, atol=2e-4 * np.abs(expected).max())
+
+
+def test_states_of_any_size_start_and_stand_still(rig: Prototype) -> None:
+    """A change of the states' units changes no record."""
+    scale = np.array([1e-7, 1e6])
+    other = Observer.of(
+        LAW.gain_A_per_V, SENSED, np.array(LAW.a) * scale / scale[:, None], np.array(LAW.b) / scale[:, None],
+        np.array(LAW.c) * scale, LAW.d,
+    )  # fmt: skip
+    row = ScenarioRecord(name="load", outer_end_mass_kg=1.0, preload_N=50.0)
+    plan = Scenario(name="s", duration_s=0.05, record=(row,), start="loaded")
+    one, two = (simulate(rig.but(controller=law), plan).records[0].samples for law in (LAW, other))
+    np.testing.assert_allclose(one, two, rtol=1e-8, atol=1e-15)
+    assert np.ptp(one[:, 4]) < 1e-9 * np.abs(one[:, 4]).max()
+
+
+def test_limits_of_the_actuator_see_every_sensor(rig: Prototype) -> None:
+    """Impedances solved by hand against the polynomials."""
+    outer = with_mass(single_compliance(rig, "outer_beam"), 2.0)
+    inner = with_mass(single_compliance(rig, "inner_beam"), rig.payload.inner_end_mass_kg)
+    found, here = signals(rig, outer, inner, FREQUENCIES_HZ), loop(rig).at(2.0)
+    gain = LAW.gain_A_per_V
+    np.testing.assert_allclose(gain * found.loop_per_gain, here.loop_response(FREQUENCIES_HZ), rtol=1e-8)
+    np.testing.assert_allclose(found.closed(gain), here.compliance_response(FREQUENCIES_HZ), rtol=1e-8)
+
+
+def test_models_name_what_is_sensed(rig: Prototype) -> None:
+    law, plant = control_model(LAW), state_space(rig, 1.0, "plant")
+    assert law.input_labels == ["error_V", "inner_displacement_error_m", "load_pressure_error_Pa"]
+    assert plant.output_labels == ["displacement_m", "sensor_V", "inner_displacement_m", "load_pressure_Pa"]
+    assert state_space(rig, 1.0, "open").output_labels[3:] == ["inner_displacement_m", "load_pressure_Pa"]
+    closed = state_space(rig, 1.0)
+    expected = np.sort_complex(loop(rig).at(1.0).poles())
+    np.testing.assert_allclose(np.sort_complex(closed.poles()), expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_the_record_goes_to_toml_and_back(rig: Prototype, tmp_path: Path) -> None:
+    write_prototype(rig, tmp_path / "prototype.toml")
+    assert read_prototype(tmp_path / "prototype.toml") == rig
+
+
+def test_all_that_is_wrong_with_a_record_is_told_at_once(rig: Prototype, tmp_path: Path) -> None:
+    write_prototype(rig, tmp_path / "prototype.toml")
+    text = (tmp_path / "prototype.toml").read_text()
+    start = text.index("sensors = ")
+    wrong = """sensors = ["load_pressure_Pa", "displacement_m", "displacement_m"]
+a = [[1.0, 2.0], [3.0]]
+b = [[1.0, 2.0, inf]]
+c = [1.0]
+d = [1.0]
+"""
+    (tmp_path / "wrong.toml").write_text(text[:start] + wrong + text[text.index("\n[payload]") :])
+    with pytest.raises(InputError) as told:
+        read_prototype(tmp_path / "wrong.toml")
+    reasons = {f"{problem.key}: {problem.reason}" for problem in told.value.problems}
+    assert reasons == {
+        "controller.sensors: must begin with 'displacement_m', whose volts close the loop",
+        "controller.sensors: 'displacement_m' stands there more than once",
+        "controller.a: entry 2: must hold 2 entries, to be square, holds 1",
+        "controller.b: must have a row for each of the 2 of a, has 1",
+        "controller.b: entry 1: entry 3: must be a finite number, is inf",
+        "controller.c: must have an entry for each of the 2 rows of a, has 1",
+        "controller.d: must have an entry for each of the 3 sensors, has 1",
+    }
+    with pytest.raises(ValueError, match="is of order 13; at most 12 can be"):
+        Observer.of(1.0, ["displacement_m"], np.eye(13), np.ones((13, 1)), np.ones(13), [0.0])
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["spec"], "'observer' is not for a specification"),
+        (["certify-switching"], "'observer' is not for certify-switching"),
+        (["code", "--rate-Hz", "5000"], "added sensors are not for code"),
+        (["certify-box"], "added sensors are not for certify-box"),
+    ],
+)
+def test_commands_that_cannot_say_so(rig: Prototype, tmp_path: Path, command: list[str], words: str) -> None:
+    path = tmp_path / "prototype.toml"
+    write_prototype(rig, path)
+    done = CliRunner().invoke(app, [command[0], str(path), *command[1:]])
+    assert isinstance(done.exception, InputError)
+    assert words in str(done.exception)
+
+
+def test_a_sampled_loop_is_refused(rig: Prototype) -> None:
+    row = ScenarioRecord(name="push", outer_end_mass_kg=3.0)
+    plan = Scenario(name="s", duration_s=0.05, record=(row,), sampled=Sampled(period_s=1e-3))
+    with pytest.raises(InputError, match="'observer' is not for a sampled loop"):
+        simulate(rig, plan)
+
+
+def test_the_command_writes_a_certificate_that_replays(rig: Prototype, tmp_path: Path) -> None:
+    path, out = tmp_path / "prototype.toml", tmp_path / "proof.toml"
+    write_prototype(rig, path)
+    done = CliRunner().invoke(app, ["certify", str(path), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "stable for every outer end mass" in done.output
+    again = CliRunner().invoke(app, ["certify", str(path), "--replay", str(out)])
+    assert again.exit_code == 0, again.output
