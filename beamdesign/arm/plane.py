@@ -22,6 +22,7 @@ from typing import Literal
 from flint import fmpq, fmpq_poly
 
 from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of
+from beamdesign.controller import without_added_sensors
 from beamdesign.loop import Loop, LoopAtMass, loop
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
@@ -142,14 +143,17 @@ def single_loop(prototype: Prototype, name: Name) -> Loop:
     """The loop of one plane without offset: that of the prototype, for y with the second controller if there is one.
 
     Raises:
-        InputError: for a prototype with effects or without a controller.
+        InputError: for a prototype with effects, without a controller or with one of several sensors.
     """
     wrong = [(f"effects.{key}", "the arm is worked out without effects; remove it") for key in prototype.effects]
     if prototype.controller is None:
         wrong.append(("controller", "missing; the arm's loops are closed"))
     if wrong:
         raise InputError(prototype.name, wrong)
-    return loop(in_plane(prototype, name))
+    plane = in_plane(prototype, name)
+    assert plane.controller is not None  # a second one stands beside a first
+    without_added_sensors(plane.controller, prototype.name, "the arm, whose loops are those of its tips")
+    return loop(plane)
 
 
 def in_plane(prototype: Prototype, name: Name) -> Prototype:
@@ -181,7 +185,7 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
 
     assert single.demanded is not None  # the loop of a prototype knows its controller
-    opened, returned = joined(single.opened), joined(Affine(single.returned, zero))
+    opened, returned = joined(single.opened), joined(single.returned)
     # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
     load = figures.travel**2 * single.disturbance * t + e**2 * single.characteristic.constant
     characteristic = _sum(opened, returned)
