@@ -20,6 +20,7 @@ from beamdesign.cli.output import (
 from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from beamdesign.design.rig_spread import Shape
     from beamdesign.prototype import Controller, Goal
 
 KINDS = ("lag", "proportional", "structured")
@@ -57,6 +58,17 @@ def tune(
             help="Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 if structured.",
         ),
     ] = None,
+    robust: Annotated[
+        float,
+        typer.Option(
+            metavar="SIGMAS",
+            min=0.0,
+            help="Also guarantee it for the worst rigs so many standard deviations of [tolerance] off.",
+        ),
+    ] = 0.0,
+    robust_box: Annotated[
+        bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -72,7 +84,8 @@ def tune(
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
     peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic, and for all linear
     members of a prototype with effects. A structured controller is a lag with second-order sections, within limits of
-    loop gain and current that its valve sets. Exit status 1 if no design can be proved.
+    loop gain and current that its valve sets. With --robust the same is proved of the worst rigs that the tolerances
+    allow, one by one. Exit status 1 if no design can be proved.
     """
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
@@ -98,8 +111,20 @@ def tune(
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
     record = record.but(goal=_limited(record.goal, controller, given))
-    with progress("tuning") as update:
-        found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update, sections)
+    spread_out = None
+    if robust > 0:
+        from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances
+        from beamdesign.design.robust_tuning import tune_robust
+
+        record = with_stated_tolerances(record)
+        shape: Shape = "box" if robust_box else "ball"
+        asked = (record, masses, robust, controller, largest_inner_end_mass_kg)
+        with progress("tuning") as update:
+            spread_out = tune_robust(*asked, update, sections, shape)
+        found = spread_out.tuning
+    else:
+        with progress("tuning") as update:
+            found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update, sections)
     if found.best is None:
         say(found.reason)
         write_json(json, {"controller": None, "inner_end_mass_kg": None, "guaranteed": None, "reason": found.reason})
@@ -123,6 +148,7 @@ def tune(
     say(f"proved in exact arithmetic; {found.certificates} stability certificates on the way")
     for line in certificate.scope:
         say(f"  {line}")
+    kept = None if spread_out is None else told_of_rigs(spread_out, best, masses, out, paths)
     if record.effects:
         from beamdesign.proof.between import between, in_words
 
@@ -151,6 +177,7 @@ def tune(
             },
             "starts_bandwidth_Hz": found.starts,
             "stability_certificates": found.certificates,
+            **({} if kept is None else {"robust": kept}),
             **paths,
         },
     )

@@ -15,6 +15,7 @@ import numpy as np
 from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.loop_constraints import member_slack
 from beamdesign.design.sampled_loops import Samples, Slacks, sampled_bandwidth, slacks
+from beamdesign.design.worst_samples import WorstSamples
 from beamdesign.members import BilinearPlant
 from beamdesign.prototype import Goal
 
@@ -29,7 +30,7 @@ _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1
 _SPOILT = 2e-3
 """Violation between the enforced points that is put up with in a round; the worst of them are enforced in the next."""
 
-_WORTH = 10.0
+WORTH = 10.0
 """Share of the bandwidth that may be given up to mend a violation, over that violation."""
 
 STIFFER = 3e-3
@@ -47,7 +48,8 @@ class Polish:
         points: fine samples of the loops.
         goal: the limits.
         kind: of the form, see `beamdesign.design.controller_forms.form_named`.
-        plants: the plants and factors on their gain that are to perform.
+        plants: the plants and factors on their gain that are to perform, with the number of their first row of samples,
+            that of the least mass.
         masses: outer end masses (kg) at which compliance is enforced.
         lower: (v,) bounds of the variables of `sampled_loops`.
         upper: (v,)
@@ -56,7 +58,7 @@ class Polish:
     points: Samples
     goal: Goal
     kind: str
-    plants: Sequence[tuple[BilinearPlant, float]]
+    plants: Sequence[tuple[BilinearPlant, float, int]]
     masses: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
@@ -73,6 +75,7 @@ class Polish:
         stiffer: float = STIFFER,
         rounds: int = 12,
         reach: float = 0.7,
+        worth: float = WORTH,
     ) -> tuple[np.ndarray, float]:
         """Variables and sampled bandwidth of the best loop found, the start's own where none is better.
 
@@ -82,6 +85,7 @@ class Polish:
             stiffer: likewise of the compliance, which may touch its limit far below the bandwidth.
             rounds: at most.
             reach: how far a variable may move in the first of them.
+            worth: share of the bandwidth that may be given up to mend a violation, over that violation.
         """
         best = np.clip(start, self.lower, self.upper)
         now = slacks(self.points, self.goal, best, slopes=False)
@@ -93,7 +97,7 @@ class Polish:
             then = slacks(self.points, self.goal, tried, slopes=False)
             wider = sampled_bandwidth(self.points, then.compliance)
             spoils = then.violation_inside(inside)
-            mended = spoils < min(spoilt - 1e-7, spoilt / 2) and wider >= reached * (1 - _WORTH * spoilt)
+            mended = spoils < min(spoilt - 1e-7, spoilt / 2) and wider >= reached * (1 - worth * spoilt)
             better = mended or wider > reached * (1 + _SETTLED)
             if not (then.settled and spoils < max(spoilt, _SPOILT) * 1.01 and better):
                 reach /= 3
@@ -104,7 +108,10 @@ class Polish:
     def _solved(
         self, start: np.ndarray, now: Slacks, bandwidth_Hz: float, spare: tuple[float, float], reach: float
     ) -> np.ndarray:
-        data = [_data(self.points, index).ravel(order="F") for index in _enforced(now)]
+        limited = (now.held_on[0], now.held_on[2], now.held_on[3])
+        data = [_data(one, index).ravel(order="F") for one, index in zip(limited, _enforced(now), strict=True)]
+        if isinstance(self.points, WorstSamples):
+            data += [self._moved(now, row, bandwidth_Hz).ravel(order="F") for _, _, row in self.plants]
         lower, upper = np.maximum(self.lower, start - reach), np.minimum(self.upper, start + reach)
         beta = log(bandwidth_Hz)
         with interruption_waits():
@@ -118,6 +125,20 @@ class Polish:
             )
         values = np.asarray(found["x"]).ravel()[:-1]
         return np.clip(values, lower, upper) if np.isfinite(values).all() else start
+
+    def _moved(self, now: Slacks, first_row: int, bandwidth_Hz: float) -> np.ndarray:
+        """(3, n) shifts, as of `member_slack`, of the rigs that are worst for compliance at shares of a bandwidth."""
+        off, found = now.held_on[1], []
+        asked = np.log(_SHARES * bandwidth_Hz)
+        for k in range(len(self.masses)):
+            on = np.nonzero(self.points.row == first_row + k)[0]
+            nearest = on[np.abs(np.log(self.points.frequency_Hz[on])[:, None] - asked).argmin(axis=0)]
+            control, pushed = (
+                np.log(one[0, nearest] / own[0, nearest])
+                for one, own in ((off.control, self.points.control), (off.disturbance, self.points.disturbance))
+            )
+            found.append(np.array([control.real, control.imag, pushed.real]))
+        return np.stack(found, axis=2).reshape(3, -1)
 
     def _program(self) -> ca.Function:
         count = len(self.lower)
@@ -133,11 +154,17 @@ class Polish:
                 found.append(point.map(size)(ca.repmat(every, 1, size), given).T - inside)
         shares = np.repeat(_SHARES, len(self.masses))
         masses = np.tile(self.masses, len(_SHARES))
-        for plant, factor in self.plants:
-            slack = member_slack(self.kind, plant, factor)
+        off = isinstance(self.points, WorstSamples)
+        for plant, factor, _ in self.plants:
+            slack = member_slack(self.kind, plant, factor, shifts=off)
             n = len(shares)
             both = ca.vertcat(ca.DM(masses).T, ca.repmat(inner, 1, n))
-            _, stiffness = slack.map(n)(both, ca.repmat(logarithms, 1, n), ca.exp(beta) * ca.DM(shares).T)
+            asked = [both, ca.repmat(logarithms, 1, n), ca.exp(beta) * ca.DM(shares).T]
+            if off:
+                data.append(ca.MX.sym("moved", 3, n))
+                stiffness = slack.map(n)(*asked, data[-1])
+            else:
+                _, stiffness = slack.map(n)(*asked)
             found.append(stiffness.T + log(self.goal.compliance_m_per_N) - stiffer)
         return ca.nlpsol(
             "polish",

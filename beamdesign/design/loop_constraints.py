@@ -120,7 +120,9 @@ def limit_slack(kind: str, filtered: bool) -> ca.Function:
     return _slack(kind, figures, polynomials, limits=True)
 
 
-def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bool = False) -> ca.Function:
+def _slack(
+    kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bool = False, shifts: bool = False
+) -> ca.Function:
     """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures."""
     form = form_named(kind)
     logarithms = ca.SX.sym("controller", len(form.names))
@@ -133,6 +135,10 @@ def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bo
     opened = _product(plant, denominator)
     returned = _product(control, (gain * numerator[0], gain * numerator[1]))
     force_path = _product(disturbance, denominator)
+    shift = ca.SX.sym("shift", 3)
+    if shifts:
+        size, turn = ca.exp(shift[0]), shift[1]
+        returned = _product(returned, (size * ca.cos(turn), size * ca.sin(turn)))
 
     def log_square(value: tuple[ca.SX, ca.SX]) -> ca.SX:
         return ca.log(value[0] ** 2 + value[1] ** 2)
@@ -143,13 +149,19 @@ def _slack(kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bo
         reached = [(log_square(opened) - log_square(returned)) / 2, (closed - demanded) / 2]
         return ca.Function("limit_slack", [figures, logarithms, frequency], reached)
     slacks = [(closed - log_square(opened)) / 2, (closed - log_square(force_path)) / 2]
+    if shifts:
+        return ca.Function("shifted_slack", [figures, logarithms, frequency, shift], [slacks[1] - shift[2]])
     return ca.Function("loop_slack", [figures, logarithms, frequency], slacks)
 
 
-def member_slack(kind: str, plant: BilinearPlant, factor: float, limits: bool = False) -> ca.Function:
+def member_slack(
+    kind: str, plant: BilinearPlant, factor: float, limits: bool = False, shifts: bool = False
+) -> ca.Function:
     """`loop_slack`, or with `limits` `limit_slack`, for a plant whose figures stand, with its gain times a factor.
 
-    Its figures are the two end masses.
+    Its figures are the two end masses. With `shifts` there is a further input and one output, the slack of compliance:
+    by how much (logarithm) the loop's response is larger, what its phase is more (rad), and by how much the response
+    to the force is larger.
     """
     masses = ca.SX.sym("masses", 2)
     outer, inner = ca.vertsplit(masses)
@@ -162,7 +174,7 @@ def member_slack(kind: str, plant: BilinearPlant, factor: float, limits: bool = 
     denominator = coefficients((1.0, d00), (inner, d01), (outer, d10), (outer * inner, d11))
     control = coefficients((factor, plant.control[0]), (factor * inner, plant.control[1]))
     disturbance = coefficients((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))
-    return _slack(kind, masses, [denominator, control, disturbance], limits)
+    return _slack(kind, masses, [denominator, control, disturbance], limits, shifts)
 
 
 def guarantee(

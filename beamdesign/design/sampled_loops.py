@@ -5,7 +5,7 @@ section), then the inner end mass in kg. Everything here is sampled and only pro
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log, pi
 
 import numpy as np
@@ -46,6 +46,10 @@ class Samples:
             np.append(self.looser, other.looser),
         )
 
+    def worst(self, goal: Goal, variables: np.ndarray) -> tuple["Samples", ...]:
+        """The samples on which each limit is held, as of `Slacks.held_on`: these, where the rig's figures stand."""
+        return (self,) * 4
+
 
 def samples(grid: GridPlant, outer_end_masses: Sequence[float], looser: float = 1.0) -> Samples:
     """A grid of frequencies at each of some outer end masses (kg)."""
@@ -74,6 +78,7 @@ class Slacks:
         effort: (n,) log of limit over |C S|.
         slopes: for each of these, in this order, (n, v).
         settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell.
+        held_on: for each of these limits, in this order, the samples that it was held against.
     """
 
     sensitivity: np.ndarray
@@ -82,6 +87,7 @@ class Slacks:
     effort: np.ndarray
     slopes: tuple[np.ndarray, ...]
     settled: bool
+    held_on: tuple[Samples, ...] = ()
 
     @property
     def violation(self) -> float:
@@ -93,7 +99,7 @@ class Slacks:
         return max(0.0, *(inside - float(part.min()) for part in (self.sensitivity, self.loop_gain, self.effort)))
 
 
-def _controller(logarithms: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def controller_log(logarithms: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Logarithm of K C(s), (n,), and its derivatives (n, v) by the logarithms of the figures."""
     figures = np.exp(logarithms)
     value = np.full(len(s), logarithms[0], dtype=complex)
@@ -122,8 +128,26 @@ def slacks(points: Samples, goal: Goal, variables: np.ndarray, slopes: bool = Tr
         variables: (v,).
         slopes: whether to work out derivatives.
     """
+    held_on = points.worst(goal, variables)
+    if all(one is points for one in held_on):
+        return replace(_slacks(points, goal, variables, slopes), held_on=held_on)
+    distinct = {id(one): one for one in held_on}
+    found = {key: _slacks(one, goal, variables, slopes) for key, one in distinct.items()}
+    each = [found[id(one)] for one in held_on]
+    return Slacks(
+        each[0].sensitivity,
+        each[1].compliance,
+        each[2].loop_gain,
+        each[3].effort,
+        tuple(one.slopes[k] for k, one in enumerate(each)) if slopes else (),
+        _slacks(points, goal, variables, slopes=False).settled,
+        held_on,
+    )
+
+
+def _slacks(points: Samples, goal: Goal, variables: np.ndarray, slopes: bool) -> Slacks:
     inner, count = float(variables[-1]), len(variables)
-    law, of_law = _controller(variables[:-1], 2j * pi * points.frequency_Hz)
+    law, of_law = controller_log(variables[:-1], 2j * pi * points.frequency_Hz)
     plant = 1 + inner * points.denominator
     sensed = points.control[0] + inner * points.control[1]
     moved = points.disturbance[0] + inner * points.disturbance[1]

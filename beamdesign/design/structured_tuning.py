@@ -6,21 +6,24 @@ a limit between the samples, all limits are tightened by what was missing, and t
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 from math import inf, log
 
 import numpy as np
 
 from beamdesign.design.bandwidth_climb import climb
-from beamdesign.design.bandwidth_polish import STIFFER, Polish
-from beamdesign.design.controller_forms import STRUCTURED, ControllerForm, form_named
+from beamdesign.design.bandwidth_polish import STIFFER, WORTH, Polish
+from beamdesign.design.controller_forms import FORMS, STRUCTURED, ControllerForm, form_named
 from beamdesign.design.loop_search import member_grid
 from beamdesign.design.loop_set import LOOSER_PEAK, LoopSet, ends, loop_set
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
+from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.sampled_loops import Samples, samples, slacks
+from beamdesign.design.worst_samples import WorstSamples, worst_rigs, worst_samples
 from beamdesign.linear import LinearRig
 from beamdesign.members import BilinearPlant, Member, bilinear_plant
-from beamdesign.prototype import Goal
+from beamdesign.prototype import Goal, Proportional
 
 FREQUENCIES_HZ = np.concatenate(
     [
@@ -31,6 +34,9 @@ FREQUENCIES_HZ = np.concatenate(
     ]
 )
 """Of the samples: fine where peaks may be sharp; far above everything, the controller's effort still grows."""
+
+MODES_HZ = np.geomspace(155.0, 700.0, 100)
+"""Further samples of rigs with effects, among which may be a second mode."""
 
 SECTION_HZ = (8.0, 25.0, 70.0, 200.0)
 """Where a new section begins."""
@@ -54,6 +60,16 @@ _SPARE = 2e-6
 """What limits are tightened by beyond what was missing, for the rounding of figures."""
 
 
+_PROPORTIONAL = ControllerForm(
+    "lag",
+    FORMS["lag"].names,
+    (FORMS["lag"].bounds[0], (30.0, 30.0), (30.0, 30.0)),
+    FORMS["lag"].polynomials,
+    lambda values: Proportional(gain_A_per_V=values[0]),
+)
+"""A lag whose pole and zero are held together."""
+
+
 @dataclass(frozen=True)
 class Grown:
     """Outcome of `grow`.
@@ -63,12 +79,14 @@ class Grown:
         sampled: bandwidths (Hz) of all designs with the full number of sections, as sampled.
         certificates: how many exact proofs of a loop were run.
         reason: why nothing was proved, empty where something was.
+        worst: of a robust design, (d,) standard deviations of each rig that was proved beside the nominal one.
     """
 
     proved: Proved | None
     sampled: tuple[float, ...]
     certificates: int
     reason: str = ""
+    worst: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,9 +97,12 @@ class _Task:
     masses_kg: tuple[float, float]
     largest_inner: float
     points: Samples
-    plants: Sequence[tuple[BilinearPlant, float]]
+    plants: Sequence[tuple[BilinearPlant, float, int]]
+    proportional: bool = False
 
     def form(self, sections: int) -> ControllerForm:
+        if self.proportional:
+            return _PROPORTIONAL
         return form_named(f"{STRUCTURED}{sections}" if sections else "lag")
 
     def bounds(self, sections: int) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +114,23 @@ class _Task:
         masses = np.unique([low, (low + high) / 2, high])
         return Polish(self.points, self.goal, self.form(sections).kind, self.plants, masses, *self.bounds(sections))
 
-    def loops(self, variables: np.ndarray, sections: int) -> tuple[LoopSet, Proved]:
-        """The exact loops of rounded variables, and what stands for them, nothing of it proved yet."""
+    def loops(self, variables: np.ndarray, sections: int) -> tuple[LoopSet, Proved, tuple[np.ndarray, ...]]:
+        """The exact loops of rounded variables, what stands for them, nothing of it proved yet, and rigs that are off.
+
+        The last are the standard deviations of those that are worst for each limit, whose loops are among the first.
+        """
         controller = self.form(sections).rounded([float(value) for value in variables[:-1]])
         inner = round(float(variables[-1]), 6)
-        found = loop_set(self.rig, self.members, controller, inner, self.masses_kg)
-        return found, Proved(controller, inner, 0.0, inf, variables)
+        members = list(self.members)
+        worst: tuple[np.ndarray, ...] = ()
+        if isinstance(self.points, WorstSamples):
+            members = members or [Member(self.rig)]
+            worst = worst_rigs(self.points, self.goal, variables)
+            for z in worst:
+                rig, of_rig = self.points.spread.linear(z)
+                members += of_rig or [Member(rig)]
+        found = loop_set(self.rig, members, controller, inner, self.masses_kg)
+        return found, Proved(controller, inner, 0.0, inf, variables), worst
 
 
 def grow(
@@ -109,6 +141,8 @@ def grow(
     largest_inner: float,
     sections: int,
     told: Callable[[float, str], None] = lambda share, text: None,
+    spread: RigSpread | None = None,
+    proportional: bool = False,
 ) -> Grown:
     """Find the largest guaranteed bandwidth of a lag with so many second-order sections.
 
@@ -120,8 +154,12 @@ def grow(
         largest_inner: most mass that may be added inside, kg.
         sections: how many; none for the lag alone.
         told: the share done and what is being done.
+        spread: rigs that are off, among which the worst are to keep all limits as well; none: the nominal rig alone.
+        proportional: whether the lag is to do nothing; without sections.
     """
-    task = _task(rig, members, goal, masses_kg, largest_inner)
+    task = _task(rig, members, goal, masses_kg, largest_inner, spread)
+    if proportional:
+        task = replace(task, proportional=True)
     told(0.0, "lag")
     pool = _lags(task)
     polishes = 1 + sections * KEPT * len(SECTION_HZ)
@@ -138,33 +176,56 @@ def grow(
     reached = tuple(bandwidth for _, bandwidth in pool)
     certificates, reason = 0, "no start led to a stable loop within the limits on the samples"
     best: Proved | None = None
+    worst: tuple[np.ndarray, ...] = ()
     for variables, bandwidth in pool[:CANDIDATES]:
         if bandwidth <= 0 or (best is not None and best.bandwidth_Hz > _ENOUGH * bandwidth):
             continue
         told(0.9, "proving")
-        proved, proofs, reason = _proved(task, variables, sections, bandwidth)
+        proved, proofs, reason, rigs = _proved(task, variables, sections, bandwidth)
         certificates += proofs
         if proved is not None and (best is None or proved.bandwidth_Hz > best.bandwidth_Hz):
-            best = proved
-    return Grown(best, reached, certificates, "" if best else reason)
+            best, worst = proved, rigs
+    return Grown(best, reached, certificates, "" if best else reason, worst)
 
 
 def _task(
-    rig: LinearRig, members: Sequence[Member], goal: Goal, masses_kg: tuple[float, float], largest_inner: float
+    rig: LinearRig,
+    members: Sequence[Member],
+    goal: Goal,
+    masses_kg: tuple[float, float],
+    largest_inner: float,
+    spread: RigSpread | None = None,
 ) -> _Task:
     """Samples of all loops, at both ends and in the middle of the range."""
-    listed = [(bilinear_plant(rig), 1.0, True)]
-    if members:
-        listed = [(bilinear_plant(one), factor, performs) for one, factor, performs in ends(members)]
     masses = np.unique(np.linspace(*masses_kg, 3))
-    points: Samples | None = None
-    for plant, factor, performs in listed:
-        grid = member_grid(plant, factor, np.union1d(FREQUENCIES_HZ, [goal.loop_gain_from_Hz]))
-        more = samples(grid, masses.tolist(), 1.0 if performs else LOOSER_PEAK)
-        points = more if points is None else points.joined(more)
-    assert points is not None  # there is at least one loop
-    plants = [(plant, factor) for plant, factor, performs in listed if performs]
+    frequencies = np.union1d(FREQUENCIES_HZ, [goal.loop_gain_from_Hz])
+    if members:
+        frequencies = np.union1d(frequencies, MODES_HZ)
+
+    def sampled(rig: LinearRig, members: Sequence[Member]) -> Samples:
+        parts = [
+            samples(
+                member_grid(plant, factor, frequencies),
+                masses.tolist(),
+                1.0 if performs else LOOSER_PEAK,
+            )
+            for plant, factor, performs in _plants(rig, members)
+        ]
+        return reduce(Samples.joined, parts)
+
+    points = sampled(rig, members)
+    if spread is not None:
+        points = worst_samples(points, spread, sampled)
+    listed = _plants(rig, members)
+    plants = [(plant, factor, k * len(masses)) for k, (plant, factor, performs) in enumerate(listed) if performs]
     return _Task(rig, members, goal, masses_kg, largest_inner, points, plants)
+
+
+def _plants(rig: LinearRig, members: Sequence[Member]) -> list[tuple[BilinearPlant, float, bool]]:
+    """Plants, factors on their gain and whether they are to perform."""
+    if not members:
+        return [(bilinear_plant(rig), 1.0, True)]
+    return [(bilinear_plant(one), factor, performs) for one, factor, performs in ends(members)]
 
 
 def _lags(task: _Task) -> list[tuple[np.ndarray, float]]:
@@ -194,17 +255,22 @@ def _best(found: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, f
     return chosen
 
 
-def _proved(task: _Task, variables: np.ndarray, sections: int, aimed: float) -> tuple[Proved | None, int, str]:
+def _proved(
+    task: _Task, variables: np.ndarray, sections: int, aimed: float
+) -> tuple[Proved | None, int, str, tuple[np.ndarray, ...]]:
     """The best loop proved at the variables or a little inside the limits; how many proofs that took; or why none.
+
+    Of a robust design also the rigs it was proved of beside the nominal one.
 
     A compliance that touches its limit far below the bandwidth costs most of it: then more of it is kept to spare.
     """
     polish, inside, stiffer, reason = task.polish(sections), 0.0, STIFFER, ""
     best: Proved | None = None
+    rigs: tuple[np.ndarray, ...] = ()
     for proofs in range(1, PROOFS + 1):
-        loops, found = task.loops(variables, sections)
+        loops, found, worst = task.loops(variables, sections)
         if loops.unstable():
-            return best, proofs, "the loop is not stable over the whole range"
+            return best, proofs, "the loop is not stable over the whole range", rigs
         refuted = loops.refuted(task.goal)
         if refuted:
             reason = f"{refuted[0][0].kind.replace('_', ' ')} refuted: {refuted[0][0].reason}"
@@ -215,13 +281,17 @@ def _proved(task: _Task, variables: np.ndarray, sections: int, aimed: float) -> 
                 peak = min(loops.peak_sensitivity(), task.goal.peak_sensitivity)
                 kept = np.append(variables, log(max(bandwidth, 1e-9)))
                 best = Proved(found.controller, found.inner_end_mass_kg, bandwidth, peak, kept)
+                rigs = worst
             if bandwidth > _ENOUGH * aimed:
                 break
             stiffer *= 3
         if not inside < inf:
             break
-        before = variables
-        variables, _ = polish(variables, inside, stiffer, rounds=6, reach=max(0.1, 10 * inside))
-        if np.array_equal(before, variables) and refuted:
+        for worth in (WORTH, inf):
+            before, reach = variables, max(0.1, 10 * inside)
+            variables, _ = polish(before, inside, stiffer, rounds=6, reach=reach, worth=worth)
+            if not refuted or not np.array_equal(before, variables):
+                break
+        else:
             break
-    return best, proofs, "" if best else reason
+    return best, proofs, "" if best else reason, rigs

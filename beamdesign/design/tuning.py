@@ -120,10 +120,10 @@ def tune(
     if kind == "structured":
         grown = grow(rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, sections, told)
         if grown.proved is None or grown.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
-            why = _no_answer(kind, prototype.goal, outer_end_mass_kg, grown.reason)
+            why = no_answer(kind, prototype.goal, outer_end_mass_kg, grown.reason)
             return Tuning(prototype, outer_end_mass_kg, None, grown.sampled, (grown.reason,), grown.certificates, why)
-        tuned = _tuned(prototype, grown.proved, outer_end_mass_kg)
-        return Tuning(tuned, outer_end_mass_kg, grown.proved, grown.sampled, (), grown.certificates)
+        found = tuned(prototype, grown.proved, outer_end_mass_kg)
+        return Tuning(found, outer_end_mass_kg, grown.proved, grown.sampled, (), grown.certificates)
     form = FORMS[kind]
     peaks = [limit for limit in STRICTER_PEAKS if limit < prototype.goal.peak_sensitivity]
     certificates = 0
@@ -139,13 +139,13 @@ def tune(
     failures = tuple(refinement.reason for refinement in refined if refinement.reason)
     if not proved:
         failure = failures[0] if failures else "no sampled design keeps within that peak"
-        reason = _no_answer(kind, prototype.goal, outer_end_mass_kg, failure)
+        reason = no_answer(kind, prototype.goal, outer_end_mass_kg, failure)
         return Tuning(prototype, outer_end_mass_kg, None, reached, failures, certificates, reason)
     best = min(proved, key=program.cost)
-    return Tuning(_tuned(prototype, best, outer_end_mass_kg), outer_end_mass_kg, best, reached, failures, certificates)
+    return Tuning(tuned(prototype, best, outer_end_mass_kg), outer_end_mass_kg, best, reached, failures, certificates)
 
 
-def _no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
+def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
     """Why there is no design, and what may allow one."""
     low, high = masses_kg
     return (
@@ -156,7 +156,8 @@ def _no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: s
     )
 
 
-def _tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) -> Prototype:
+def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) -> Prototype:
+    """The prototype with controller, inner end mass and range of a proved loop."""
     return prototype.but(
         controller=best.controller,
         payload=prototype.payload.but(outer_end_mass_kg=masses_kg, inner_end_mass_kg=best.inner_end_mass_kg),

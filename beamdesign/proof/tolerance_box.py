@@ -13,7 +13,7 @@ from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
-_TOLERANCES = {
+TOLERANCES = {
     "outer_stiffness": "stiffness",
     "outer_mass": "effective_mass",
     "outer_damping": "beam_damping_ratio",
@@ -31,6 +31,7 @@ _TOLERANCES = {
     "outer_end_mass": "outer_end_mass",
     "inner_end_mass": "inner_end_mass",
 }
+"""Figures of the rig with the key of their standard deviation in `[tolerance]`."""
 
 _UNITS = {
     "stiffness": "N_per_m",
@@ -87,7 +88,7 @@ def tolerance_box(
         ValueError: without a controller.
     """
     values = rig_family(prototype).values
-    deviations = {n: getattr(prototype.tolerance, key) for n, key in _TOLERANCES.items() if n in values}
+    deviations = {n: getattr(prototype.tolerance, key) for n, key in TOLERANCES.items() if n in values}
     if unknown := sorted((set(spread or {}) | set(names or ())) - set(values)):
         raise InputError("names", [Problem(name, f"no such figure; there are {', '.join(values)}") for name in unknown])
     deviations |= spread or {}

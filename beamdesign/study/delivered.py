@@ -67,9 +67,19 @@ def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, s
         return Delivered(False, 0.0, current, answer.reason)
     frequency, compliance = _response(answer.column("disturbance_N"), moved)
     limit = (1 + MEASURED_WITHIN) * prototype.goal.compliance_m_per_N
-    over = np.nonzero(compliance > limit)[0]
-    reached = frequency[-1] if not len(over) else (frequency[over[0] - 1] if over[0] else 0.0)
-    return Delivered(True, float(reached), current)
+    return Delivered(True, _reached(frequency, compliance / limit), current)
+
+
+def _reached(frequency: np.ndarray, ratio: np.ndarray) -> float:
+    """Where a measured ratio first passes one, interpolated between the lines on logarithmic axes; 0 if at once."""
+    over = np.nonzero(ratio > 1)[0]
+    if not len(over):
+        return float(frequency[-1])
+    k = int(over[0])
+    if k == 0:
+        return 0.0
+    share = np.log(ratio[k - 1]) / np.log(ratio[k - 1] / ratio[k])
+    return float(frequency[k - 1] * (frequency[k] / frequency[k - 1]) ** share)
 
 
 def _noise(prototype: Prototype, seed: int) -> tuple[Multisine, ...]:

@@ -66,6 +66,15 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     return DesignRun(problem, sizing, tuning, certificate, prototype)
 
 
+def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
+    """What was found of a prototype, as claims of a certificate."""
+    return (
+        Asked("peak_sensitivity", proved.peak_sensitivity),
+        Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
+        *goal_claims(prototype.goal),
+    )
+
+
 def certified(
     prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], name: str | Path = CERTIFICATE_NAME
 ) -> tuple[Certificate, Prototype]:
@@ -77,12 +86,7 @@ def certified(
         masses_kg: the range of outer end mass.
         name: file name under which the certificate will stand beside the prototype.
     """
-    claims = (
-        Asked("peak_sensitivity", proved.peak_sensitivity),
-        Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
-        *goal_claims(prototype.goal),
-    )
-    certificate = certify(prototype, *masses_kg, claims)
+    certificate = certify(prototype, *masses_kg, claims_of(prototype, proved))
     guarantee = Guarantee(
         bandwidth_Hz=proved.bandwidth_Hz,
         peak_sensitivity=proved.peak_sensitivity,

@@ -1,0 +1,98 @@
+"""Rigs that a prototype may turn out to be: its figures off by so many standard deviations of its tolerances."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.members import Member, family
+from beamdesign.proof.tolerance_box import TOLERANCES
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
+from beamdesign.specification.changed_figures import CHANGEABLE, with_figures
+
+Shape = Literal["ball", "box"]
+
+_CUT = 4.0
+_DIGITS = 3
+"""To which a deviation is rounded: a thousandth of a standard deviation."""
+
+
+@dataclass(frozen=True)
+class RigSpread:
+    """What a prototype may turn out to be.
+
+    Attributes:
+        prototype: nominal.
+        largest_outer_kg: largest outer end mass, whose weight is the load of effects that depend on it.
+        deviations: relative standard deviation by figure, as in `beamdesign.specification.changed_figures`; d of them.
+        sigmas: how far the figures are off, in standard deviations.
+        shape: "box": each of them up to so many, whatever the others are; "ball": so many in all, the root of the sum
+            of the squares, which is how far normal figures are off in any one direction that matters.
+    """
+
+    prototype: Prototype
+    largest_outer_kg: float
+    deviations: Mapping[str, float]
+    sigmas: float
+    shape: Shape = "ball"
+
+    def rig(self, z: np.ndarray) -> Prototype:
+        """The prototype with its figures off by (d,) standard deviations."""
+        return with_figures(self.prototype, self.factors(z))
+
+    def factors(self, z: np.ndarray) -> dict[str, float]:
+        """What the figures are multiplied by, those that change."""
+        pairs = zip(z, self.deviations.items(), strict=True)
+        return {name: 1 + float(value) * size for value, (name, size) in pairs if value}
+
+    def linear(self, z: np.ndarray) -> tuple[LinearRig, tuple[Member, ...]]:
+        """Rig without effects and linear members, none where it has no effects, with the figures off by (d,)."""
+        off = self.rig(z)
+        members = family(off, self.largest_outer_kg).members if off.effects else ()
+        return linear_rig(off.but(effects={})), members
+
+    def worst(self, slopes: np.ndarray) -> np.ndarray:
+        """(d, n) deviations that lower n quantities most whose derivatives by the deviations are (d, n)."""
+        if self.shape == "box":
+            return -self.sigmas * np.sign(slopes)
+        return -self.sigmas * slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-30)
+
+    def drawn(self, count: int, seed: int, inside: bool = False) -> list[np.ndarray]:
+        """Deviations (d,) of rigs drawn at random: normal, cut off at four, or evenly from within the sigmas."""
+        random, size = np.random.default_rng(seed), len(self.deviations)
+        normal = random.standard_normal((count, size))
+        if not inside:
+            return [self.rounded(z) for z in np.clip(normal, -_CUT, _CUT)]
+        if self.shape == "box":
+            return [self.rounded(z) for z in self.sigmas * random.uniform(-1.0, 1.0, (count, size))]
+        reach = self.sigmas * random.uniform(size=(count, 1)) ** (1 / size)
+        return [self.rounded(z) for z in reach * normal / np.linalg.norm(normal, axis=1, keepdims=True)]
+
+    def rounded(self, z: np.ndarray) -> np.ndarray:
+        """(d,) deviations in short figures; rounding leaves the ball by next to nothing."""
+        return np.round(z, _DIGITS)
+
+
+def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float, shape: Shape = "ball") -> RigSpread:
+    """The rigs within so many standard deviations of the prototype's `[tolerance]`.
+
+    Tolerances of end masses are left out: the outer one is a range of its own, the inner one is weighed.
+
+    Raises:
+        InputError: where no figure has a tolerance, or one could reach zero.
+    """
+    lacks = {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
+    every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
+    deviations = {
+        name: size for name, size in every.items() if size and name not in lacks and not name.endswith("end_mass")
+    }
+    if not deviations:
+        raise InputError("tolerance", [Problem("tolerance", "no figure has a tolerance: nothing to be robust against")])
+    if wide := [name for name, size in deviations.items() if sigmas * size >= 1]:
+        reason = "{:g} standard deviations of {:g} reach zero"
+        problems = [Problem(TOLERANCES[name], reason.format(sigmas, deviations[name])) for name in wide]
+        raise InputError("tolerance", problems)
+    return RigSpread(prototype, largest_outer_kg, deviations, sigmas, shape)

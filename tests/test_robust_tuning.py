@@ -1,0 +1,199 @@
+"""Robust tuning: what it holds limits against, what it proves, and what becomes of rigs drawn at random."""
+
+import json
+from math import log, pi
+from pathlib import Path
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.controller import control_model
+from beamdesign.design.loop_search import grid_plant
+from beamdesign.design.refinement import Proved
+from beamdesign.design.rig_spread import RigSpread, rig_spread
+from beamdesign.design.robust_tuning import tune_robust
+from beamdesign.design.sampled_loops import Samples, samples, slacks
+from beamdesign.design.tuning import Tuning, tune
+from beamdesign.design.worst_samples import WorstSamples, worst_samples
+from beamdesign.linear import linear_rig
+from beamdesign.proof.certificate import certify
+from beamdesign.proof.replay import replay
+from beamdesign.prototype import Lag, Prototype, Tolerance, read_prototype, write_prototype
+from beamdesign.records import InputError
+from beamdesign.study.robust_proof import claims_of, draw_rigs, least_share
+
+LAW = Lag(gain_A_per_V=0.12, pole_Hz=1.2, zero_Hz=30.0)
+VARIABLES = np.array([log(0.12), log(1.2), log(30.0), 0.5])
+"""The same lag, with mass inside."""
+
+MASSES_KG = (0.0, 1.0)
+SIGMAS = 1.5
+
+
+@pytest.fixture(scope="module")
+def rig() -> Prototype:
+    """The published rig with tolerances of some per cent."""
+    record = read_prototype(Path(__file__).parent.parent / "studies/prototypes/paper_remedy.toml")
+    tolerance = Tolerance(
+        stiffness=0.02,
+        effective_mass=0.02,
+        beam_damping_ratio=0.15,
+        oil_stiffness=0.1,
+        flow_gain=0.05,
+        valve_natural_frequency=0.05,
+    )
+    return record.but(tolerance=tolerance, payload=record.payload.but(inner_end_mass_kg=0.5), controller=LAW)
+
+
+def sampled(spread: RigSpread) -> WorstSamples:
+    """Samples of the rigs of a spread at few points."""
+    frequency = np.geomspace(2.0, 300.0, 40)
+
+    def of(rig: Any, members: Any) -> Samples:
+        return samples(grid_plant(rig, frequency), MASSES_KG)
+
+    return worst_samples(of(*spread.linear(np.zeros(len(spread.deviations)))), spread, of)
+
+
+def true_slacks(rig: Prototype, points: Samples) -> tuple[np.ndarray, ...]:
+    """Slacks of sensitivity and compliance of a rig at the points, by python-control."""
+    s, law = 2j * pi * points.frequency_Hz, control_model(LAW)(2j * pi * points.frequency_Hz)
+    found = []
+    for row, mass in enumerate(MASSES_KG):
+        on = points.row == row
+        a, b, c = linear_rig(rig).matrices(mass, rig.payload.inner_end_mass_kg)
+        response = control.ss(a, b, c, 0)(s[on])
+        closed = np.log(np.abs(1 + response[1, 1] * law[on]))
+        goal = rig.goal
+        found.append((closed + log(goal.peak_sensitivity), closed - np.log(np.abs(response[0, 0]))))
+        found[-1] = (found[-1][0], found[-1][1] + log(goal.compliance_m_per_N))
+    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("shape", ["ball", "box"])
+def test_no_rig_within_the_sigmas_is_worse_than_the_worst_that_was_found(rig: Prototype, shape: Any) -> None:
+    """Rigs on the edge and inside, their responses by python-control; and the worst ones are as bad as predicted."""
+    spread = rig_spread(rig, MASSES_KG[1], 1.0, shape)
+    points = sampled(spread)
+    found = slacks(points, rig.goal, VARIABLES)
+    nominal = true_slacks(rig, points)
+    for z in spread.drawn(40, seed=3, inside=True):
+        for worst, true in zip((found.sensitivity, found.compliance), true_slacks(spread.rig(z), points), strict=True):
+            assert (true > worst - 0.01).all()
+    limits, compliance, _ = points.deviations(VARIABLES)
+    for z, predicted, which in ((limits, found.sensitivity, 0), (compliance, found.compliance, 1)):
+        at = int(predicted.argmin())
+        true = true_slacks(spread.rig(z[:, at]), points)[which][at]
+        assert predicted[at] < nominal[which].min()
+        assert abs(true - predicted[at]) < 0.1 * (nominal[which][at] - predicted[at])
+
+
+def test_without_deviations_the_slacks_are_those_of_the_nominal_rig(rig: Prototype) -> None:
+    points = sampled(rig_spread(rig, MASSES_KG[1], 1e-4))
+    nominal = samples(grid_plant(linear_rig(rig), np.geomspace(2.0, 300.0, 40)), MASSES_KG)
+    found, expected = (slacks(one, rig.goal, VARIABLES) for one in (points, nominal))
+    for k, name in enumerate(("sensitivity", "compliance")):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=2e-4)
+        np.testing.assert_allclose(found.slopes[k], expected.slopes[k], atol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def nominal(rig: Prototype) -> Tuning:
+    return tune(rig, MASSES_KG)
+
+
+@pytest.fixture(scope="module")
+def robust(rig: Prototype, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the command writes of a robust lag, and the folder it writes to."""
+    folder = tmp_path_factory.mktemp("robust")
+    write_prototype(rig, folder / "rig.toml")
+    command = ["tune", str(folder / "rig.toml"), "--outer-end-mass", "0:1", "--robust", str(SIGMAS)]
+    done = CliRunner().invoke(app, [*command, "--out", str(folder / "out"), "--json", str(folder / "found.json")])
+    assert done.exit_code == 0, done.output
+    return json.loads((folder / "found.json").read_text()) | {"folder": folder / "out", "output": done.output}
+
+
+def claimed(robust: dict[str, Any]) -> tuple[RigSpread, Proved]:
+    """The tuned prototype's rigs, and what is claimed of it."""
+    built = read_prototype(robust["folder"] / "prototype.toml")
+    guaranteed = robust["guaranteed"]
+    assert built.controller is not None
+    proved = Proved(
+        built.controller,
+        built.payload.inner_end_mass_kg,
+        guaranteed["bandwidth_Hz"],
+        guaranteed["peak_sensitivity"],
+        np.zeros(0),
+    )
+    return rig_spread(built.but(guarantee=None), MASSES_KG[1], SIGMAS), proved
+
+
+def test_every_rig_that_is_named_is_proved_and_its_certificate_is_proved_again(robust: dict[str, Any]) -> None:
+    spread, proved = claimed(robust)
+    assert len(robust["robust"]["rigs"]) >= 2
+    for k, factors in enumerate(robust["robust"]["rigs"], start=1):
+        z = np.array([(factors.get(name, 1.0) - 1) / size for name, size in spread.deviations.items()])
+        assert SIGMAS * 0.99 < np.linalg.norm(z) < SIGMAS * 1.01
+        found = certify(spread.rig(z), *MASSES_KG, claims_of(spread.prototype, proved))
+        assert found.holds, found.reason
+        text = (robust["folder"] / f"certificate.rig-{k}.toml").read_text()
+        assert replay(text).claims
+
+
+def test_all_rigs_drawn_from_within_the_sigmas_keep_the_claim(robust: dict[str, Any]) -> None:
+    draws = draw_rigs(*claimed(robust), MASSES_KG, 12, seed=11, inside=True)
+    assert (draws.kept, draws.bandwidth_kept, draws.missed) == (12, 12, ())
+
+
+def test_a_nominal_design_fails_on_its_worst_rigs(rig: Prototype, nominal: Tuning, robust: dict[str, Any]) -> None:
+    """It claims more than the robust one, and of rigs within the tolerances hardly one keeps it."""
+    assert nominal.best is not None
+    assert nominal.best.bandwidth_Hz > 1.05 * robust["guaranteed"]["bandwidth_Hz"]
+    spread = rig_spread(nominal.prototype, MASSES_KG[1], SIGMAS)
+    refuted = 0
+    for factors in robust["robust"]["rigs"]:
+        z = np.array([(factors.get(name, 1.0) - 1) / size for name, size in spread.deviations.items()])
+        found = certify(spread.rig(z), *MASSES_KG, claims_of(nominal.prototype, nominal.best))
+        refuted += not found.holds
+    assert refuted == len(robust["robust"]["rigs"])
+    draws = draw_rigs(spread, nominal.best, MASSES_KG, 12, inside=True)
+    assert draws.kept < 6
+    assert len(draws.missed) == 12 - draws.kept
+
+
+def test_no_sigmas_are_the_nominal_tuning(rig: Prototype, nominal: Tuning, tmp_path: Path) -> None:
+    write_prototype(rig, tmp_path / "rig.toml")
+    command = ["tune", str(tmp_path / "rig.toml"), "--outer-end-mass", "0:1", "--robust", "0"]
+    assert CliRunner().invoke(app, [*command, "--json", str(tmp_path / "found.json")]).exit_code == 0
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert nominal.best is not None
+    assert found["guaranteed"]["bandwidth_Hz"] == nominal.best.bandwidth_Hz
+    assert found["controller"] == nominal.best.controller.model_dump()
+    assert "robust" not in found
+
+
+def test_what_is_sampled_is_not_called_proved(robust: dict[str, Any]) -> None:
+    text = " ".join(robust["output"].split())
+    assert f"proved: these {len(robust['robust']['rigs'])} rigs and the nominal one" in text
+    assert "sampled: the worst rigs 1.5 standard deviations off in all were sought on samples" in text
+
+
+def test_a_share_of_rigs_is_bounded_as_in_closed_form() -> None:
+    """Clopper and Pearson: with all kept, the bound is the n-th root of 5 %; with none, it is zero."""
+    assert least_share(32, 32) == pytest.approx(0.05 ** (1 / 32), rel=1e-9)
+    assert least_share(0, 32) == 0.0
+
+
+def test_tolerances_that_are_missing_or_reach_zero_are_refused(rig: Prototype) -> None:
+    with pytest.raises(InputError, match="no figure has a tolerance"):
+        tune_robust(rig.but(tolerance=Tolerance()), MASSES_KG, 1.0)
+    with pytest.raises(InputError, match=r"10 standard deviations of 0\.15 reach zero"):
+        tune_robust(rig, MASSES_KG, 10.0)
+    with pytest.raises(ValueError, match="sigmas must be positive"):
+        tune_robust(rig, MASSES_KG, 0.0)
+    with pytest.raises(ValueError, match="no robust tuning"):
+        tune_robust(rig, MASSES_KG, 1.0, kind="integral")
