@@ -165,6 +165,20 @@ def test_a_nominal_design_fails_on_its_worst_rigs(rig: Prototype, nominal: Tunin
     assert len(draws.missed) == 12 - draws.kept
 
 
+def test_certify_finds_the_worst_rigs_anew_and_decides_each(robust: dict[str, Any], tmp_path: Path) -> None:
+    """What was tuned for holds; a little more is refuted, of a rig and not of the nominal one."""
+    bandwidth = robust["guaranteed"]["bandwidth_Hz"]
+    for share, status in ((1.0, 0), (1.005, 1)):
+        claim = ["--bandwidth-Hz", str(share * bandwidth), "--out", str(tmp_path / "proof.toml")]
+        command = ["certify", str(robust["folder"] / "prototype.toml"), "--robust", str(SIGMAS), *claim]
+        done = CliRunner().invoke(app, [*command, "--json", str(tmp_path / "found.json")])
+        assert done.exit_code == status, done.output
+        found = json.loads((tmp_path / "found.json").read_text())
+        assert found["holds"] is True
+        assert found["robust"]["holds"] is (status == 0)
+        assert len(list(tmp_path.glob("proof.rig-*.toml"))) == len(found["robust"]["rigs"])
+
+
 def test_no_sigmas_are_the_nominal_tuning(rig: Prototype, nominal: Tuning, tmp_path: Path) -> None:
     write_prototype(rig, tmp_path / "rig.toml")
     command = ["tune", str(tmp_path / "rig.toml"), "--outer-end-mass", "0:1", "--robust", "0"]

@@ -41,6 +41,17 @@ def certify(
     gain_margin: Annotated[
         float | None, typer.Option("--gain-margin", help="Claim stability with the gain times all from 1 to this.")
     ] = None,
+    robust: Annotated[
+        float,
+        typer.Option(
+            metavar="SIGMAS",
+            min=0.0,
+            help="Also prove it of the worst rigs so many standard deviations off, as `tune`.",
+        ),
+    ] = 0.0,
+    robust_box: Annotated[
+        bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -58,7 +69,8 @@ def certify(
     """Prove stability and performance over a payload range.
 
     For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
-    Of a prototype with effects, all linear members that stand for them are proved.
+    Of a prototype with effects, all linear members that stand for them are proved. With --robust, rigs whose figures
+    are off are sought on samples, and each is decided exactly as the nominal one is.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
     """
     from beamdesign.prototype import read_prototype
@@ -73,7 +85,7 @@ def certify(
         "--gain-margin": gain_margin,
     }
     if replay is not None:
-        given = figures | {"--outer-end-mass": outer_end_mass, "--out": out}
+        given = figures | {"--outer-end-mass": outer_end_mass, "--out": out, "--robust": robust or None}
         if meaningless := [
             (name, "has no meaning with --replay") for name, value in given.items() if value is not None
         ]:
@@ -96,8 +108,14 @@ def certify(
     _say(record, certificate)
     say(f"certificate: {path}")
     fields = _between(record, certificate, path) if record.effects else {}
+    holds = certificate.holds
+    if robust > 0:
+        from beamdesign.cli.robustness import certified_rigs
+
+        every, told = certified_rigs(record, masses, asked, robust, "box" if robust_box else "ball", path)
+        holds, fields = holds and every, fields | told
     write_json(json, _fields(certificate) | fields | {"certificate": path})
-    if not certificate.holds:
+    if not holds:
         raise typer.Exit(1)
 
 

@@ -1,5 +1,6 @@
-"""What `beamdesign tune --robust` tells of the rigs that it proved beside the nominal one."""
+"""What `beamdesign tune --robust` and `certify --robust` tell of the rigs that they prove beside the nominal one."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,8 +9,9 @@ from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.refinement import Proved
-    from beamdesign.design.rig_spread import RigSpread
+    from beamdesign.design.rig_spread import RigSpread, Shape
     from beamdesign.design.robust_tuning import RobustTuning
+    from beamdesign.proof.certificate import Asked
     from beamdesign.prototype import Prototype
 
 DRAWS = 32
@@ -40,9 +42,7 @@ def told_of_rigs(
         if out is not None:
             paths[f"certificate_rig_{k}"] = out / f"certificate.rig-{k}.toml"
             write_whole(paths[f"certificate_rig_{k}"], certificate.text)
-    names = [name for name in spread.deviations if any(factors.get(name, 1.0) != 1.0 for factors in found.factors)]
-    rows = [(name, *(f"{100 * (factors.get(name, 1.0) - 1):+.1f}" for factors in found.factors)) for name in names]
-    say_table("worst rigs: figures off by, %", ("figure", *(str(k + 1) for k in range(len(found.factors)))), rows)
+    _table(spread, found.factors)
     say(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
     draws = draw_rigs(spread, best, masses, DRAWS)
     say(
@@ -61,6 +61,52 @@ def told_of_rigs(
         "least_share_bandwidth_kept": draws.least_share,
         "confidence": CONFIDENCE,
     }
+
+
+def _table(spread: "RigSpread", factors: Sequence[dict[str, float]]) -> None:
+    """What the figures of each rig are off by."""
+    names = [name for name in spread.deviations if any(one.get(name, 1.0) != 1.0 for one in factors)]
+    rows = [(name, *(f"{100 * (one.get(name, 1.0) - 1):+.1f}" for one in factors)) for name in names]
+    say_table("worst rigs: figures off by, %", ("figure", *(str(k + 1) for k in range(len(factors)))), rows)
+
+
+def certified_rigs(
+    record: "Prototype",
+    masses: tuple[float, float],
+    asked: Sequence["Asked"],
+    sigmas: float,
+    shape: "Shape",
+    path: Path,
+) -> tuple[bool, dict[str, Any]]:
+    """Certify the worst rigs of a prototype and say what each guarantees; whether all keep what was asked, and which.
+
+    Certificates go beside that of the nominal rig.
+    """
+    from beamdesign.design.rig_spread import rig_spread
+    from beamdesign.design.robust_tuning import worst_of
+    from beamdesign.proof.certificate import certify
+
+    spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)
+    found = worst_of(spread, masses)
+    _table(spread, found.factors)
+    every, rows = True, []
+    for k, rig in enumerate(found.rigs, start=1):
+        certificate = certify(rig, *masses, asked)
+        write_whole(path.with_suffix(f".rig-{k}.toml"), certificate.text)
+        every = every and certificate.holds
+        reached = certificate.guaranteed
+        rows.append(
+            (
+                str(k),
+                "no" if reached is None else "yes",
+                "" if reached is None else f"{reached.bandwidth_Hz:.4g}",
+                "" if reached is None else f"{reached.peak_sensitivity:.4g}",
+                certificate.reason,
+            )
+        )
+    say_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
+    say(f"{reach_in_words(spread)}; the rigs between are not proved")
+    return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": list(found.factors), "holds": every}}
 
 
 def reach_in_words(spread: "RigSpread") -> str:

@@ -6,12 +6,18 @@ proved over the whole payload range as the nominal one is. The rigs between are 
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from beamdesign.design.controller_forms import SECTION_NAMES
+from beamdesign.design.rig_samples import rig_samples
 from beamdesign.design.rig_spread import RigSpread, Shape, rig_spread
 from beamdesign.design.structured_tuning import grow
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, Progress, Tuning, no_answer, tuned
+from beamdesign.design.worst_samples import WorstSamples, worst_rigs
 from beamdesign.linear import linear_rig
 from beamdesign.members import family
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Lag, Proportional, Prototype, Structured
+from beamdesign.records import InputError, Problem
 
 
 @dataclass(frozen=True)
@@ -87,3 +93,50 @@ def tune_robust(
     return RobustTuning(
         found, spread, tuple(spread.rig(z) for z in grown.worst), tuple(spread.factors(z) for z in grown.worst)
     )
+
+
+@dataclass(frozen=True)
+class WorstRigs:
+    """The worst rigs of a prototype that has a controller.
+
+    Attributes:
+        rigs: as prototypes.
+        factors: of each, what its figures are multiplied by.
+    """
+
+    rigs: tuple[Prototype, ...]
+    factors: tuple[dict[str, float], ...]
+
+
+def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> WorstRigs:
+    """Seek the rigs of a spread that are worst for the limits of the goal, on samples.
+
+    Args:
+        spread: of a prototype with a controller, proportional, lag or structured.
+        outer_end_mass_kg: range of outer end mass.
+
+    Raises:
+        InputError: for another controller, or none.
+    """
+    prototype = spread.prototype
+    members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
+    points = rig_samples(linear_rig(prototype.but(effects={})), members, prototype.goal, outer_end_mass_kg, spread)
+    assert isinstance(points, WorstSamples)  # there is a spread
+    found = worst_rigs(points, prototype.goal, _variables(prototype))
+    return WorstRigs(tuple(spread.rig(z) for z in found), tuple(spread.factors(z) for z in found))
+
+
+def _variables(prototype: Prototype) -> np.ndarray:
+    """The variables of `beamdesign.design.sampled_loops` at which a prototype stands."""
+    match prototype.controller:
+        case Proportional(gain_A_per_V=gain):
+            figures = [gain, 1.0, 1.0]
+        case Lag() as lag:
+            figures = [lag.gain_A_per_V, lag.pole_Hz, lag.zero_Hz]
+        case Structured() as law:
+            sections = [getattr(part, name) for part in law.section for name in SECTION_NAMES]
+            figures = [law.gain_A_per_V, law.pole_Hz, law.zero_Hz, *sections]
+        case _:
+            reason = "worst rigs are sought for a proportional, lag or structured controller"
+            raise InputError(prototype.name, [Problem("controller.kind", reason)])
+    return np.append(np.log(figures), prototype.payload.inner_end_mass_kg)

@@ -7,7 +7,6 @@ a limit between the samples, all limits are tightened by what was missing, and t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from math import inf, log
 
 import numpy as np
@@ -15,28 +14,15 @@ import numpy as np
 from beamdesign.design.bandwidth_climb import climb
 from beamdesign.design.bandwidth_polish import STIFFER, WORTH, Polish
 from beamdesign.design.controller_forms import FORMS, STRUCTURED, ControllerForm, form_named
-from beamdesign.design.loop_search import member_grid
-from beamdesign.design.loop_set import LOOSER_PEAK, LoopSet, ends, loop_set
+from beamdesign.design.loop_set import LoopSet, loop_set
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
+from beamdesign.design.rig_samples import plants_of, rig_samples, sampled_masses
 from beamdesign.design.rig_spread import RigSpread
-from beamdesign.design.sampled_loops import Samples, samples, slacks
-from beamdesign.design.worst_samples import WorstSamples, worst_rigs, worst_samples
+from beamdesign.design.sampled_loops import Samples, slacks
+from beamdesign.design.worst_samples import WorstSamples, worst_rigs
 from beamdesign.linear import LinearRig
-from beamdesign.members import BilinearPlant, Member, bilinear_plant
+from beamdesign.members import BilinearPlant, Member
 from beamdesign.prototype import Goal, Proportional
-
-FREQUENCIES_HZ = np.concatenate(
-    [
-        np.geomspace(0.01, 4.9, 60),
-        np.geomspace(5.0, 150.0, 380),
-        np.geomspace(153.0, 1200.0, 70),
-        np.geomspace(1300, 1e5, 12),
-    ]
-)
-"""Of the samples: fine where peaks may be sharp; far above everything, the controller's effort still grows."""
-
-MODES_HZ = np.geomspace(155.0, 700.0, 100)
-"""Further samples of rigs with effects, among which may be a second mode."""
 
 SECTION_HZ = (8.0, 25.0, 70.0, 200.0)
 """Where a new section begins."""
@@ -110,8 +96,7 @@ class _Task:
         return bounds[:, 0], bounds[:, 1]
 
     def polish(self, sections: int) -> Polish:
-        low, high = self.masses_kg
-        masses = np.unique([low, (low + high) / 2, high])
+        masses = sampled_masses(self.masses_kg)
         return Polish(self.points, self.goal, self.form(sections).kind, self.plants, masses, *self.bounds(sections))
 
     def loops(self, variables: np.ndarray, sections: int) -> tuple[LoopSet, Proved, tuple[np.ndarray, ...]]:
@@ -196,36 +181,12 @@ def _task(
     largest_inner: float,
     spread: RigSpread | None = None,
 ) -> _Task:
-    """Samples of all loops, at both ends and in the middle of the range."""
-    masses = np.unique(np.linspace(*masses_kg, 3))
-    frequencies = np.union1d(FREQUENCIES_HZ, [goal.loop_gain_from_Hz])
-    if members:
-        frequencies = np.union1d(frequencies, MODES_HZ)
-
-    def sampled(rig: LinearRig, members: Sequence[Member]) -> Samples:
-        parts = [
-            samples(
-                member_grid(plant, factor, frequencies),
-                masses.tolist(),
-                1.0 if performs else LOOSER_PEAK,
-            )
-            for plant, factor, performs in _plants(rig, members)
-        ]
-        return reduce(Samples.joined, parts)
-
-    points = sampled(rig, members)
-    if spread is not None:
-        points = worst_samples(points, spread, sampled)
-    listed = _plants(rig, members)
-    plants = [(plant, factor, k * len(masses)) for k, (plant, factor, performs) in enumerate(listed) if performs]
+    """Samples of all loops, and the plants that are to perform with the number of their first row."""
+    points = rig_samples(rig, members, goal, masses_kg, spread)
+    rows = len(sampled_masses(masses_kg))
+    listed = enumerate(plants_of(rig, members))
+    plants = [(plant, factor, k * rows) for k, (plant, factor, performs) in listed if performs]
     return _Task(rig, members, goal, masses_kg, largest_inner, points, plants)
-
-
-def _plants(rig: LinearRig, members: Sequence[Member]) -> list[tuple[BilinearPlant, float, bool]]:
-    """Plants, factors on their gain and whether they are to perform."""
-    if not members:
-        return [(bilinear_plant(rig), 1.0, True)]
-    return [(bilinear_plant(one), factor, performs) for one, factor, performs in ends(members)]
 
 
 def _lags(task: _Task) -> list[tuple[np.ndarray, float]]:
