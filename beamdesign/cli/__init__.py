@@ -23,6 +23,7 @@ from beamdesign.cli.run import run
 from beamdesign.cli.simulate import simulate
 from beamdesign.cli.size import size
 from beamdesign.cli.spec import spec
+from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune
 
@@ -37,7 +38,7 @@ app = typer.Typer(
 app.callback()(program)
 PANELS = {
     "Begin": (new, explain),
-    "Design": (run, size, tune, codesign, front, remedies),
+    "Design": (run, size, tune, stiffness, codesign, front, remedies),
     "Prove": (certify, certify_box, certify_switching, arm),
     "Simulate": (simulate, limits),
     "Build": (spec, code),

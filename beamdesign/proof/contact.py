@@ -1,8 +1,8 @@
 """Contact with a wall: a spring and a dashpot at the tip, over ranges of stiffness, damping and end mass at once.
 
-The characteristic polynomial p0 + (m s^2 + b s + k) n is affine in m, b and k together and of constant degree, so that it
-is stable on the whole box if it is on its edges (edge theorem of Bartlett, Hollot and Huang, 1988). This is the linear
-loop in lasting contact; touching and letting go is not covered, other than by passivity.
+The characteristic polynomial p0 + (m s^2 + b s + k) n is affine in m, b and k together and of constant degree, so that
+it is stable on the whole box if it is on its edges (edge theorem of Bartlett, Hollot and Huang, 1988). This is the
+linear loop in lasting contact; touching and letting go is not covered, other than by passivity.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from math import pi
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, roots
+from beamdesign.polynomial import Affine, exact, roots
 from beamdesign.proof.passivity import Environment
 from beamdesign.proof.rational import bounds, nearest, shortened
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
@@ -145,6 +145,4 @@ def stiffest_wall(tip: Tip, masses: Ends, wall: Wall) -> float:
 
 
 def _geometric(low: fmpq, high: fmpq) -> fmpq:
-    from beamdesign.polynomial import exact
-
     return min(max(exact((nearest(low) * nearest(high)) ** 0.5), low), high)

@@ -9,7 +9,7 @@ finds masses, springs and dashpots that it oscillates with.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import pi, sqrt
+from math import inf, pi, sqrt
 
 from flint import ctx, fmpq, fmpq_poly
 
@@ -19,6 +19,7 @@ from beamdesign.proof.stability import stable_ranges
 from beamdesign.tip import Tip
 
 _PRECISION_BITS = 128
+_DIGITS = 15
 
 
 @dataclass(frozen=True)
@@ -26,19 +27,30 @@ class Band:
     """Frequencies at which the tip gives off work.
 
     Attributes:
-        low_Hz: lower end, 0 where it reaches down to rest.
-        high_Hz: upper end, infinite where it has none.
-        squared_frequency: rational w^2 inside, (rad/s)^2, at which the exact value is negative.
+        low: rationals just below and just above the lower end, as w^2 in (rad/s)^2; both 0 where it reaches down to
+            rest.
+        high: the same of the upper end; None where it has none.
+        squared_frequency: a rational w^2 in the middle.
     """
 
-    low_Hz: float
-    high_Hz: float
+    low: tuple[fmpq, fmpq]
+    high: tuple[fmpq, fmpq] | None
     squared_frequency: fmpq
 
     @property
+    def low_Hz(self) -> float:
+        """Lower end, 0 where it reaches down to rest."""
+        return _hertz(self.low)
+
+    @property
     def sample_Hz(self) -> float:
-        """The frequency of that w^2."""
+        """In the middle."""
         return sqrt(nearest(self.squared_frequency)) / (2 * pi)
+
+    @property
+    def high_Hz(self) -> float:
+        """Upper end, infinite where there is none."""
+        return inf if self.high is None else _hertz(self.high)
 
 
 @dataclass(frozen=True)
@@ -88,19 +100,19 @@ def active_bands(tip: Tip) -> tuple[Band, ...]:
     if value.is_zero():
         return ()
     with ctx.workprec(_PRECISION_BITS):
-        edges = [
+        found = [
             bounds(root)
             for root, count in real_roots(value, _PRECISION_BITS)
             if count % 2 and root > 0  # roots of even multiplicity change no sign
         ]
-    starts, found = [(fmpq(0), fmpq(0)), *edges], []
-    for k, (_, start) in enumerate(starts):
-        end = starts[k + 1][0] if k + 1 < len(starts) else None
-        sample = _clear_sample(value, start, end)
+    edges = [(shortened(low, _DIGITS), shortened(high, _DIGITS, up=True)) for low, high in found]
+    bands = []
+    for start, end in pairwise([(fmpq(0), fmpq(0)), *edges, None]):
+        assert start is not None  # None ends the list
+        sample = _clear_sample(value, start[1], None if end is None else end[0])
         if value(sample) < 0:
-            low = 0.0 if k == 0 else _hertz(starts[k])
-            found.append(Band(low, float("inf") if end is None else _hertz(starts[k + 1]), sample))
-    return tuple(found)
+            bands.append(Band(start, end, sample))
+    return tuple(bands)
 
 
 def _clear_sample(value: fmpq_poly, start: fmpq, end: fmpq | None) -> fmpq:
@@ -119,7 +131,7 @@ def in_words(bands: tuple[Band, ...]) -> str:
     """Bands for a person."""
 
     def one(band: Band) -> str:
-        if band.high_Hz == float("inf"):
+        if band.high is None:
             return f"above {band.low_Hz:.4g} Hz" if band.low_Hz else "at every frequency"
         return f"from {band.low_Hz:.4g} to {band.high_Hz:.4g} Hz" if band.low_Hz else f"below {band.high_Hz:.4g} Hz"
 

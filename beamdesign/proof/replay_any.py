@@ -13,6 +13,7 @@ ROOMS = {
     "beamdesign.members": "beamdesign.proof.replay_members",
     "beamdesign.switching": "beamdesign.proof.replay_lyapunov",
     "beamdesign.box": "beamdesign.proof.replay_box",
+    "beamdesign.contact": "beamdesign.proof.replay_contact",
 }
 """Kinds of certificates, and the stand-alone module that replays each."""
 

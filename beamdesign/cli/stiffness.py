@@ -1,0 +1,198 @@
+"""`beamdesign stiffness`: a controller that gives the end of the link a commanded stiffness, proved for contact."""
+
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.completion import toml_files
+from beamdesign.cli.output import (
+    JsonOption,
+    RangeOption,
+    folder_to_write,
+    mass_range,
+    progress,
+    say,
+    say_table,
+    write_json,
+)
+from beamdesign.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from beamdesign.design.compliant_law import Servo
+    from beamdesign.design.end_stiffness import EndStiffness
+    from beamdesign.prototype import Prototype
+
+CONTACTS = {"passive": "passive", "wall": "wall", "none": "stable"}
+"""Of the option, and what the design calls it."""
+
+
+def stiffness(
+    prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml of the rig.")],
+    end_stiffness_N_per_m: Annotated[
+        float, typer.Option("--end-stiffness-N-per-m", help="Static stiffness that the end is to have.")
+    ],
+    outer_end_mass: RangeOption = None,
+    wall_N_per_m: Annotated[
+        str, typer.Option("--wall-N-per-m", metavar="LO:HI", help="Stiffness of the walls that it may touch.")
+    ] = "0:1e9",
+    wall_damping_N_s_per_m: Annotated[
+        str, typer.Option("--wall-damping-N-s-per-m", metavar="LO:HI", help="Damping of these walls.")
+    ] = "0:0",
+    contact: Annotated[
+        str,
+        typer.Option(
+            help="Least that contact has to be: passive (with any passive surroundings), wall (stable against every"
+            " wall of the range) or none (stable in the air). The most that can be had is looked for first."
+        ),
+    ] = "wall",
+    keep_controller: Annotated[
+        bool,
+        typer.Option("--keep-controller", help="Keep the prototype's controller; choose the force filter alone."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            callback=folder_to_write,
+            help="Folder for prototype.toml and its certificates; else none is written.",
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Give the end of the link a stiffness.
+
+    From nearly none to that of the servo. The command moves by the force on the tip over the stiffness; the force is
+    that of the outer beam's bending less the cylinder's, from the displacement and load-pressure sensors behind a
+    low-pass filter. Lag and filter are searched for the widest band in which the end feels as commanded, within 10 %.
+    Stability over the payload, passivity at the tip and contact with walls are proved or refuted in exact arithmetic,
+    for the linear loop. Exit status 1 if no law meets what contact has to be.
+    """
+    from flint import fmpq
+
+    from beamdesign.design.end_stiffness import SHARE, softest_N_per_m
+    from beamdesign.design.stiffness_search import design
+    from beamdesign.polynomial import exact
+    from beamdesign.proof.contact import Wall
+    from beamdesign.prototype import read_prototype, write_prototype
+    from beamdesign.records import InputError
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text, quantity
+    from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
+
+    record = read_prototype(prototype)
+    problems = []
+    if not (isfinite(end_stiffness_N_per_m) and end_stiffness_N_per_m > 0):
+        problems.append(
+            ("--end-stiffness-N-per-m", f"must be a finite number above zero, is {end_stiffness_N_per_m:g}")
+        )
+    if contact not in CONTACTS:
+        problems.append(("--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"))
+    ends: dict[str, tuple[fmpq, fmpq]] = {}
+    for option, words in (("--wall-N-per-m", wall_N_per_m), ("--wall-damping-N-s-per-m", wall_damping_N_s_per_m)):
+        try:
+            low, high = (float(part) for part in words.split(":"))
+        except ValueError:
+            problems.append((option, f"expected two figures as LO:HI, is {words!r}"))
+            continue
+        if not 0 <= low <= high < float("inf"):
+            problems.append((option, f"must run from zero or more upwards and be finite, is {words}"))
+        else:
+            ends[option] = exact(low), exact(high)
+    if problems:
+        raise InputError("stiffness", problems)
+    servo = _servo(record, prototype) if keep_controller else None
+    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    wall = Wall(ends["--wall-N-per-m"], ends["--wall-damping-N-s-per-m"])
+    with progress("end stiffness") as update:
+        found = design(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, update)  # type: ignore[arg-type]
+    if found.best is None:
+        say(found.reason)
+        write_json(json, {"controller": None, "met": None, "reason": found.reason})
+        raise typer.Exit(1)
+    best = found.best
+    done = carried_out(record, best, masses, wall)
+    softest = softest_N_per_m(record, best.law.servo, best.law.force_filter_Hz, masses)
+    rows = [
+        *_figures(best.law.servo),
+        ("force filter", quantity(best.law.force_filter_Hz, "Hz")),
+        ("static stiffness of the end", quantity(best.static_N_per_m, "N/m")),
+        (f"apparent stiffness within {SHARE:.0%} of it", f"up to {at_least(best.band_Hz, 'Hz')}"),
+        ("free end follows its command, 0.707 or more", f"up to {at_least(best.command_Hz, 'Hz')}"),
+        ("command followed at rest, share of it", best.command_at_rest),
+        ("guaranteed peak sensitivity", at_most(best.peak_sensitivity, "1")),
+        ("softest with this lag and filter, at either end of the payload", quantity(softest, "N/m")),
+        ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
+        ("for every outer end mass", mass_range_text(masses)),
+    ]
+    say_table(f"{record.name}: end stiffness {quantity(end_stiffness_N_per_m, 'N/m')}", ("figure", "value"), rows)
+    if found.reason:
+        say(f"{found.reason}; the next best is given")
+    for line in in_words(best, wall):
+        say(line)
+    paths: dict[str, Path] = {}
+    if out is not None:
+        paths = {
+            "prototype": out / "prototype.toml",
+            "certificate": out / CERTIFICATE_NAME,
+            "certificate_contact": out / CONTACT_NAME,
+        }
+        write_whole(paths["certificate"], done.certificate.text)
+        write_whole(paths["certificate_contact"], done.contact)
+        write_prototype(done.prototype, paths["prototype"])
+    for kind, path in paths.items():
+        say(f"{kind}: {path}")
+    write_json(json, _fields(best, wall.stiffness) | {"met": found.met, "reason": found.reason, **paths})
+
+
+def _servo(record: "Prototype", source: Path) -> "Servo":
+    """The prototype's own law, or the one that its compliant controller was made from.
+
+    Raises:
+        InputError: where there is none.
+    """
+    from beamdesign.controller import without_matrices
+    from beamdesign.records import InputError
+
+    if record.compliance is not None:
+        return record.compliance.servo
+    if record.controller is None:
+        raise InputError(source, [("controller", "missing; write it there, or leave out --keep-controller")])
+    return without_matrices(record.controller, source, "--keep-controller")
+
+
+def _figures(servo: "Servo") -> list[tuple[str, str]]:
+    figures = servo.model_dump()
+    sections = figures.pop("section", ())
+    rows = [(name, str(value)) for name, value in figures.items()]
+    return rows + ([("sections", str(len(sections)))] if sections else [])
+
+
+def _fields(best: "EndStiffness", walls: tuple[Any, Any]) -> dict[str, Any]:
+    band = [
+        {"low_Hz": band.low_Hz, "high_Hz": band.high_Hz, "sample_Hz": band.sample_Hz} for band in best.passivity.bands
+    ]
+
+    def environment(found: Any) -> dict[str, float] | None:
+        names = {"mass_kg": "mass", "stiffness_N_per_m": "stiffness", "damping_N_s_per_m": "damping"}
+        return None if found is None else {name: float(getattr(found, key)) for name, key in names.items()}
+
+    return {
+        "servo": best.law.servo.model_dump(),
+        "force_filter_Hz": best.law.force_filter_Hz,
+        "end_stiffness_N_per_m": best.law.end_stiffness_N_per_m,
+        "static_stiffness_N_per_m": best.static_N_per_m,
+        "servo_stiffness_N_per_m": best.servo_N_per_m,
+        "stiffness_band_Hz": best.band_Hz,
+        "command_bandwidth_Hz": best.command_Hz,
+        "command_at_rest": best.command_at_rest,
+        "peak_sensitivity": best.peak_sensitivity,
+        "stable": best.stable,
+        "passive": best.passivity.holds,
+        "active_bands": band,
+        "destabilised_by": environment(best.troublemaker),
+        "wall_N_per_m": [float(value) for value in walls],
+        "wall_stable": best.contact.holds,
+        "wall_witness": environment(best.contact.witness),
+        "stiffest_wall_N_per_m": best.stiffest_wall_N_per_m,
+    }

@@ -1,0 +1,186 @@
+"""What is proved of a link whose end has a commanded stiffness: tracking, passivity, contact; what can be had."""
+
+from dataclasses import dataclass
+from math import inf
+from typing import Literal
+
+import numpy as np
+from flint import fmpq, fmpq_poly
+
+from beamdesign.design.compliant_law import (
+    SENSORS,
+    CompliantLaw,
+    Servo,
+    command_numerator,
+    commanded_compliance,
+    controller_of,
+    servo_stiffness,
+)
+from beamdesign.linear import linear_rig
+from beamdesign.loop import Loop, close_loop
+from beamdesign.observer import Observer
+from beamdesign.polynomial import Affine, exact
+from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
+from beamdesign.proof.passivity import Environment, Passivity, passivity, troublemaker
+from beamdesign.proof.performance import peak_sensitivity_where_stable
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
+from beamdesign.prototype import Prototype
+from beamdesign.sensed_plant import SensedPlant, sensed_plant
+from beamdesign.tip import Tip, tip
+
+Need = Literal["passive", "wall", "stable"]
+NEEDS: tuple[Need, ...] = ("passive", "wall", "stable")
+"""What contact has to be, the most first: passive at the tip; stable against every wall of the range; in the air."""
+
+SHARE = 0.1
+"""How far the apparent stiffness may be from the one commanded, as a share of it, within its band."""
+
+SOFTEST_N_PER_M = 1.0
+"""Stiffness below which nothing is looked at."""
+
+
+@dataclass(frozen=True)
+class EndStiffness:
+    """What is proved of a law for every end mass of a range.
+
+    Attributes:
+        law: what the controller stands for.
+        stable: whether every end mass is stable without a wall.
+        static_N_per_m: F / x at rest, from the exact polynomials.
+        servo_N_per_m: static stiffness of the servo alone, the most that can be commanded.
+        band_Hz: up to which the apparent stiffness is within `SHARE` of the commanded one; 0 where not even at rest.
+        command_at_rest: share of its command that the free end moves by at rest.
+        command_Hz: up to which the free end follows its command with 0.7071 of it or more; 0 where not stable.
+        peak_sensitivity: bound of max |1 / (1 + L)|, L broken at the current; infinite where not stable.
+        passivity: of the tip.
+        troublemaker: a passive environment that makes a loop grow which is stable, but not passive.
+        contact: with the walls asked about.
+        stiffest_wall_N_per_m: up to which every wall of the range is stable with every end mass.
+    """
+
+    law: CompliantLaw
+    stable: bool
+    static_N_per_m: float
+    servo_N_per_m: float
+    band_Hz: float
+    command_at_rest: float
+    command_Hz: float
+    peak_sensitivity: float
+    passivity: Passivity
+    troublemaker: Environment | None
+    contact: Contact
+    stiffest_wall_N_per_m: float
+
+    def meets(self, need: Need) -> bool:
+        """Whether contact is proved to be as asked."""
+        return self.stable and {"passive": self.passivity.holds, "wall": self.contact.holds, "stable": True}[need]
+
+
+def sensed(prototype: Prototype) -> SensedPlant:
+    """The plant of a prototype as a compliant law senses it.
+
+    Raises:
+        InputError: for a prototype with effects.
+    """
+    return sensed_plant(linear_rig(prototype), SENSORS, prototype.payload.inner_end_mass_kg)
+
+
+def closed_loop(prototype: Prototype, law: CompliantLaw, plant: SensedPlant | None = None) -> Loop:
+    """The loop that a law closes; the plant may be given where many laws are tried on one.
+
+    Raises:
+        ValueError: where the servo alone is not as stiff as the end is to be.
+        InputError: for a prototype with effects.
+    """
+    return close_loop(sensed(prototype) if plant is None else plant, controller_of(prototype, law))
+
+
+def judge(prototype: Prototype, law: CompliantLaw, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
+    """Prove what can be said of a law over a range of outer end masses (kg), against a range of walls.
+
+    Raises:
+        ValueError: where the servo alone is not as stiff as the end is to be.
+        InputError: for a prototype with effects.
+    """
+    controller, plant = controller_of(prototype, law), sensed(prototype)
+    closed = close_loop(plant, controller)
+    port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
+    stable = is_stable_over(port.over_mass, low, high)
+    passive = passivity(port, low, high)
+    contact = prove_contact(port, (low, high), wall)
+    commanded = commanded_numerator(prototype, controller, plant)
+    return EndStiffness(
+        law,
+        stable,
+        port.static_stiffness(),
+        servo_stiffness(prototype, law.servo),
+        guaranteed_stiffness_band(port, exact(law.end_stiffness_N_per_m), exact(SHARE), low, high),
+        nearest(commanded(fmpq(0)) / port.bare(fmpq(0))),
+        guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
+        peak_sensitivity_where_stable(closed, low, high) if stable else inf,
+        passive,
+        _counterexample(port, passive, low) if stable else None,
+        contact,
+        nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(port, (low, high), wall),
+    )
+
+
+def _counterexample(port: Tip, passive: Passivity, mass: fmpq) -> Environment | None:
+    for band in passive.bands:
+        if (found := troublemaker(port, band, mass)) is not None:
+            return found
+    return None
+
+
+def stable_compliances(prototype: Prototype, servo: Servo, force_filter_Hz: float, mass_kg: float) -> StabilityMap:
+    """All ranges of 1 / k_c (m/N), from none to `SOFTEST_N_PER_M`, that are stable or not at one outer end mass.
+
+    The characteristic polynomial is affine in 1 / k_c, so that all crossings are exact.
+
+    Raises:
+        InputError: for a prototype with effects.
+    """
+    family = over_compliance(prototype, servo, force_filter_Hz, exact(mass_kg))
+    return stable_ranges(family, fmpq(0), exact(1 / SOFTEST_N_PER_M))
+
+
+def over_compliance(prototype: Prototype, servo: Servo, force_filter_Hz: float, mass: fmpq) -> Affine:
+    """The characteristic polynomial at one outer end mass (kg), affine in 1 / k_c."""
+    stiffness = min(servo_stiffness(prototype, servo) / 2, 1e6)
+    law = CompliantLaw(servo, stiffness, force_filter_Hz)
+    plant, controller = sensed(prototype), controller_of(prototype, law)
+    deaf = controller.but(b=(*controller.b[:-1], (0.0,) * len(SENSORS)))  # it hears of no force
+    with_force, without = (tip(close_loop(plant, one)).against(mass) for one in (controller, deaf))
+    return Affine(without, (with_force - without) / exact(commanded_compliance(prototype, law)))
+
+
+def softest_N_per_m(
+    prototype: Prototype, servo: Servo, force_filter_Hz: float, masses_kg: tuple[float, float]
+) -> float:
+    """Static stiffness from which up to the servo's own every one is stable, at either end of the payload.
+
+    Between the ends of the payload nothing is proved. Infinite where the servo alone is not stable.
+    """
+    outer, found = linear_rig(prototype).figures["outer_stiffness"], 0.0
+    alone = 1 / servo_stiffness(prototype, servo)
+    for mass in masses_kg:
+        first = stable_compliances(prototype, servo, force_filter_Hz, mass).ranges[0]
+        if not first.stable or first.opens_at is not None:
+            return inf
+        found = max(found, 1 / (alone + (1 - outer * alone) * nearest(first.high)))
+    return found
+
+
+def stiffness_curves(
+    prototype: Prototype, law: CompliantLaw, frequency_Hz: np.ndarray, masses_kg: tuple[float, ...]
+) -> np.ndarray:
+    """(len(masses), N) apparent stiffness F / x in N/m, complex, end mass included."""
+    port = tip(closed_loop(prototype, law))
+    return np.array([port.stiffness_response(frequency_Hz, mass) for mass in masses_kg])
+
+
+def commanded_numerator(prototype: Prototype, controller: Observer, plant: SensedPlant) -> fmpq_poly:
+    """Numerator of x F_s / command over the characteristic polynomial, free of the mass."""
+    return plant.displaced * command_numerator(controller) * exact(prototype.sensor.gain_V_per_m)

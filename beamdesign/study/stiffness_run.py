@@ -1,0 +1,99 @@
+"""A compliant design carried to a prototype and its two certificates: of the loop, and of the tip as a port."""
+
+import hashlib
+from dataclasses import dataclass
+
+from beamdesign.design.compliant_law import controller_of
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, closed_loop
+from beamdesign.polynomial import exact
+from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
+from beamdesign.proof.contact import Wall
+from beamdesign.proof.contact_document import Statements, document
+from beamdesign.prototype import Compliance, Guarantee, Prototype
+from beamdesign.tip import tip
+
+CERTIFICATE_NAME = "certificate.toml"
+CONTACT_NAME = "certificate.contact.toml"
+
+
+@dataclass(frozen=True)
+class CompliantPrototype:
+    """What a compliant design comes to.
+
+    Attributes:
+        prototype: with its controller, what that stands for, and its guarantee.
+        certificate: of the loop over the payload.
+        contact: text of the certificate of the tip.
+    """
+
+    prototype: Prototype
+    certificate: Certificate
+    contact: str
+
+
+def carried_out(
+    prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall
+) -> CompliantPrototype:
+    """Write the controller of a law into its prototype, and the proofs."""
+    law = found.law
+    rig = prototype.but(
+        controller=controller_of(prototype, law),
+        compliance=Compliance(
+            end_stiffness_N_per_m=law.end_stiffness_N_per_m, force_filter_Hz=law.force_filter_Hz, servo=law.servo
+        ),
+        guarantee=None,
+    )
+    asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
+    certificate = certify(rig, *masses_kg, asked)
+    guarantee = Guarantee(
+        bandwidth_Hz=0.0 if certificate.guaranteed is None else certificate.guaranteed.bandwidth_Hz,
+        peak_sensitivity=found.peak_sensitivity,
+        outer_end_mass_kg=masses_kg,
+        certificate=CERTIFICATE_NAME,
+        certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
+    )
+    stated = Statements(
+        (exact(masses_kg[0]), exact(masses_kg[1])),
+        found.stable,
+        found.passivity,
+        found.troublemaker,
+        wall,
+        found.contact,
+        law.end_stiffness_N_per_m,
+        SHARE,
+        found.band_Hz,
+    )
+    summary = "\n".join(
+        [
+            f"Contact of {prototype.name!r} with every outer end mass from {masses_kg[0]:g} to {masses_kg[1]:g} kg.",
+            *in_words(found, wall),
+        ]
+    )
+    return CompliantPrototype(
+        rig.but(guarantee=guarantee), certificate, document(rig, tip(closed_loop(prototype, law)), stated, summary)
+    )
+
+
+def in_words(found: EndStiffness, wall: Wall) -> list[str]:
+    """What is proved of the tip, a line each."""
+    least, most = (float(value) for value in wall.stiffness)
+    walls = f"walls from {least:g} to {most:g} N/m"
+    if wall.damping[1] > 0:
+        walls += f" with {float(wall.damping[0]):g} to {float(wall.damping[1]):g} N s/m"
+    lines = ["Proved: stable without a wall." if found.stable else "Refuted: stable without a wall."]
+    if found.passivity.holds:
+        lines.append("Proved: passive at the tip, so that no passive surroundings make it grow.")
+    else:
+        lines.append(f"Refuted: passive at the tip; {found.passivity.reason}.")
+    if (other := found.troublemaker) is not None:
+        lines.append(
+            f"Proved: unstable with {float(other.mass):.4g} kg, held by {float(other.stiffness):.4g} N/m and"
+            f" {float(other.damping):.4g} N s/m, fixed to the tip."
+        )
+    if found.contact.holds:
+        lines.append(f"Proved: stable against {walls}.")
+    else:
+        reach = found.stiffest_wall_N_per_m
+        lines.append(f"Refuted: stable against {walls}; {found.contact.reason}.")
+        lines.append(f"Proved: stable against walls up to {reach:g} N/m." if reach > 0 else "No wall is proved stable.")
+    return lines
