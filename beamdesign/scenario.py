@@ -112,6 +112,17 @@ class Measurement(Record):
     displacement_step_m: Annotated[NonNegative, Field(description="resolution; 0 for none")] = 0.0
 
 
+class WallAhead(Record):
+    """A wall before the outer tip: a spring and a dashpot that the tip touches from one side."""
+
+    at_m: Annotated[FiniteFloat, Field(description="where it stands: it presses on a tip that is beyond")]
+    stiffness_N_per_m: Annotated[Positive, Field(le=1e10, description="of its spring")]
+    damping_N_s_per_m: Annotated[NonNegative, Field(description="of its dashpot")] = 0.0
+    rounding_m: Annotated[
+        Positive, Field(description="over which touch sets in; half of it is what the spring yields at the face itself")
+    ] = 1e-7
+
+
 class ScenarioRecord(Record):
     """One time record to be made."""
 
@@ -122,6 +133,7 @@ class ScenarioRecord(Record):
         NonNegative | None, Field(description="mass added to the inner tip; none: that of the prototype's payload")
     ] = None
     preload_N: Annotated[FiniteFloat, Field(description="constant force on the outer tip, on top of the inputs")] = 0.0
+    wall: Annotated[WallAhead | None, Field(description="what the outer tip may touch; none: nothing")] = None
     controller: Annotated[Controller | None, Field(description="the law during this record; none: the prototype's")] = (
         None
     )

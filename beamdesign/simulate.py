@@ -2,12 +2,13 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
 from pathlib import Path
 
 import numpy as np
 
+from beamdesign.lumped import figures
 from beamdesign.oscillation import Oscillation, oscillation, sustained
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -29,6 +30,7 @@ COLUMNS = (
 )
 LONGEST_STEP_S = 1e-4
 _STEPS_PER_RADIAN = 1.0
+_WALL_STEPS_PER_RADIAN = 4.0
 _TEST_LOAD_N = 1000.0
 _LEAST_AMPLITUDE_M = 1e-8
 
@@ -124,20 +126,21 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, sample_s: float) ->
 
 def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     rig = prototype if row.controller is None else prototype.but(controller=row.controller)
-    kinds = structure_of(rig, scenario.sampled is not None)
+    walled = row.wall is not None
+    kinds = replace(structure_of(rig, scenario.sampled is not None), wall=walled)
     assembly = assemble(kinds)
     inner = row.inner_end_mass_kg
     inner = rig.payload.inner_end_mass_kg if inner is None else inner
-    parameters = np.array(list(parameters_of(rig, row.outer_end_mass_kg, inner).values()))
+    parameters = np.array([*parameters_of(rig, row.outer_end_mass_kg, inner).values(), *_wall_figures(row)])
 
     times, inputs = scenario.times, inputs_of(row, scenario)
     before = np.array([row.preload_N if scenario.start == "loaded" else 0.0, 0.0, 0.0])
-    continuous = assemble(structure_of(rig))
+    continuous = assemble(replace(structure_of(rig), wall=walled))
     try:
         start = equilibrium(continuous, before, parameters)
     except ValueError as error:
         raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
-    substeps = substeps_for(continuous, parameters, scenario.sample_s)
+    substeps = max(substeps_for(continuous, parameters, scenario.sample_s), _wall_substeps(rig, row, scenario.sample_s))
     inputs[:, 0] += row.preload_N
 
     digital = NOT_SAMPLED
@@ -159,6 +162,21 @@ def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, po
     count = len(y)
     samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
     return _judged(row, scenario, _measured(samples, scenario, position), samples, inputs, kinds)
+
+
+def _wall_figures(row: ScenarioRecord) -> tuple[float, ...]:
+    """In the order of `beamdesign.rig.structure.WALL_FIGURES`."""
+    wall = row.wall
+    return () if wall is None else (wall.at_m, wall.stiffness_N_per_m, wall.damping_N_s_per_m, wall.rounding_m)
+
+
+def _wall_substeps(rig: Prototype, row: ScenarioRecord, sample_s: float) -> int:
+    """Steps per sample with which a bounce of the outer beam's mass alone on the wall keeps its energy to 1e-3."""
+    if row.wall is None:
+        return 1
+    mass = figures(rig)["outer_mass"] + row.outer_end_mass_kg
+    fastest = max((row.wall.stiffness_N_per_m / mass) ** 0.5, row.wall.damping_N_s_per_m / mass)
+    return ceil(sample_s * _WALL_STEPS_PER_RADIAN * fastest)
 
 
 def _judged(

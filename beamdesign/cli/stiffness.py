@@ -151,14 +151,17 @@ def _servo(record: "Prototype", source: Path) -> "Servo":
     Raises:
         InputError: where there is none.
     """
-    from beamdesign.controller import without_matrices
+    from beamdesign.observer import Observer
     from beamdesign.records import InputError
 
     if record.compliance is not None:
         return record.compliance.servo
     if record.controller is None:
         raise InputError(source, [("controller", "missing; write it there, or leave out --keep-controller")])
-    return without_matrices(record.controller, source, "--keep-controller")
+    if isinstance(record.controller, Observer):
+        reason = "'observer' cannot be kept without a [compliance] that says what it stands for; give a lag"
+        raise InputError(source, [("controller.kind", reason)])
+    return record.controller
 
 
 def _figures(servo: "Servo") -> list[tuple[str, str]]:
@@ -195,4 +198,5 @@ def _fields(best: "EndStiffness", walls: tuple[Any, Any]) -> dict[str, Any]:
         "wall_stable": best.contact.holds,
         "wall_witness": environment(best.contact.witness),
         "stiffest_wall_N_per_m": best.stiffest_wall_N_per_m,
+        "one_sided_wall_N_per_m": best.bouncing.stiffness_N_per_m,
     }

@@ -20,6 +20,7 @@ from beamdesign.linear import linear_rig
 from beamdesign.loop import Loop, close_loop
 from beamdesign.observer import Observer
 from beamdesign.polynomial import Affine, exact
+from beamdesign.proof.bouncing import Bouncing, bouncing
 from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
 from beamdesign.proof.passivity import Environment, Passivity, passivity, troublemaker
 from beamdesign.proof.performance import peak_sensitivity_where_stable
@@ -28,7 +29,7 @@ from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_rang
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
 from beamdesign.prototype import Prototype
 from beamdesign.sensed_plant import SensedPlant, sensed_plant
-from beamdesign.tip import Tip, tip
+from beamdesign.tip import tip
 
 Need = Literal["passive", "wall", "stable"]
 NEEDS: tuple[Need, ...] = ("passive", "wall", "stable")
@@ -58,6 +59,7 @@ class EndStiffness:
         troublemaker: a passive environment that makes a loop grow which is stable, but not passive.
         contact: with the walls asked about.
         stiffest_wall_N_per_m: up to which every wall of the range is stable with every end mass.
+        bouncing: one-sided walls that it may touch and leave.
     """
 
     law: CompliantLaw
@@ -72,6 +74,7 @@ class EndStiffness:
     troublemaker: Environment | None
     contact: Contact
     stiffest_wall_N_per_m: float
+    bouncing: Bouncing
 
     def meets(self, need: Need) -> bool:
         """Whether contact is proved to be as asked."""
@@ -121,17 +124,11 @@ def judge(prototype: Prototype, law: CompliantLaw, masses_kg: tuple[float, float
         guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
         peak_sensitivity_where_stable(closed, low, high) if stable else inf,
         passive,
-        _counterexample(port, passive, low) if stable else None,
+        troublemaker(port, passive.bands, low) if stable else None,
         contact,
         nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(port, (low, high), wall),
+        bouncing(port, (low, high), wall.stiffness[1]),
     )
-
-
-def _counterexample(port: Tip, passive: Passivity, mass: fmpq) -> Environment | None:
-    for band in passive.bands:
-        if (found := troublemaker(port, band, mass)) is not None:
-            return found
-    return None
 
 
 def stable_compliances(prototype: Prototype, servo: Servo, force_filter_Hz: float, mass_kg: float) -> StabilityMap:

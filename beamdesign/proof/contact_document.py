@@ -8,6 +8,7 @@ from math import isinf
 from flint import fmpq, fmpq_poly
 
 from beamdesign.polynomial import exact
+from beamdesign.proof.bouncing import Bouncing
 from beamdesign.proof.contact import Contact, Wall
 from beamdesign.proof.document import controller_lines, quoted, rig_lines
 from beamdesign.proof.passivity import Band, Environment, Passivity
@@ -30,6 +31,7 @@ class Statements:
         troublemaker: a passive environment that makes the loop grow with the least mass; None where none was found.
         wall: that the tip may touch.
         contact: whether every one is stable against every wall.
+        bouncing: one-sided walls with which every one comes to rest.
         end_stiffness: that the end is to have, N/m.
         share: by which its apparent stiffness may differ, as a share.
         band_Hz: up to which it does not; 0 for none.
@@ -41,6 +43,7 @@ class Statements:
     troublemaker: Environment | None
     wall: Wall
     contact: Contact
+    bouncing: Bouncing
     end_stiffness: float
     share: float
     band_Hz: float
@@ -73,6 +76,7 @@ def document(prototype: Prototype, tip: Tip, stated: Statements, summary: str) -
         "",
         *_passivity(stated),
         *_contact(stated),
+        *_bouncing(stated),
         *_stiffness(stated),
     ]
     head, body = "\n".join(above), "\n".join(below)
@@ -137,6 +141,15 @@ def _contact(stated: Statements) -> Iterator[str]:
         yield "[contact.witness]"
         yield from _environment(stated.contact.witness)
         yield ""
+
+
+def _bouncing(stated: Statements) -> Iterator[str]:
+    yield "# Every end mass comes to rest with any spring before the tip whose slope is from 0 to this stiffness, one that"
+    yield "# presses on one side only among them: Popov's criterion with this multiplier. 0 is for none."
+    yield "[bouncing]"
+    yield f'stiffness_N_per_m = "{text(exact(stated.bouncing.stiffness_N_per_m))}"'
+    yield f'multiplier_s = "{text(exact(stated.bouncing.multiplier_s))}"'
+    yield ""
 
 
 def _environment(found: Environment) -> Iterator[str]:

@@ -20,6 +20,7 @@ from beamdesign.tip import Tip
 
 _PRECISION_BITS = 128
 _DIGITS = 15
+_SHARES = (fmpq(1, 5), fmpq(2, 5), fmpq(3, 5), fmpq(4, 5))
 
 
 @dataclass(frozen=True)
@@ -138,31 +139,43 @@ def in_words(bands: tuple[Band, ...]) -> str:
     return " and ".join(one(band) for band in bands)
 
 
-def troublemaker(tip: Tip, band: Band, outer_end_mass: fmpq) -> Environment | None:
+def troublemaker(tip: Tip, bands: tuple[Band, ...], outer_end_mass: fmpq) -> Environment | None:
     """A passive environment that makes a stable loop grow, proved by an exact Routh test.
 
-    At jw inside the band p / n = R - j w r with r > 0. A mass M on a spring M w^2 - R is in tune there, and with a
+    At jw inside a band p / n = R - j w r with r > 0. A mass M on a spring M w^2 - R is in tune there, and with a
     dashpot of r / 2 its slow envelope grows at about r / 4 M: M is doubled until the linear loop is not stable.
 
     Args:
         tip: of the loop.
-        band: one of its active bands.
+        bands: its active bands.
         outer_end_mass: what the tip carries beside the environment, kg.
 
     Returns:
-        figures of three digits; None where no mass up to a million times the first is enough.
+        the one of least mass among a few per band; None where no mass up to a million times the first is enough.
     """
-    square = band.squared_frequency
+    found = [_in_tune(tip, square, outer_end_mass) for band in bands for square in _inside(band)]
+    return min((one for one in found if one is not None), key=lambda one: one.mass, default=None)
+
+
+def _inside(band: Band) -> list[fmpq]:
+    """The band's sample, and some more for which nothing is known beforehand."""
+    low, high = band.low[1], 2 * band.squared_frequency if band.high is None else band.high[0]
+    return [band.squared_frequency, *(shortened(low + (high - low) * share, 3) for share in _SHARES)]
+
+
+def _in_tune(tip: Tip, square: fmpq, outer_end_mass: fmpq) -> Environment | None:
     even, odd = (part(square) for part in even_odd(tip.against(outer_end_mass)))
     even_moved, odd_moved = (part(square) for part in even_odd(tip.moved))
     below = even_moved**2 + square * odd_moved**2
+    if below == 0 or (given := (even * odd_moved - odd * even_moved) / below / 2) <= 0:
+        return None
     elastic = (even * even_moved + square * odd * odd_moved) / below  # R = Re(p / n)
-    damping = shortened((even * odd_moved - odd * even_moved) / below / 2, 3)  # r / 2
+    damping = shortened(given, 3)  # r / 2
     mass = shortened(max(abs(elastic) / square, fmpq(1, 100)), 3, up=True)
     for _ in range(20):
         stiffness = mass * square - elastic
         if stiffness > 0:
-            found = Environment(mass, shortened(stiffness, 6), damping)
+            found = Environment(mass, shortened(stiffness, 4), damping)
             polynomial = tip.against(outer_end_mass + mass, found.stiffness, damping)
             if not is_hurwitz(polynomial) and max(root.real for root in roots(polynomial)) > 0:
                 return found

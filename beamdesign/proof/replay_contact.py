@@ -71,6 +71,7 @@ def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
     yield _agrees(table["stability"]["stable"], stable, "stable without a wall for every end mass")
     yield from _passivity(table["passivity"], bare, moved, stable, masses)
     yield from _contact(table["contact"], bare, moved, masses)
+    yield _bouncing(table["bouncing"], bare, moved, stable, masses)
     yield _stiffness(table["stiffness"], bare, moved, masses)
 
 
@@ -169,6 +170,31 @@ def _contact(table: dict[str, Any], bare: fmpq_poly, moved: fmpq_poly, masses: P
         within = all(low <= value <= high for value, (low, high) in zip(found, (*walls, masses), strict=True))
         refutes = within and not Family(_member(bare, moved, found), moved).is_stable(fmpq(0))
         yield refutes, f"the wall that refutes it does {'so' if refutes else 'not'}"
+
+
+class Popov(single.Slack):
+    """|p|^2 / k + Re[(1 + j w q) n conj p] at jw as a quadratic in the mass."""
+
+    def __init__(self, bare: fmpq_poly, moved: fmpq_poly, stiffness: fmpq, multiplier: fmpq):
+        carried, turned = S * S * moved, moved * fmpq_poly([1, multiplier])
+        self.coefficients = (
+            single._inner(carried, carried) / stiffness,
+            2 * single._inner(bare, carried) / stiffness + single._inner(turned, carried),
+            single._inner(bare, bare) / stiffness + single._inner(turned, bare),
+        )
+
+
+def _bouncing(table: dict[str, Any], bare: fmpq_poly, moved: fmpq_poly, stable: bool, masses: Pair) -> tuple[bool, str]:
+    """Popov's criterion for a spring a little stiffer, where equality is enough."""
+    stiffness, multiplier = rational(table["stiffness_N_per_m"]), rational(table["multiplier_s"])
+    if stiffness < 0 or multiplier < 0:
+        raise Malformed("a wall or a multiplier is negative")
+    if stiffness == 0:
+        return True, "no one-sided wall is claimed to be safe"
+    stiffer = stiffness * fmpq(1001, 1000)
+    proved = stable and Popov(bare, moved, stiffer, multiplier).nonnegative(*masses, None)
+    words = f"comes to rest before every one-sided wall up to {single._short(stiffness)} N/m"
+    return proved, words if proved else f"not proved: {words}"
 
 
 def _stiffness(table: dict[str, Any], bare: fmpq_poly, moved: fmpq_poly, masses: Pair) -> tuple[bool, str]:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from casadi import sqrt
+
 from beamdesign.rig.component import Component, Signals
 from beamdesign.rig.twin_beam import beam_force
 
@@ -22,6 +24,28 @@ def inner_reaction(port: Mapping[str, Any], figure: Mapping[str, Any], state: Ma
 def end_mass_force(mass: Any, end_mass: Any, driving: Any) -> Any:
     """Force that an end mass takes off the tip to be accelerated with the beam's own mass, N."""
     return driving * end_mass / (mass + end_mass)
+
+
+WALL_FIGURES = ("wall_at", "wall_stiffness", "wall_damping", "wall_rounding")
+"""Of a wall before the outer tip: m, N/m, N s/m, m."""
+
+
+def wall_force(at: Any, stiffness: Any, damping: Any, rounding: Any, position: Any, velocity: Any) -> Any:
+    """Force of a wall against the tip, N: a spring and a dashpot on one side, smooth over a rounding.
+
+    With d the way into the wall and e the rounding, the spring is pressed by (d + sqrt(d^2 + e^2)) / 2, a function of
+    place alone: it gives back what it took. The dashpot acts in the share of the spring's slope, and takes only.
+    """
+    inward = position - at
+    distance = sqrt(inward**2 + rounding**2)
+    share = (1 + inward / distance) / 2
+    return stiffness * (inward + distance) / 2 + damping * share * velocity
+
+
+def _wall(port: Signals, figure: Signals, state: Signals) -> Any:
+    if "wall_at" not in figure:
+        return 0.0
+    return wall_force(*(figure[name] for name in WALL_FIGURES), port["outer_tip_m"], port["outer_tip_m_per_s"])
 
 
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
@@ -56,7 +80,8 @@ BEAMS = Component(
 TIPS = Component(
     {
         "inner_force_N": lambda port, figure, state: -port["cylinder_force_N"],
-        "outer_force_N": lambda port, figure, state: port["cylinder_force_N"] + port["disturbance_N"],
+        "wall_N": _wall,
+        "outer_force_N": lambda port, figure, state: port["cylinder_force_N"] + port["disturbance_N"] - port["wall_N"],
         "outer_end_mass_N": lambda port, figure, state: end_mass_force(
             figure["outer_mass"], figure["outer_end_mass"], port["outer_force_N"] - port["outer_reaction_N"]
         ),

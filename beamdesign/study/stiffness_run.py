@@ -59,6 +59,7 @@ def carried_out(
         found.troublemaker,
         wall,
         found.contact,
+        found.bouncing,
         law.end_stiffness_N_per_m,
         SHARE,
         found.band_Hz,
@@ -96,4 +97,15 @@ def in_words(found: EndStiffness, wall: Wall) -> list[str]:
         reach = found.stiffest_wall_N_per_m
         lines.append(f"Refuted: stable against {walls}; {found.contact.reason}.")
         lines.append(f"Proved: stable against walls up to {reach:g} N/m." if reach > 0 else "No wall is proved stable.")
+    touched = found.bouncing
+    if touched.stiffness_N_per_m > 0:
+        lines.append(
+            f"Proved: comes to rest at any one-sided wall up to {touched.stiffness_N_per_m:g} N/m, touching and"
+            " letting go."
+        )
+    if not touched.whole:
+        stiffer = "stiffer" if touched.stiffness_N_per_m > 0 else "any"
+        lines.append(
+            f"Undecided: touching and letting go of {stiffer} walls; `beamdesign simulate` shows what they do."
+        )
     return lines
