@@ -17,7 +17,7 @@ Row = tuple[FiniteFloat, ...]
 
 
 class Observer(Record):
-    """z' = a z + b e, current = gain_A_per_V (c z + d e): a linear controller of any number of sensors.
+    """z' = a z + b e + b_command command_V, current = gain_A_per_V (c z + d e): a linear controller of many sensors.
 
     e_1 is command_V less the volts of the displacement sensor, behind its filter, as for every other controller. Each
     further e_k is minus what an ideal added sensor reads, in SI: the inner tip's displacement in m or the load
@@ -33,6 +33,9 @@ class Observer(Record):
     b: Annotated[tuple[Row, ...], Field(description="n rows of one entry per sensor")]
     c: Annotated[Row, Field(description="n entries")]
     d: Annotated[Row, Field(description="one entry per sensor")]
+    b_command: Annotated[
+        Row, Field(description="n entries, what command_V does to z' beside its part of e_1; [] for nothing")
+    ] = ()
 
     @property
     def order(self) -> int:
@@ -45,7 +48,9 @@ class Observer(Record):
         return self.sensors[1:]
 
     @classmethod
-    def of(cls, gain_A_per_V: float, sensors: Sequence[Sensed], a: Any, b: Any, c: Any, d: Any) -> Self:
+    def of(
+        cls, gain_A_per_V: float, sensors: Sequence[Sensed], a: Any, b: Any, c: Any, d: Any, b_command: Any = ()
+    ) -> Self:
         """The record of matrices in anything that nests like them, such as arrays of (n, n), (n, p), (n,) and (p,)."""
         return cls(
             gain_A_per_V=float(gain_A_per_V),
@@ -54,6 +59,7 @@ class Observer(Record):
             b=tuple(tuple(float(value) for value in row) for row in b),
             c=tuple(float(value) for value in c),
             d=tuple(float(value) for value in d),
+            b_command=tuple(float(value) for value in b_command),
         )
 
     @classmethod
@@ -71,9 +77,14 @@ class Observer(Record):
             yield from _widths("a", a, len(a), "to be square")
             if b is not None and len(b) != len(a):
                 yield Problem("b", f"must have a row for each of the {len(a)} of a, has {len(b)}")
+            commanded = _entries(table.get("b_command"))
+            if commanded and len(commanded) != len(a):
+                yield Problem("b_command", f"must have an entry for each of the {len(a)} of a, has {len(commanded)}")
             if c is not None and len(c) != len(a):
                 yield Problem("c", f"must have an entry for each of the {len(a)} rows of a, has {len(c)}")
         if sensors:
+            if len(sensors) == 1 and _entries(table.get("b_command")):
+                yield Problem("b_command", "has no meaning without an added sensor; leave it out")
             if b is not None:
                 yield from _widths("b", b, len(sensors), "one per sensor")
             if d is not None and len(d) != len(sensors):

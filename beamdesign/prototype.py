@@ -144,6 +144,18 @@ class Structured(Record):
 Controller = Annotated[Proportional | Lag | Structured | Observer, Field(discriminator="kind")]
 
 
+class Compliance(Record):
+    """What a compliant [controller] stands for: the servo's command moves by the force on the tip over a stiffness."""
+
+    end_stiffness_N_per_m: Annotated[Positive, Field(description="static stiffness F / x of the end, as commanded")]
+    force_filter_Hz: Annotated[
+        Positive, Field(description="break frequency of the low-pass that the estimated force goes through")
+    ]
+    servo: Annotated[
+        Proportional | Lag | Structured, Field(discriminator="kind", description="law that holds the tip at a command")
+    ]
+
+
 class Payload(Record):
     """Masses at the tips beyond the bare rig."""
 
@@ -284,6 +296,7 @@ class Prototype(Record):
     sensor: Sensor
     supply: Supply = Supply()
     controller: Controller | None = None
+    compliance: Compliance | None = None
     payload: Payload = Payload()
     arm: Arm | None = None
     goal: Goal = Goal()

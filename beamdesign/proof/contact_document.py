@@ -144,8 +144,8 @@ def _contact(stated: Statements) -> Iterator[str]:
 
 
 def _bouncing(stated: Statements) -> Iterator[str]:
-    yield "# Every end mass comes to rest with any spring before the tip whose slope is from 0 to this stiffness, one that"
-    yield "# presses on one side only among them: Popov's criterion with this multiplier. 0 is for none."
+    yield "# Every end mass comes to rest with any spring before the tip whose slope is from 0 to this stiffness, such"
+    yield "# as one that presses on one side only: Popov's criterion with this multiplier. 0 is for none."
     yield "[bouncing]"
     yield f'stiffness_N_per_m = "{text(exact(stated.bouncing.stiffness_N_per_m))}"'
     yield f'multiplier_s = "{text(exact(stated.bouncing.multiplier_s))}"'

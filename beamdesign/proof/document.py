@@ -118,6 +118,8 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
     if isinstance(controller, Observer):
         yield "# z' = a z + b e, current = gain_A_per_V (c z + d e); e is the error voltage (V), then what the added"
         yield "# sensors read (m, Pa) with its sign turned. The polynomials are from error voltage to current (A)."
+        if controller.b_command:
+            yield "# To z' comes b_command times the command, which has no part in the loop."
     else:
         yield "# From error voltage (V) to current (A); the polynomials are what counts."
     yield "[controller]"

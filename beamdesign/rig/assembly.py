@@ -17,6 +17,7 @@ from beamdesign.rig.component import Rig
 from beamdesign.rig.effect import Effect, Site
 from beamdesign.rig.effects import library
 from beamdesign.rig.electronics import observer_figures, observer_states, section_figures, section_states
+from beamdesign.rig.structure import WALL_FIGURES
 
 __all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble", "join"]
 
@@ -41,6 +42,7 @@ class Structure:
         heard: share of the model's own volts that its controller hears; the rest has to come with the command, from a
             record that the model is made to follow.
         sections: second-order sections of a structured controller.
+        wall: whether a wall stands before the outer tip.
         order: of an observer.
         sensors: of an observer; none for every other controller.
     """
@@ -51,6 +53,7 @@ class Structure:
     rig: str = "twin_beam"
     heard: float = 1.0
     sections: int = 0
+    wall: bool = False
     order: int = 0
     sensors: tuple[str, ...] = ()
 
@@ -63,7 +66,7 @@ class Assembly:
         function: (t, x, u, p) to (x', y), a CasADi SX function.
         states: names of x.
         parameters: names of p: figures of the rig, those of the controller's sections or matrices, then
-            `EFFECT.PARAMETER`.
+            `EFFECT.PARAMETER`, then those of a wall.
         inputs: names of u.
         outputs: names of y.
         kinds: what decided the equations.
@@ -104,6 +107,7 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
     states += tuple(f"{effect.name}.{state}" for effect in effects for state in effect.states)
     parameters = rig.figures + section_figures(kinds.sections) + observer_figures(kinds.order, kinds.sensors)
     parameters += tuple(f"{e.name}.{q.name}" for e in effects for q in e.parameters)
+    parameters += WALL_FIGURES if kinds.wall else ()
     x, u, p = (ca.SX.sym(name, len(names)) for name, names in (("x", states), ("u", INPUTS), ("p", parameters)))
     time = ca.SX.sym("t")
     state, figure, given = (

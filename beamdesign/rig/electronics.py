@@ -49,8 +49,9 @@ SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
     "displacement_m": lambda port, state: port["error_V"],
     "inner_displacement_m": lambda port, state: -state["inner_m"],
     "load_pressure_Pa": lambda port, state: state["pressure_b_Pa"] - state["pressure_a_Pa"],
+    "command_V": lambda port, state: port["command_V"],
 }
-"""What a controller of several sensors is given of each: what it should be less what it is."""
+"""What a controller of several sensors is given of each: what it should be less what it is; and its command."""
 
 
 def observer_figures(order: int, sensors: Sequence[str]) -> tuple[str, ...]:

@@ -34,7 +34,7 @@ def structure_of(prototype: Prototype, sampled: bool = False) -> Structure:
     if sampled:
         return Structure("sampled", filtered, effects)
     if isinstance(law, Observer):
-        return Structure(law.kind, filtered, effects, order=law.order, sensors=law.sensors)
+        return Structure(law.kind, filtered, effects, order=law.order, sensors=_heard(law))
     sections = len(law.section) if isinstance(law, Structured) else 0
     return Structure(law.kind, filtered, effects, sections=sections)
 
@@ -67,14 +67,19 @@ def parameters_of(prototype: Prototype, outer_end_mass: float, inner_end_mass: f
         ]
         values |= dict(zip(section_figures(len(controller.section)), own, strict=True))
     if isinstance(controller, Observer):
-        names = observer_figures(controller.order, controller.sensors)
+        names = observer_figures(controller.order, _heard(controller))
         values |= dict(zip(names, _entries(controller), strict=True))
     for name, table in effect_parameters_of(prototype).items():
         values |= {f"{name}.{key}": value for key, value in table.items()}
     return values
 
 
-_TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6}
+def _heard(law: Observer) -> tuple[str, ...]:
+    """What an observer is given: its sensors, and its command where that acts beside them."""
+    return (*law.sensors, "command_V") if law.b_command else law.sensors
+
+
+_TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "command_V": 0.1}
 """V, m, Pa: of what a controller is given."""
 _POINTS_PER_S = (1 + 1j) * np.geomspace(1.0, 1e4, 25)
 """Off the imaginary axis, so that no undamped mode is met."""
@@ -86,15 +91,19 @@ def _entries(law: Observer) -> list[float]:
     Whoever designs it chooses the units of its states; a simulation wants to know when they stand still. They are
     scaled by powers of two, which round nothing.
     """
-    n, p = law.order, len(law.sensors)
-    a, b, c = np.reshape(law.a, (n, n)), np.reshape(law.b, (n, p)), np.array(law.c)
+    heard = _heard(law)
+    n, p = law.order, len(heard)
+    a, b, c = np.reshape(law.a, (n, n)), np.reshape(law.b, (n, len(law.sensors))), np.array(law.c)
+    if law.b_command:
+        b = np.column_stack([b, law.b_command])
     if n:
-        typical = b * [_TYPICAL[name] for name in law.sensors]
+        typical = b * [_TYPICAL[name] for name in heard]
         pencils = _POINTS_PER_S[:, None, None] * np.eye(n) - a
         size = np.abs(np.linalg.solve(pencils, np.broadcast_to(typical, (len(pencils), n, p)))).max(axis=(0, 2))
         scale = np.exp2(np.round(np.log2(np.where(size > 0, size, 1.0))))
         a, b, c = a * scale / scale[:, None], b / scale[:, None], c * scale
-    return [float(value) for part in (a, b, c, law.d) for value in np.ravel(part)]
+    d = (*law.d, 0.0) if law.b_command else law.d
+    return [float(value) for part in (a, b, c, d) for value in np.ravel(part)]
 
 
 def effect_parameters_of(prototype: Prototype) -> dict[str, dict[str, float]]:

@@ -45,7 +45,8 @@ def wall_force(at: Any, stiffness: Any, damping: Any, rounding: Any, position: A
 def _wall(port: Signals, figure: Signals, state: Signals) -> Any:
     if "wall_at" not in figure:
         return 0.0
-    return wall_force(*(figure[name] for name in WALL_FIGURES), port["outer_tip_m"], port["outer_tip_m_per_s"])
+    at, stiffness, damping, rounding = (figure[name] for name in WALL_FIGURES)
+    return wall_force(at, stiffness, damping, rounding, port["outer_tip_m"], port["outer_tip_m_per_s"])
 
 
 def _motion(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:

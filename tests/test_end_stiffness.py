@@ -1,0 +1,507 @@
+"""Compliance on demand: stiffness, passivity, contact and commands against closed forms, matrices and records."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import fmpq
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.control_models import state_space
+from beamdesign.controller import transfer_function
+from beamdesign.design.compliant_law import (
+    CompliantLaw,
+    commanded_compliance,
+    controller_of,
+    least_gain,
+    servo_stiffness,
+)
+from beamdesign.design.end_stiffness import (
+    EndStiffness,
+    closed_loop,
+    judge,
+    over_compliance,
+    softest_N_per_m,
+    stable_compliances,
+)
+from beamdesign.lumped import figures
+from beamdesign.polynomial import exact, is_hurwitz, roots
+from beamdesign.proof.bouncing import popov_slack
+from beamdesign.proof.contact import Wall, prove_contact, stable_walls
+from beamdesign.proof.passivity import absorbed
+from beamdesign.proof.replay_contact import Malformed, replay
+from beamdesign.prototype import Lag, Prototype, Structured, read_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
+from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.study.stiffness_run import carried_out
+from beamdesign.tip import Tip, tip
+
+PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
+MASSES_KG = (0.0, 6.8)
+MASSES = (fmpq(0), exact(6.8))
+WALL = Wall((fmpq(0), fmpq(10**9)))
+SOFT = CompliantLaw(Lag(gain_A_per_V=0.0036, pole_Hz=3.966, zero_Hz=226.9), 3e5, 366.2)
+"""Passive at the tip."""
+FIRM = CompliantLaw(Lag(gain_A_per_V=0.001109, pole_Hz=13.14, zero_Hz=3.996), 1e6, 12.83)
+"""Stable against every wall, not passive."""
+
+
+@pytest.fixture(scope="module")
+def rig() -> Prototype:
+    """The published rig with a tame lag at 50 mA/V and 2.5 kg inside."""
+    return read_prototype(PROTOTYPES / "tame_lag.toml")
+
+
+@pytest.fixture(scope="module")
+def brisk(rig: Prototype) -> CompliantLaw:
+    """The lag as it is, told to be as stiff as twice its outer beam: stable in the air alone."""
+    assert isinstance(rig.controller, Lag)
+    return CompliantLaw(rig.controller, 1e6, 30.0)
+
+
+@pytest.fixture(scope="module")
+def judged(rig: Prototype, brisk: CompliantLaw) -> dict[str, EndStiffness]:
+    """What is proved of all three."""
+    return {name: judge(rig, law, MASSES_KG, WALL) for name, law in (("soft", SOFT), ("firm", FIRM), ("brisk", brisk))}
+
+
+def port_of(rig: Prototype, law: CompliantLaw) -> Tip:
+    return tip(closed_loop(rig, law))
+
+
+def apparent(rig: Prototype, law: CompliantLaw, mass: float, frequency_Hz: np.ndarray) -> np.ndarray:
+    """F / x by the impedances of the parts, complex: eliminated by hand, with no polynomial."""
+    figure, s = figures(rig), 2j * np.pi * frequency_Hz
+    area, gain = figure["piston_area"], figure["sensor_gain"]
+    inner = (figure["inner_mass"] + rig.payload.inner_end_mass_kg) * s**2 + figure["inner_damping"] * s
+    inner += figure["inner_stiffness"]
+    natural = figure["valve_frequency"]
+    valve = figure["flow_gain"] / ((s / natural) ** 2 + 2 * figure["valve_damping_ratio"] * s / natural + 1)
+    exact_law = transfer_function(law.servo)
+    servo = np.polyval([float(c) for c in reversed(exact_law.numerator.coeffs())], s)
+    servo = servo / np.polyval([float(c) for c in reversed(exact_law.denominator.coeffs())], s)
+    seen = gain / (1 + s / figure["filter_frequency"]) if figure["filter_frequency"] else gain
+    force = gain * commanded_compliance(rig, law) / (1 + s / (2 * np.pi * law.force_filter_Hz))
+    # F_c (1 / K_c + 1 / Z_f + K_pq / (A^2 s)) = Q / (A s) - x, Q = V C [force (K_m x seen / gain - F_c) - seen x]
+    held = 1 / figure["oil_stiffness"] + 1 / inner + figure["leakage"] / (area**2 * s)
+    flow = valve * servo / (area * s)
+    cylinder = (flow * seen * (force * figure["outer_stiffness"] / gain - 1) - 1) / (held + flow * force)
+    outer = (figure["outer_mass"] + mass) * s**2 + figure["outer_damping"] * s + figure["outer_stiffness"]
+    return np.asarray(outer - cylinder)
+
+
+@pytest.mark.parametrize("name", ["tame_lag", "structured"])
+@pytest.mark.parametrize("stiffness", [2e3, 4.868e5, 2e6])
+def test_the_end_is_as_stiff_at_rest_as_it_is_told_to_be(name: str, stiffness: float) -> None:
+    """Closed form, and the balance of forces at rest: F = K_m x - F_c, F_c = A (K_q / K_pq) current."""
+    rig = read_prototype(PROTOTYPES / f"{name}.toml")
+    assert rig.controller is not None
+    law = CompliantLaw(rig.controller, stiffness, 20.0)  # type: ignore[arg-type]
+    assert port_of(rig, law).static_stiffness() == pytest.approx(stiffness, rel=1e-12)
+    figure, compliance = figures(rig), commanded_compliance(rig, law)
+    drive = figure["piston_area"] * figure["flow_gain"] / figure["leakage"] * rig.controller.gain_A_per_V
+    drive *= figure["sensor_gain"]
+    beam = figure["outer_stiffness"]
+    # F_c = drive (compliance (K_m x - F_c) - x)
+    balance = np.array([[beam, -1.0], [drive * (1 - compliance * beam), 1 + drive * compliance]])
+    x, _ = np.linalg.solve(balance, [1.0, 0.0])
+    assert 1 / x == pytest.approx(stiffness, rel=1e-9)
+    assert servo_stiffness(rig, law.servo) == pytest.approx(beam + drive, rel=1e-12)
+    assert servo_stiffness(
+        rig, law.servo.but(gain_A_per_V=least_gain(rig, 5 * beam))
+    ) == pytest.approx(5 * beam, rel=1e-9)  # fmt: skip
+
+
+def test_no_end_is_stiffer_than_its_servo(rig: Prototype, brisk: CompliantLaw) -> None:
+    most = servo_stiffness(rig, brisk.servo)
+    alone = CompliantLaw(brisk.servo, most, 30.0)
+    assert commanded_compliance(rig, alone) == pytest.approx(0.0, abs=1e-18)
+    with pytest.raises(ValueError, match="the servo alone holds"):
+        controller_of(rig, CompliantLaw(brisk.servo, most * 1.01, 30.0))
+
+
+@pytest.mark.parametrize("mass", MASSES_KG)
+def test_the_exact_loop_is_that_of_the_impedances(rig: Prototype, brisk: CompliantLaw, mass: float) -> None:
+    frequencies = np.geomspace(0.01, 800, 60)
+    filtered = read_prototype(PROTOTYPES / "structured.toml")
+    assert isinstance(filtered.controller, Structured)
+    for prototype, law in (
+        (rig, SOFT),
+        (rig, FIRM),
+        (rig, brisk),
+        (filtered, CompliantLaw(filtered.controller, 4e5, 9.0)),
+    ):
+        seen = port_of(prototype, law).stiffness_response(frequencies, mass)
+        assert np.abs(seen / apparent(prototype, law, mass, frequencies) - 1).max() < 1e-9
+
+
+def closed(rig: Prototype, law: CompliantLaw, mass: float) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """A and the column of the tip force of the closed loop from the models in floats; places of x and of its rate."""
+    prototype = rig.but(controller=controller_of(rig, law))
+    system = state_space(prototype, mass, loop="closed")
+    names = list(system.state_labels)
+    x, rate = names.index("displacement_m"), names.index("velocity_m_per_s")
+    return np.asarray(system.A), np.asarray(system.B)[:, 0], x, rate
+
+
+def growth(rig: Prototype, law: CompliantLaw, mass: float, stiffness: float = 0.0, damping: float = 0.0) -> float:
+    """Largest real part of the poles with a spring and a dashpot at the tip."""
+    a, force, x, rate = closed(rig, law, mass)
+    held = a.copy()
+    held[:, x] -= stiffness * force
+    held[:, rate] -= damping * force
+    return float(np.linalg.eigvals(held).real.max())
+
+
+def test_a_passive_tip_is_stable_with_whatever_passive_is_fixed_to_it(
+    rig: Prototype, judged: dict[str, EndStiffness]
+) -> None:
+    """Random masses, springs and dashpots, and a second mass behind a spring: poles in floats."""
+    assert judged["soft"].passivity.holds
+    assert judged["soft"].meets("passive")
+    random = np.random.default_rng(1)
+    for _ in range(60):
+        mass, stiffness, damping = 10 ** random.uniform([-2, 2, -1], [3, 9, 4])
+        assert growth(rig, SOFT, mass, stiffness, damping) < 0
+    for _ in range(40):
+        carried, far, link, grip = 10 ** random.uniform([-1, -1, 3, -1], [2, 3, 8, 3])
+        a, force, x, rate = closed(rig, SOFT, carried)
+        n = len(a)
+        whole = np.zeros((n + 2, n + 2))
+        whole[:n, :n], whole[n, n + 1] = a, 1.0
+        between = np.zeros(n + 2)  # what the link pulls the tip by
+        between[[n, n + 1, x, rate]] = link, grip, -link, -grip
+        whole[:n] += np.outer(force, between)
+        whole[n + 1] -= between / far
+        assert np.linalg.eigvals(whole).real.max() < 0
+
+
+@pytest.mark.parametrize("name", ["firm", "brisk"])
+def test_a_tip_that_is_not_passive_comes_with_surroundings_that_make_it_grow(
+    rig: Prototype, judged: dict[str, EndStiffness], name: str
+) -> None:
+    found = judged[name]
+    other = found.troublemaker
+    assert not found.passivity.holds
+    assert found.stable
+    assert other is not None
+    figures_of = [float(value) for value in (other.mass, other.stiffness, other.damping)]
+    assert min(figures_of) > 0
+    assert growth(rig, found.law, *figures_of) > 1e-6
+    assert growth(rig, found.law, 0.0) < 0
+    assert "work comes out of the tip" in found.passivity.reason
+
+
+@pytest.mark.parametrize("mass", [0.0, 2.5, 40.0])
+def test_work_comes_out_in_the_same_bands_with_every_end_mass(
+    rig: Prototype, judged: dict[str, EndStiffness], mass: float
+) -> None:
+    """Re(s x / F) by the impedances is negative inside the bands alone; masses and springs have no part in it."""
+    frequencies = np.geomspace(0.02, 2000, 4000)
+    for found in judged.values():
+        mobility = (2j * np.pi * frequencies / apparent(rig, found.law, mass, frequencies)).real
+        inside = np.zeros(len(frequencies), dtype=bool)
+        near = np.zeros(len(frequencies), dtype=bool)
+        for band in found.passivity.bands:
+            inside |= (frequencies > band.low_Hz) & (frequencies < band.high_Hz)
+            for end in (band.low_Hz, band.high_Hz):
+                near |= np.abs(frequencies / max(end, 1e-9) - 1) < 1e-3
+        assert np.array_equal((mobility < 0)[~near], inside[~near])
+    port = port_of(rig, SOFT)
+    heavier = Tip(port.against(exact(mass), fmpq(12345)), port.moved)
+    assert absorbed(heavier) == absorbed(port)
+
+
+def test_an_endlessly_stiff_wall_is_a_tip_that_is_held(rig: Prototype) -> None:
+    """Poles go to the zeros of the compliance, and one pair to +-j sqrt(K / M) with -b / 2 M as its real part."""
+    port, figure, wall = port_of(rig, SOFT), figures(rig), 1e16
+    found = roots(port.against(stiffness=exact(wall)))
+    fast = np.abs(found) > 1e6
+    assert fast.sum() == 2
+    mass = figure["outer_mass"]
+    assert np.abs(found[fast].imag) == pytest.approx([np.sqrt(wall / mass)] * 2, rel=1e-9)
+    assert found[fast].real == pytest.approx([-figure["outer_damping"] / (2 * mass)] * 2, rel=1e-4)
+    a, _, x, rate = closed(rig, SOFT, 3.0)
+    kept = [k for k in range(len(a)) if k not in (x, rate)]
+    held = np.sort_complex(np.linalg.eigvals(a[np.ix_(kept, kept)]))  # the loop with x = 0
+    assert np.abs(np.sort_complex(found[~fast]) / held - 1).max() < 1e-5
+    assert np.abs(np.sort_complex(roots(port.moved)) / held - 1).max() < 1e-5
+
+
+def test_walls_are_stable_where_they_are_proved_to_be(
+    rig: Prototype, brisk: CompliantLaw, judged: dict[str, EndStiffness]
+) -> None:
+    random = np.random.default_rng(2)
+    for name in ("soft", "firm"):
+        assert judged[name].contact.holds
+        assert judged[name].stiffest_wall_N_per_m == 1e9
+        for _ in range(40):
+            assert growth(rig, judged[name].law, random.uniform(*MASSES_KG), 10 ** random.uniform(0, 9)) < 0
+    contact, reach = judged["brisk"].contact, judged["brisk"].stiffest_wall_N_per_m
+    assert not contact.holds
+    assert contact.witness is not None
+    assert "against a wall of" in contact.reason
+    assert growth(rig, brisk, float(contact.witness.mass), float(contact.witness.stiffness)) > 0
+    masses = np.linspace(*MASSES_KG, 30)
+    assert max(growth(rig, brisk, mass, reach) for mass in masses) < 0
+    assert max(growth(rig, brisk, mass, reach * 1.002) for mass in masses) > 0
+    at_one = stable_walls(port_of(rig, brisk), fmpq(0), WALL)
+    for crossing in at_one.crossings:
+        assert growth(rig, brisk, 0.0, crossing.value) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_dashpot_in_the_wall_is_a_third_side_of_the_box(rig: Prototype, brisk: CompliantLaw) -> None:
+    port = port_of(rig, brisk)
+    damped = Wall(WALL.stiffness, (fmpq(3000), fmpq(20000)))
+    found = prove_contact(port, MASSES, damped)
+    seen = [
+        growth(rig, brisk, mass, stiffness, damping)
+        for mass in (0.0, 3.4, 6.8)
+        for stiffness in np.geomspace(1e4, 1e9, 12)
+        for damping in (3000.0, 8000.0, 20000.0)
+    ]
+    assert found.holds == (max(seen) < 0)
+    with pytest.raises(ValueError, match="zero or more"):
+        prove_contact(port, MASSES, Wall((fmpq(-1), fmpq(1))))
+
+
+def test_popovs_criterion_is_what_is_proved_of_one_sided_walls(rig: Prototype, judged: dict[str, EndStiffness]) -> None:
+    """1 / k + Re[(1 + j w q) x / F] by the impedances, on a grid, and against the exact quadratic in the mass."""
+    frequencies = np.geomspace(0.01, 3000, 3000)
+    w = 2 * np.pi * frequencies
+    assert judged["soft"].bouncing.whole
+    for found in judged.values():
+        wall, q = found.bouncing.stiffness_N_per_m, found.bouncing.multiplier_s
+        assert wall > 0
+        for mass in (0.0, 1.7, 6.8):
+            popov = 1 / wall + ((1 + 1j * w * q) / apparent(rig, found.law, mass, frequencies)).real
+            assert popov.min() > 0
+    port = port_of(rig, FIRM)
+    a, b, c = popov_slack(port, exact(1e7), exact(0.01))
+    x, mass = fmpq(20000), exact(3.3)
+    p = complex(*_at(port.against(mass), float(x)))
+    n = complex(*_at(port.moved, float(x)))
+    expected = abs(p) ** 2 / 1e7 + ((1 + 0.01j * float(x) ** 0.5) * n * p.conjugate()).real
+    assert float(a(x) * mass**2 + b(x) * mass + c(x)) == pytest.approx(expected, rel=1e-9)
+
+
+def _at(polynomial, square: float) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+    value = np.polyval([float(c) for c in reversed(polynomial.coeffs())], 1j * np.sqrt(square))
+    return float(value.real), float(value.imag)
+
+
+def test_bands_are_where_the_stiffness_and_the_command_are_kept(
+    rig: Prototype, judged: dict[str, EndStiffness]
+) -> None:
+    for found in judged.values():
+        frequencies = np.linspace(found.band_Hz / 500, found.band_Hz, 500)
+        masses = np.linspace(*MASSES_KG, 5)
+        error = [np.abs(apparent(rig, found.law, m, frequencies) / found.law.end_stiffness_N_per_m - 1) for m in masses]
+        assert np.max(error) < 0.1 + 1e-9
+        assert np.max(error, axis=0)[-1] == pytest.approx(0.1, abs=1e-5)
+        reached = np.array([0.0, found.command_Hz])
+        followed = []
+        for mass in masses:
+            prototype = rig.but(controller=controller_of(rig, found.law))
+            system = state_space(prototype, mass, loop="closed")
+            to_tip = system["displacement_m", "command_V"]
+            followed.append(np.abs(to_tip(2j * np.pi * reached)) * rig.sensor.gain_V_per_m)
+        assert np.min(followed, axis=0)[1] == pytest.approx(0.70711, rel=2e-4)
+        assert followed[0][0] == pytest.approx(found.command_at_rest, rel=1e-9)
+
+
+def test_stiffnesses_that_can_be_had_end_where_a_root_crosses(rig: Prototype, brisk: CompliantLaw) -> None:
+    least = softest_N_per_m(rig, brisk.servo, 30.0, MASSES_KG)
+    assert 1e5 < least < 1e6
+    for factor, stable in ((1.01, True), (0.99, False)):
+        law = CompliantLaw(brisk.servo, least * factor, 30.0)
+        assert (max(growth(rig, law, mass) for mass in MASSES_KG) < 0) is stable
+    family = over_compliance(rig, brisk.servo, 30.0, fmpq(0))
+    law = CompliantLaw(brisk.servo, 7e5, 30.0)
+    directly = port_of(rig, law).bare
+    other = family.at(exact(commanded_compliance(rig, law)))
+    assert np.allclose(np.sort_complex(roots(other)), np.sort_complex(roots(directly)), rtol=1e-7)
+    for part in stable_compliances(rig, brisk.servo, 30.0, 0.0).ranges:
+        assert is_hurwitz(family.at(part.sample)) is part.stable
+
+
+def signed_again(text: str) -> str:
+    """The text with the checksum of what it now says."""
+    bare = re.sub(r'sha256 = "[0-9a-f]+"\n', "", text, count=1)
+    digest = hashlib.sha256(bare.encode()).hexdigest()
+    return re.sub(r'sha256 = "[0-9a-f]+"', f'sha256 = "{digest}"', text, count=1)
+
+
+@pytest.mark.parametrize("name", ["soft", "firm", "brisk"])
+def test_the_certificate_of_contact_is_proved_again(rig: Prototype, judged: dict[str, EndStiffness], name: str) -> None:
+    text = carried_out(rig, judged[name], MASSES_KG, WALL).contact
+    outcome = replay(text)
+    assert outcome.valid
+    assert len(outcome.claims) >= 8
+    assert not replay(text.replace("2.5", "2.6", 1)).valid
+    passive, stands = ("true", "false") if name == "soft" else ("false", "true")
+    false = [
+        (f"passive = {passive}", f"passive = {stands}"),
+        (r'up_to_Hz = "([0-9.]+)"', r'up_to_Hz = "9\1"'),
+        (r"\[bouncing\]\nstiffness_N_per_m = \"[0-9]+", r'[bouncing]\nstiffness_N_per_m = "300000000000000'),
+    ]
+    if name == "brisk":
+        false += [(r'inner = \["([0-9])', r'inner = ["1000\1'), ("stable = false", "stable = true")]
+    for before, after in false[: 2 if name == "soft" else None]:
+        altered, count = re.subn(before, after, text, count=1)
+        assert count == 1
+        assert refused(signed_again(altered)), before
+
+
+def refused(text: str) -> bool:
+    """Whether a certificate is not proved again, or is none at all."""
+    try:
+        return not replay(text).valid
+    except Malformed:
+        return True
+
+
+def moved(record: SimulatedRecord, wall: WallAhead | None = None) -> np.ndarray:
+    """Work done on the tip so far by the force on it and the wall, J."""
+    x, force = record.column("displacement_m"), record.column("disturbance_N")
+    if wall is not None:
+        inward = x - wall.at_m
+        force = force - wall.stiffness_N_per_m * (inward + np.sqrt(inward**2 + wall.rounding_m**2)) / 2
+    return np.concatenate([[0.0], np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(x))])
+
+
+def test_the_nonlinear_rig_yields_as_it_is_told_to(rig: Prototype) -> None:
+    """A slow ramp of force; orifices and a curved oil spring leave the static figure within two per cent."""
+    rough = rig.but(effects={"pressure_dependent_flow": {}, "entrained_air": {}})
+    ramp = Step(amplitude_N=200.0, at_s=0.05, rise_s=2.0)
+    given = Scenario(
+        name="ramp",
+        duration_s=3.0,
+        sample_s=1e-3,
+        record=tuple(
+            ScenarioRecord(
+                name=name, input=(ramp,), outer_end_mass_kg=mass, controller=controller_of(rig, law)
+            )
+            for name, law, mass in (("soft", SOFT, 0.0), ("loaded", SOFT, 6.8), ("firm", FIRM, 3.0))
+        ),
+    )  # fmt: skip
+    for record, stiffness in zip(simulate(rough, given).records, (3e5, 3e5, 1e6), strict=True):
+        assert record.stable
+        x, force = record.column("displacement_m"), record.column("disturbance_N")
+        assert force[-1] / x[-1] == pytest.approx(stiffness, rel=0.02)
+        rising = force > 60.0
+        assert np.abs(force[rising] / x[rising] / stiffness - 1).max() < 0.1
+
+
+def test_a_passive_end_gives_off_no_work_while_it_bounces(rig: Prototype) -> None:
+    wall = WallAhead(at_m=2e-4, stiffness_N_per_m=1e7)
+    push = Step(amplitude_N=300.0, at_s=0.02, rise_s=0.002, length_s=0.3)
+    given = Scenario(
+        name="bounce",
+        duration_s=1.0,
+        sample_s=1e-4,
+        record=tuple(
+            ScenarioRecord(name=f"m{mass:g}", input=(push,), outer_end_mass_kg=mass, wall=wall) for mass in MASSES_KG
+        ),
+    )
+    for record in simulate(rig.but(controller=controller_of(rig, SOFT)), given).records:
+        x = record.column("displacement_m")
+        touching = x > wall.at_m
+        assert np.count_nonzero(np.diff(touching.astype(int))) >= 2  # it touches and lets go
+        work = moved(record, wall)
+        assert work.min() > -1e-4 * work.max()
+        assert record.stable
+        assert np.ptp(x[-1000:]) < 0.02 * np.ptp(x)
+
+
+def test_work_comes_out_of_an_active_end_at_the_frequency_named(
+    rig: Prototype, judged: dict[str, EndStiffness]
+) -> None:
+    band = judged["firm"].passivity.bands[-1]
+    sine = Sine(amplitude_N=20.0, frequency_Hz=band.sample_Hz, fade_s=0.3)
+    given = Scenario(
+        name="shaken",
+        duration_s=2.0,
+        sample_s=5e-4,
+        record=tuple(
+            ScenarioRecord(name=name, input=(sine,), controller=controller_of(rig, law))
+            for name, law in (("active", FIRM), ("passive", SOFT))
+        ),
+    )
+    active, passive = (moved(record) for record in simulate(rig, given).records)
+    assert active[-1] < active[2000] < 0  # the last second, when all is steady
+    assert passive[-1] > passive[2000] > 0
+
+
+def test_a_wall_ahead_is_a_spring_on_one_side(rig: Prototype) -> None:
+    """At rest: nothing before the wall, both stiffnesses beyond it."""
+    given = Scenario(
+        name="rest",
+        duration_s=0.02,
+        record=tuple(
+            ScenarioRecord(
+                name=f"n{k}", preload_N=force, wall=WallAhead(at_m=5e-4, stiffness_N_per_m=2e6), controller=None
+            )
+            for k, force in enumerate((120.0, 600.0))
+        ),
+    )  # fmt: skip
+    near, far = simulate(rig.but(controller=controller_of(rig, SOFT)), given).records
+    assert near.column("displacement_m")[-1] == pytest.approx(120.0 / 3e5, rel=1e-5)
+    assert far.column("displacement_m")[-1] == pytest.approx((600.0 + 2e6 * 5e-4) / (3e5 + 2e6), rel=1e-6)
+
+
+def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
+    out, answer = tmp_path / "out", tmp_path / "answer.json"
+    source = str(PROTOTYPES / "tame_lag.toml")
+    command = ["stiffness", source, "--end-stiffness-N-per-m", "1e6", "--contact", "none", "--keep-controller"]
+    done = CliRunner().invoke(app, [*command, "--out", str(out), "--json", str(answer)])
+    assert done.exit_code == 0, done.output
+    assert "static stiffness of the end" in done.output
+    assert "Refuted: passive at the tip" in done.output
+    said = json.loads(answer.read_text())
+    assert said["met"] == "stable"
+    assert said["static_stiffness_N_per_m"] == pytest.approx(1e6, rel=1e-9)
+    assert not said["passive"]
+    assert said["destabilised_by"]["mass_kg"] > 0
+    made = read_prototype(out / "prototype.toml")
+    assert made.compliance is not None
+    assert made.compliance.end_stiffness_N_per_m == 1e6
+    law = CompliantLaw(made.compliance.servo, 1e6, made.compliance.force_filter_Hz)
+    assert made.controller == controller_of(made, law)
+    for name in ("certificate.toml", "certificate.contact.toml"):
+        again = CliRunner().invoke(app, ["certify", "--replay", str(out / name), str(out / "prototype.toml")])
+        assert again.exit_code == 0, again.output
+
+
+def test_the_search_finds_a_passive_law(tmp_path: Path) -> None:
+    answer = tmp_path / "answer.json"
+    source = str(PROTOTYPES / "tame_lag.toml")
+    command = ["stiffness", source, "--end-stiffness-N-per-m", "2e5", "--contact", "passive", "--json", str(answer)]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    said = json.loads(answer.read_text())
+    assert said["passive"]
+    assert said["wall_stable"]
+    assert said["stiffness_band_Hz"] > 1.0
+    assert said["one_sided_wall_N_per_m"] == 1e9
+    assert said["peak_sensitivity"] <= 2.0
+
+
+def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:
+    source = str(PROTOTYPES / "tame_lag.toml")
+    stiff = ["stiffness", source, "--end-stiffness-N-per-m", "1e9", "--keep-controller"]
+    done = CliRunner().invoke(app, stiff)
+    assert done.exit_code == 1
+    assert "the servo alone holds" in done.output
+    wrong = CliRunner().invoke(
+        app,
+        ["stiffness", source, "--end-stiffness-N-per-m", "-1", "--contact", "soft", "--wall-N-per-m", "9:1"],
+    )
+    assert isinstance(wrong.exception, InputError)
+    for words in ("must be a finite number above zero", "must be one of passive, wall, none", "--wall-N-per-m"):
+        assert words in str(wrong.exception)
