@@ -84,6 +84,8 @@ def rig_loop(rig: LinearRig | MemberRig, inner_end_mass: float, controller: Cont
     """Close the loop of a rig, with the given mass (kg) added to its inner beam, with any controller."""
     if isinstance(controller, Observer) and controller.added:
         return close_loop(sensed_plant(rig, controller.sensors, inner_end_mass), controller)
+    if isinstance(rig, MemberRig) and rig.sensor_rides:
+        return close_loop(sensed_plant(rig, ("displacement_m",), inner_end_mass), controller)
     return close_loop(rig.plant(inner_end_mass), controller)
 
 

@@ -63,6 +63,11 @@ class MemberRig:
         """The equations, from the assembled rig by differentiation."""
         return linear_assembly(self.filtered, tuple(sorted(self.effects)))
 
+    @property
+    def sensor_rides(self) -> bool:
+        """Whether the sensor's reference moves with the mount, so that the outer end mass shows in what it reads."""
+        return self.effects.get("mount_compliance", {}).get("sensor_share", 0.0) != 0
+
     def _values(self, outer: Any, inner: Any) -> list[Any]:
         """Parameters of the assembly; those of the controller and the supply have no part in the linear plant."""
         given: dict[str, Any] = self.figures | {

@@ -7,8 +7,10 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from flint import fmpq, fmpq_poly
 from typer.testing import CliRunner
 
+from beamdesign.arm.plane import plane_loop
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controller import (
@@ -19,18 +21,23 @@ from beamdesign.controller import (
     shape_response,
     transfer_function,
 )
+from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import figures
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import Affine, exact
 from beamdesign.proof import replay_members
+from beamdesign.proof.bilinear import axis_inside
 from beamdesign.proof.certificate import Asked, Certificate, certify
-from beamdesign.proof.replay import replay
-from beamdesign.prototype import Lag, Prototype, read_prototype, write_prototype
+from beamdesign.proof.performance import guaranteed_gain_margin
+from beamdesign.proof.replay import replay, stable_on_rectangle
+from beamdesign.proof.stability import is_stable_over
+from beamdesign.prototype import Arm, Lag, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
+from beamdesign.report.html import controller_rows
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.sensed_plant import sensed_plant
 from beamdesign.simulate import simulate
@@ -262,13 +269,60 @@ def test_with_linear_effects(bare: Prototype, effects: dict) -> None:
         assert len(poles) in (n + k - 1, n + k)
 
 
-def test_gains_that_vary_are_refused_with_what_to_remove(bare: Prototype) -> None:
-    prototype = bare.but(controller=LAW, effects={"current_saturation": {}, "second_beam_mode": {}})
+def test_gains_that_vary_are_proved_stable_and_refused_where_they_are_to_perform(bare: Prototype) -> None:
+    """A saturation is to perform at its whole gain; unequal sides of the piston at any between two."""
+    found = certify(bare.but(controller=LAW, effects={"current_saturation": {}, "second_beam_mode": {}}), 1.0, 3.0)
+    assert found.stable
+    assert replay_members.replay(found.text).valid
+    prototype = bare.but(controller=LAW, effects={"current_saturation": {}, "unequal_piston_areas": {}})
     with pytest.raises(InputError) as told:
         certify(prototype, *MASSES_KG)
     (problem,) = told.value.problems
-    assert problem.key == "effects.current_saturation"
+    assert problem.key == "effects.unequal_piston_areas"
     assert "remove it" in problem.reason
+
+
+def test_a_sensor_that_rides_on_the_mount_is_proved_with(bare: Prototype) -> None:
+    """What it reads depends on the end mass, as what added sensors read does; against the assembled rig's matrices."""
+    lag = Lag(gain_A_per_V=0.05, pole_Hz=1.75, zero_Hz=26.0)
+    prototype = bare.but(controller=lag, effects={"mount_compliance": {"sensor_share": 0.7}})
+    assert not loop(prototype).gain_and_mass_apart
+    found = certify(prototype, *MASSES_KG)
+    assert found.guaranteed is not None
+    assert replay_members.replay(found.text).valid
+    model = state_space(prototype, 2.4)
+    seen = model(2j * pi * FREQUENCIES_HZ)[0, 0]
+    np.testing.assert_allclose(loop(prototype).at(2.4).compliance_response(FREQUENCIES_HZ), seen, rtol=1e-6)
+
+
+def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
+    """s^3 + (1 + m + g)(s^2 + s) + 4 (m + g) + 2 m g - 1 + e is stable where (m - 1)^2 + (g - 1)^2 > e (Routh)."""
+    poly, ends = fmpq_poly, (fmpq(1, 2), fmpq(3, 2))
+    side = poly([4, 1, 1])
+    for e, island in ((fmpq(1, 25), True), (fmpq(-1, 25), False)):
+        opened, returned = Affine(poly([e - 1, 1, 1, 1]), side), Affine(side, poly([2]))
+        found = axis_inside(opened, returned, ends, ends)
+        families = [opened + returned * end for end in ends]
+        families += [Affine(opened.at(end), returned.at(end)) for end in ends]
+        assert all(is_stable_over(family, *ends) for family in families)
+        assert (found is not None) is island
+        pairs = ((one.constant, one.slope) for one in (opened, returned))
+        assert stable_on_rectangle(*pairs, ends, ends) is not island
+        if found is not None:
+            assert found.decided
+            assert (found.mass - 1) ** 2 + (found.factor - 1) ** 2 == pytest.approx(float(e))
+            assert (2 * pi * found.frequency_Hz) ** 2 == pytest.approx(1 + found.mass + found.factor)
+
+
+def test_gain_margin_where_mass_and_gain_multiply(rig: Prototype, proved: Certificate) -> None:
+    """The least critical gain over dense masses lies between a factor that is proved and one that is refuted."""
+    least = min(critical_gain(rig, float(mass)).gain_A_per_V for mass in np.linspace(*MASSES_KG, 18))
+    factor = least / LAW.gain_A_per_V
+    assert guaranteed_gain_margin(loop(rig), *MASSES_KG) == pytest.approx(factor, rel=1e-3)
+    asked = [Asked("gain_margin", round(factor * share, 4)) for share in (0.995, 1.005)] + [Asked("gain_margin", 0.5)]
+    found = certify(rig, *MASSES_KG, asked)
+    assert [claim.holds for claim in found.claims] == [True, False, True]
+    assert replay(found.text).valid
 
 
 def test_a_static_gain_needs_no_states(bare: Prototype) -> None:
@@ -387,6 +441,25 @@ def test_a_sampled_loop_is_refused(rig: Prototype) -> None:
     plan = Scenario(name="s", duration_s=0.05, record=(row,), sampled=Sampled(period_s=1e-3))
     with pytest.raises(InputError, match="'observer' is not for a sampled loop"):
         simulate(rig, plan)
+
+
+def test_a_data_set_and_an_arm_refuse_it(rig: Prototype, tmp_path: Path) -> None:
+    assert CliRunner().invoke(app, ["new", "dataset", "--out", str(tmp_path / "set")]).exit_code == 0
+    believed = read_prototype(tmp_path / "set" / "prototype.toml")
+    write_prototype(believed.but(controller=LAW), tmp_path / "set" / "prototype.toml")
+    with pytest.raises(InputError, match="'observer' is not for the model of a data set; give a lag"):
+        read_dataset(tmp_path / "set")
+    tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": 1.475, "material": "6061-T6"}
+    link = rig.but(outer_beam=rig.outer_beam.but(**tube), arm=Arm(end_polar_inertia_kg_m2=0.01))
+    with pytest.raises(InputError, match="added sensors are not for the arm"):
+        plane_loop(link, "z")
+
+
+def test_a_report_lists_every_entry() -> None:
+    rows = {name: value for name, value, _ in controller_rows(LAW)}
+    assert rows["sensors"] == "displacement_m, inner_displacement_m, load_pressure_Pa"
+    assert [float(value) for value in rows["b, row 2"].split(", ")] == [0.0, 30.0, 1e-6]
+    assert [float(value) for value in rows["d"].split(", ")] == list(LAW.d)
 
 
 def test_the_command_writes_a_certificate_that_replays(rig: Prototype, tmp_path: Path) -> None:

@@ -41,19 +41,26 @@ def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> li
     found_loops = []
     for member in found.members:
         loop = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, controller)
-        if member.gain.low < member.gain.high and not loop.gain_and_mass_apart:
-            raise InputError(prototype.name, _gain_and_mass(prototype))
         stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         inside = member.performance
+        if inside is not None and inside.low < inside.high and not loop.gain_and_mass_apart:
+            raise InputError(prototype.name, _gain_and_mass(prototype, nearest(high)))
         performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
         found_loops.append(Proved(member, stable, performing))
     return found_loops
 
 
-def _gain_and_mass(prototype: Prototype) -> list[Problem]:
-    """What to change where mass and gain multiply each other, so that the sides of their rectangle do not decide."""
-    reason = "lets the gain vary, which is not proved of a controller with added sensors; remove it"
-    varying = [name for name in prototype.effects if (one := library()[name].linear) is not None and one.gain]
+def _gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
+    """What to change where mass and gain multiply each other: sides do not decide what is claimed of magnitudes."""
+    reason = (
+        "lets the gain vary where the loop is to perform, which is not proved where the end mass shows in what is fed"
+        " back, as it does with added sensors or one that rides on the mount; remove it"
+    )
+    varying = []
+    for name, table in prototype.effects.items():
+        alone = family(prototype.but(effects={name: table}), high_kg).members
+        spans = [member.performance for member in alone if member.performance is not None]
+        varying += [name] if any(span.low < span.high for span in spans) else []
     return [Problem(f"effects.{name}", reason) for name in varying]
 
 
@@ -90,7 +97,7 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     """A claim about every member: the first that refutes it, or that it holds."""
     performance = asked.kind in INEQUALITIES
     for part in proved:
-        if performance and part.stable.unstable_side() is not None:
+        if performance and not part.stable.stable:
             reason = "not every member is stable for all of these masses and factors on the gain"
             bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
             masses = nearest(part.stable.low), nearest(part.stable.high)
@@ -203,7 +210,7 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
         return found
 
     low, high = first(piece.low, step), first(piece.high, -step)
-    if low > high:
+    if low > high or any(replace(part, low=low, high=high).inside() is not None for part in parts):
         return None
     opens, closes = (piece.opens_at if low == piece.low else None), (piece.closes_at if high == piece.high else None)
     sample = low if low == high else simple_between(low, high)

@@ -17,6 +17,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.loop import Loop
 from beamdesign.polynomial import Affine, exact, roots
 from beamdesign.proof import estimates
+from beamdesign.proof.bilinear import Inside, axis_inside
 from beamdesign.proof.quadratic import Verdict, quadratic_nonnegative
 from beamdesign.proof.rational import bounds, nearest, shortened
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
@@ -268,7 +269,19 @@ def prove_gain_margin(loop: Loop, factor: float | fmpq, low: float | fmpq, high:
             reason=words,
             witness=Witness(mass, None, gain, frequency, settled),
         )
+    if (found := _inside(loop, limit, *masses)) is not None:
+        words = f"unstable at {found.factor:.6g} times the gain with an outer end mass of {found.mass:.6g} kg"
+        if not found.decided:
+            return Claim("gain_margin", nearest(limit), ends, False, reason="not decided between the ends")
+        witness = Witness(exact(found.mass), None, exact(found.factor), found.frequency_Hz, exact=False)
+        return Claim("gain_margin", nearest(limit), ends, False, reason=words, witness=witness)
     return Claim("gain_margin", nearest(limit), ends, True)
+
+
+def _inside(loop: Loop, factor: fmpq, low: fmpq, high: fmpq) -> Inside | None:
+    """A root on the axis between masses and factors whose rectangle has stable sides."""
+    factors = min(factor, fmpq(1)), max(factor, fmpq(1))
+    return axis_inside(loop.opened, loop.returned, (low, high), factors)
 
 
 def guaranteed_bandwidth(loop: Loop, limit_m_per_N: float | fmpq, low: float | fmpq, high: float | fmpq) -> float:
@@ -385,7 +398,9 @@ def guaranteed_gain_margin(loop: Loop, low: float | fmpq, high: float | fmpq) ->
         return 0.0
 
     def proves(factor: fmpq) -> bool:
-        return all(is_stable_over(edge.family, edge.low, edge.high) for edge in gain_edges(loop, factor, *masses))
+        edges = gain_edges(loop, factor, *masses)
+        sides = all(is_stable_over(edge.family, edge.low, edge.high) for edge in edges)
+        return sides and _inside(loop, factor, *masses) is None
 
     start = min(estimates.gain_margin(loop, *masses), LARGEST_GAIN_MARGIN)
     if start == LARGEST_GAIN_MARGIN and proves(exact(start)):

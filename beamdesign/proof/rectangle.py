@@ -2,6 +2,7 @@
 
 The characteristic polynomial o(m) + g r is affine in the mass m and in the factor g, and they do not multiply each
 other: it is stable on the whole rectangle if it is on the sides (edge theorem of Bartlett, Hollot and Huang, 1988).
+With added sensors r depends on the mass; `beamdesign.proof.bilinear` then looks inside.
 
 The sides decide performance as well. At one frequency the map from (m, g) to o(m) + g r, the reciprocal of the
 compliance but for a factor, is affine to the complex plane: where it is one to one, the interior of the rectangle goes
@@ -20,6 +21,7 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import Affine, exact
+from beamdesign.proof.bilinear import Inside, axis_inside
 from beamdesign.proof.performance import (
     Claim,
     bandwidth_where_stable,
@@ -34,6 +36,7 @@ from beamdesign.proof.performance import (
 )
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import is_stable_over
+from beamdesign.proof.statements import shifted
 
 if TYPE_CHECKING:
     from beamdesign.proof.certificate import Asked
@@ -107,9 +110,6 @@ class Rectangle:
         high: largest.
         least: least factor.
         most: largest.
-
-    Raises:
-        ValueError: for a range of factors on a loop in which they and the mass multiply each other.
     """
 
     loop: Loop
@@ -117,10 +117,6 @@ class Rectangle:
     high: fmpq
     least: fmpq = _ONE
     most: fmpq = _ONE
-
-    def __post_init__(self) -> None:
-        if self.least != self.most and not self.loop.gain_and_mass_apart:
-            raise ValueError("mass and gain multiply each other in this loop, so that the sides do not decide")
 
     def sides(self) -> list[Side]:
         """The sides, those of varying mass first; one alone where the factor does not vary."""
@@ -150,8 +146,30 @@ class Rectangle:
         return replace(self, least=self.least * min(factor, fmpq(1)), most=self.most * max(factor, fmpq(1)))
 
     def unstable_side(self) -> Side | None:
-        """A side that is not stable throughout, None where the whole rectangle is stable."""
+        """A side that is not stable throughout, None where all are."""
         return next((side for side in self.sides() if not side.stable), None)
+
+    def inside(self, rate: fmpq | None = None) -> Inside | None:
+        """A point inside with a root on the axis, or to the right of -rate, where the sides have none; None if none."""
+        opened, returned = self.loop.opened, self.loop.returned
+        if rate is not None:
+            opened, returned = shifted(opened, rate), shifted(returned, rate)
+        return axis_inside(opened, returned, (self.low, self.high), (self.least, self.most))
+
+    @property
+    def stable(self) -> bool:
+        """Whether it is stable throughout, inside as on its sides."""
+        return self.unstable_side() is None and self.inside() is None
+
+    def deciding_sides(self) -> list[Side]:
+        """The sides, which decide what is claimed of magnitudes.
+
+        Raises:
+            ValueError: for a range of factors on a loop in which they and the mass multiply each other.
+        """
+        if self.least != self.most and not self.loop.gain_and_mass_apart:
+            raise ValueError("mass and gain multiply each other in this loop, so that the sides do not decide")
+        return self.sides()
 
 
 def scaled(loop: Loop, factor: fmpq) -> Loop:
@@ -165,14 +183,14 @@ def bandwidth(rectangles: Sequence[Rectangle], limit_m_per_N: float) -> float:
     return min(
         bandwidth_where_stable(side.loop, limit, side.low, side.high)  # type: ignore[arg-type]
         for rectangle in rectangles
-        for side in rectangle.sides()
+        for side in rectangle.deciding_sides()
     )
 
 
 def peak_sensitivity(rectangles: Sequence[Rectangle]) -> float:
     """The least peak sensitivity that is proved on rectangles that are stable; infinite where none is."""
     worst = 0.0
-    for side in (side for rectangle in rectangles for side in rectangle.sides()):
+    for side in (side for rectangle in rectangles for side in rectangle.deciding_sides()):
         # Mostly one side governs, and one proof settles each of the others.
         if worst == 0.0 or not prove_peak(side, worst).holds:
             worst = max(worst, _peak(side))
@@ -191,7 +209,7 @@ def largest_effort(rectangles: Sequence[Rectangle]) -> float:
     return max(
         effort_where_stable(side.loop, side.low, side.high)  # type: ignore[arg-type]
         for rectangle in rectangles
-        for side in rectangle.sides()
+        for side in rectangle.deciding_sides()
     )
 
 
@@ -220,11 +238,13 @@ def prove(rectangle: Rectangle, asked: "Asked") -> Claim:
         from_Hz=asked.from_Hz if asked.kind == "loop_gain" else None,
     )
     if asked.kind == "gain_margin":
-        side = rectangle.widened(exact(asked.limit)).unstable_side()
-        if side is None:
+        wide = rectangle.widened(exact(asked.limit))
+        side = wide.unstable_side()
+        if side is None and wide.inside() is None:
             return held
-        return replace(held, holds=False, reason=f"unstable with the gain times some number up to this{_where(side)}")
-    for side in rectangle.sides():
+        where = " between the ends" if side is None else _where(side)
+        return replace(held, holds=False, reason=f"unstable with the gain times some number up to this{where}")
+    for side in rectangle.sides() if asked.kind == "decay_rate" else rectangle.deciding_sides():
         match asked.kind:
             case "compliance":
                 claim = prove_compliance(side.loop, asked.limit, asked.bandwidth_Hz, side.low, side.high)  # type: ignore[arg-type]
@@ -240,6 +260,8 @@ def prove(rectangle: Rectangle, asked: "Asked") -> Claim:
                 claim = prove_decay_rate(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
         if not claim.holds:
             return replace(at_mass(side, claim), outer_end_mass_kg=masses, reason=_reason(side, claim))
+    if asked.kind == "decay_rate" and rectangle.inside(exact(asked.limit)) is not None:
+        return replace(held, holds=False, reason="a pole decays no faster between the ends of masses and gains")
     return held
 
 

@@ -656,17 +656,12 @@ def _claim(
         family = Family(p0(shift), p1(shift))
         truth = family.is_stable_over(low, high)
     elif kind == "gain_margin":
-        if returned[1] != 0:
-            raise Malformed("mass and gain multiply each other, and this file does not know how to prove a gain margin")
-        ends = sorted((fmpq(1), limit))
-        over_mass = [Family(opened[0] + k * returned[0], p1) for k in ends]
-        over_gain = [Family(opened[0] + m * p1, returned[0]) for m in (low, high)]
-        # On a polytope of polynomials of constant degree the edges decide (Bartlett, Hollot and Huang, 1988).
-        truth = all(f.is_stable_over(low, high) for f in over_mass) and all(f.is_stable_over(*ends) for f in over_gain)
+        least, most = sorted((fmpq(1), limit))
+        truth = stable_on_rectangle(opened, returned, (low, high), (least, most))
         if witness:
             factor = rational(witness["gain_factor"])
-            family = Family(opened[0] + factor * returned[0], p1)
-            if not ends[0] <= factor <= ends[1]:
+            family = Family(opened[0] + factor * returned[0], opened[1] + factor * returned[1])
+            if not least <= factor <= most:
                 return False, f"the witness against {words} is outside the range"
     else:
         raise Malformed(f"claim.kind {kind!r} is not known here")
@@ -680,6 +675,69 @@ def _claim(
     if truth is not holds:
         return False, f"{'not proved' if holds else 'holds after all'}: {words}"
     return True, words if holds else f"refuted: {words}"
+
+
+def stable_on_rectangle(opened: Polynomials, returned: Polynomials, masses: Pair, gains: Pair) -> bool:
+    """Whether opened + g returned is stable for every mass and every factor g, both polynomials affine in the mass.
+
+    On a polytope of polynomials of constant degree the edges decide (Bartlett, Hollot and Huang, 1988). Where mass and
+    factor multiply each other it is none, and what is inside is looked at as well.
+    """
+    over_mass = [Family(opened[0] + g * returned[0], opened[1] + g * returned[1]) for g in {*gains}]
+    over_gain = [Family(opened[0] + m * opened[1], returned[0] + m * returned[1]) for m in {*masses}]
+    sides = all(side.is_stable_over(*masses) for side in over_mass)
+    sides = sides and (gains[0] == gains[1] or all(side.is_stable_over(*gains) for side in over_gain))
+    flat = masses[0] == masses[1] or gains[0] == gains[1] or returned[1] == 0
+    return sides and (flat or _clear_inside(opened, returned, masses, gains))
+
+
+def _clear_inside(opened: Polynomials, returned: Polynomials, masses: Pair, gains: Pair) -> bool:
+    """Whether no point inside a rectangle with stable sides has a root on the axis.
+
+    If some had, one would have the least w^2 of all, since they keep away from the sides and from w = 0. There the two
+    equations for g, E = e + e' g = 0 and O = o + o' g = 0 with coefficients affine in m, would be solved by m in
+    e o' - o e' = 0 twice at once, else a slightly smaller w^2 would be, too. So w^2 is a root of the discriminant of
+    that quadratic in m. Each of these is followed until its m, or the g that goes with it, is seen to be outside.
+    """
+    (e, o), (e_m, o_m), (e_g, o_g), (e_mg, o_mg) = (_parts(p) for p in (*opened, *returned))
+    square, straight, constant = (
+        e_m * o_mg - o_m * e_mg,
+        e_m * o_g + e * o_mg - o_m * e_g - o * e_mg,
+        e * o_g - o * e_g,
+    )
+    discriminant = straight * straight - 4 * square * constant
+    if discriminant == 0:
+        return False
+    discriminant = _square_free(discriminant)
+
+    def outside(x: arb) -> bool:
+        two, one, none = (arb_poly(p)(x) for p in (square, straight, constant))
+        if two.contains(0) and one.contains(0):
+            return False
+        mass = -one / (2 * two) if not two.contains(0) else -2 * none / one
+        if _apart(mass, masses):
+            return True
+        for constants in ((e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg)):
+            free, by_mass, by_gain, by_both = (arb_poly(p)(x) for p in constants)
+            below = by_gain + by_both * mass
+            if not below.contains(0) and _apart(-(free + by_mass * mass) / below, gains):
+                return True
+        return False
+
+    for found in _isolate(discriminant, fmpq(0), _bound(discriminant)):
+        interval = found
+        for _ in range(400):
+            middle, radius = (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 2
+            if outside(arb(middle) + arb(0, arb(radius).upper())):
+                break
+            interval = _halve(discriminant, interval)
+        else:
+            return False
+    return True
+
+
+def _apart(ball: arb, ends: Pair) -> bool:
+    return bool(ball < arb(ends[0])) or bool(ball > arb(ends[1]))
 
 
 def band(claim: dict[str, Any]) -> tuple[str, fmpq, fmpq | None]:

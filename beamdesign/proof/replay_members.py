@@ -144,28 +144,15 @@ class Member:
         self.returned, self.returned_slope = stated["returned"], stated["returned_slope"]
         self.opened, self.opened_slope = stated["p0"] - self.returned, stated["p1"] - self.returned_slope
         self.disturbance = stated["disturbance"]
-        if self.returned_slope != 0 and self.gain[0] < self.gain[1]:
-            raise Malformed("mass and gain multiply each other, and this file does not know how to prove that")
+        if self.returned_slope != 0 and self.performance and self.performance[0] < self.performance[1]:
+            raise Malformed("mass and gain multiply each other, so that sides do not decide what is to be performed")
         self.law = tuple(single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
         self.follows = single._proportional(_rebuilt(table, entry.get("frozen", {})), stated)
 
     def is_stable_over(self, low: fmpq, high: fmpq, s: fmpq_poly = S, gain: Pair | None = None) -> bool:
-        """Whether it is stable on the rectangle, with s replaced: the four sides decide (Bartlett et al., 1988)."""
-        opened, opened_slope = self.opened(s), self.opened_slope(s)
-        returned, returned_slope = self.returned(s), self.returned_slope(s)
-        least, most = gain or self.gain
-        over_mass = [
-            single.Family(opened + factor * returned, opened_slope + factor * returned_slope)
-            for factor in {least, most}
-        ]
-        if least == most:
-            return over_mass[0].is_stable_over(low, high)
-        if returned_slope != 0:
-            raise Malformed("mass and gain multiply each other, and this file does not know how to prove that")
-        over_gain = [single.Family(opened + mass * opened_slope, returned) for mass in {low, high}]
-        return all(side.is_stable_over(low, high) for side in over_mass) and all(
-            side.is_stable_over(least, most) for side in over_gain
-        )
+        """Whether it is stable on the rectangle, with s replaced."""
+        opened, returned = (self.opened(s), self.opened_slope(s)), (self.returned(s), self.returned_slope(s))
+        return single.stable_on_rectangle(opened, returned, (low, high), gain or self.gain)
 
     def performs(self, kind: str, limit: fmpq, low: fmpq, high: fmpq, start: fmpq, until: fmpq | None) -> bool:
         """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least.

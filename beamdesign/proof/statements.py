@@ -102,18 +102,12 @@ class Edge:
 def gain_edges(loop: Loop, factor: fmpq, low: fmpq, high: fmpq) -> list[Edge]:
     """The sides of the rectangle of masses in [low, high] and gain factors between 1 and `factor`.
 
-    opened + factor returned is affine in the mass and the factor together, so it is stable on the whole rectangle if
-    it is on the four sides (edge theorem of Bartlett, Hollot and Huang, 1988, for polytopes of constant degree).
-
-    Raises:
-        ValueError: for a loop in which mass and factor multiply each other, so that the sides do not decide.
+    opened + factor returned is affine in the mass and the factor together where the displacement alone is fed back, so
+    it is stable on the whole rectangle if it is on the four sides (edge theorem of Bartlett, Hollot and Huang, 1988,
+    for polytopes of constant degree). Else `beamdesign.proof.bilinear` decides the inside.
     """
-    if not loop.gain_and_mass_apart:
-        raise ValueError("mass and gain multiply each other in this loop")
     least, most = min(factor, fmpq(1)), max(factor, fmpq(1))
-    opened, returned = loop.opened, loop.returned.constant
-    over_mass = [
-        Edge(Affine(opened.constant + k * returned, opened.slope), low, high, factor=k) for k in (fmpq(1), factor)
-    ]
-    over_gain = [Edge(Affine(opened.at(mass), returned), least, most, mass=mass) for mass in (low, high)]
+    opened, returned = loop.opened, loop.returned
+    over_mass = [Edge(opened + returned * k, low, high, factor=k) for k in (fmpq(1), factor)]
+    over_gain = [Edge(Affine(opened.at(mass), returned.at(mass)), least, most, mass=mass) for mass in (low, high)]
     return [*over_mass, *over_gain]
