@@ -13,18 +13,19 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from typer.testing import CliRunner
 
+from beamdesign.arm.anywhere import prove_anywhere
 from beamdesign.arm.both import both_planes
 from beamdesign.arm.certificate import certify_plane
 from beamdesign.arm.figures import arm_figures
 from beamdesign.arm.plane import plane_loop
-from beamdesign.arm.remaining import offset_for_goal_m, remaining, twist_remedy
+from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, remaining, twist_remedy
 from beamdesign.arm.result import frequencies, work_out
 from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.cli import app
 from beamdesign.loop import loop
 from beamdesign.proof.certificate import certify
 from beamdesign.proof.replay_any import replay
-from beamdesign.prototype import Arm, Lag, Payload, Prototype, write_prototype
+from beamdesign.prototype import Arm, Lag, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 
 END_INERTIA = 0.01
@@ -311,6 +312,61 @@ def test_a_payload_off_to_both_sides_is_proved_in_ball_arithmetic(link: Prototyp
     assert not all(stable for _, stable in far.sampled_stable)
 
 
+@pytest.mark.parametrize(
+    ("offset", "within"), [((0.02, 0.05, 0.0), (0.03, 0.05, 0.0)), ((0.0, 0.05, 0.0), (0.0, 0.0, 0.03))]
+)
+def test_a_payload_anywhere_within_bounds_is_proved_at_once(
+    link: Prototype, offset: tuple[float, float, float], within: tuple[float, float, float]
+):
+    rig = at(link, *offset)
+    found = prove_anywhere(rig, (0.0, 6.8), within)
+    assert list(found) == (["both"] if within[2] else ["y", "z"])
+    for verdict in found.values():
+        assert verdict.stable, verdict.reason
+        assert replay_text(verdict.certificate).valid
+    random = np.random.default_rng(5)
+    for _ in range(30):
+        place = tuple(float(a) for a in np.array(offset) + random.uniform(-1, 1, 3) * within)
+        poles = np.linalg.eigvals(assemble(at(link, *place), random.uniform(0, 6.8), place, END_INERTIA).a)
+        assert poles.real.max() < 0
+
+
+def test_the_family_over_places_is_the_polynomial_of_the_place(link: Prototype):
+    """The polynomial that a certificate states, put in numbers, against that of one place, exactly."""
+    from tomllib import loads
+
+    from beamdesign.proof.replay_box import Statement, member
+
+    rig = at(link, 0.05, -0.1, 0.15)
+    family = prove_anywhere(rig, (2.5, 2.5), (0.0, 0.0, 0.0))["both"]
+    table = loads(family.certificate)
+    assert "along_m 0.05, sideways_squared_m2 0.01, upwards_squared_m2 0.0225" in table["name"]
+    assert member(Statement(table["p"], {}), {}).plain == both_planes(rig).at(2.5)
+
+
+def test_a_place_that_is_not_stable_is_found(link: Prototype):
+    found = prove_anywhere(link, (0.0, 6.8), (0.0, 0.6, 0.0))
+    assert found["z"].stable is False
+    point = found["z"].unstable_point
+    assert point is not None
+    place = (0.0, float(point["sideways_squared_m2"]) ** 0.5, 0.0)
+    payload = float(point["outer_end_mass"])
+    assert np.linalg.eigvals(assemble(at(link, *place), payload, place, END_INERTIA).a).real.max() > 0
+    with pytest.raises(ValueError, match="must not be negative"):
+        prove_anywhere(link, (0.0, 6.8), (-0.1, 0.0, 0.0))
+
+
+def test_the_inner_tip_gives_way_until_the_tubes_touch(link: Prototype):
+    figures, place = arm_figures(link), (0.0, 0.0, 0.0)
+    case = remaining(figures, (300.0, -800.0, -2000.0), place, place, (0.0, 0.0))
+    inner = link.inner_beam.but(width_m=0.100)
+    travel = inner_travel(link.but(inner_beam=inner), case)
+    assert travel.travel_m == pytest.approx((-800.0 / 157_500.0, -2000.0 / 157_500.0))
+    assert travel.gap_m == pytest.approx(0.0177)
+    assert not travel.touches
+    assert inner_travel(link.but(inner_beam=inner.but(width_m=0.115)), case).touches
+
+
 def test_the_second_controller_acts_sideways_only(link: Prototype):
     assert link.arm is not None
     second = Lag(gain_A_per_V=0.02, pole_Hz=1.7, zero_Hz=20.0)
@@ -412,6 +468,26 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     both = run(path, "--offset-m=0,-0.1,0.1")
     assert both.exit_code == 0
     assert "bandwidth and peaks are not proved" in both.output
+    anywhere = run(path, "--offset-m", "0,0.1,0", "--within-m", "0,0.5,0")
+    assert anywhere.exit_code == 1
+    assert "plane z, for every payload and every place of its centre asked for: NOT stable" in anywhere.output
+
+
+def test_the_shipped_study_draws_what_it_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    import runpy
+    import sys
+
+    root = Path(__file__).parent.parent
+    rig = root / "studies" / "prototypes" / "arm.toml"
+    monkeypatch.setattr(sys, "argv", ["arm_offset.py", str(tmp_path / "arm.svg"), str(rig), "--points", "2"])
+    runpy.run_path(str(root / "studies" / "arm_offset.py"), run_name="__main__")
+    said = capsys.readouterr().out
+    shipped = read_prototype(rig)
+    assert shipped.arm is not None
+    far = shipped.but(arm=shipped.arm.but(offset_m=(0.05, 0.3, 0.0)))
+    peak = max(certify_plane(far, name, 0.0, 6.8).guaranteed.peak_sensitivity for name in ("y", "z"))
+    assert f"0.300 m: {peak:.5g}" in said
+    assert "<svg" in (tmp_path / "arm.svg").read_text()
 
 
 @pytest.mark.parametrize(
@@ -422,6 +498,7 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
         ("--force-N", "-5", "above zero; it acts downwards"),
         ("--force-N", "much", "expected a force in N"),
         ("--allowed-mm", "0", "above zero"),
+        ("--within-m", "0,-0.1,0", "must not be negative"),
     ],
 )
 def test_bad_options_are_refused(link: Prototype, tmp_path: Path, option: str, value: str, words: str):

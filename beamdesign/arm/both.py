@@ -1,4 +1,4 @@
-"""Both planes at once: a payload off to both sides couples them through torsion, its mass enters in powers up to three.
+"""Both planes at once: a payload off to both sides couples them through torsion, and its mass enters squared.
 
 The tip moves by u_y and u_z and turns by phi; the payload's velocity has the components w . (u_y', u_z', phi') with
 w = (kappa, 0, -a_z) in y, (0, kappa, a_y) in z and -(lambda_y, lambda_z, 0) along the beam, in the terms of
@@ -6,8 +6,9 @@ w = (kappa, 0, -a_z) in y, (0, kappa, a_y) in z and -(lambda_y, lambda_z, 0) alo
 
     q_y q_z det(diag(p_y / q_y, p_z / q_z, t) + m s^2 A),    A the sum of the three w w^T,
 
-whose coefficient of m^k is the sum over the principal minors of A of order k. Stability over the mass is proved by zero
-exclusion in ball arithmetic, as for boxes of tolerances; everything else is worked out at single masses.
+whose coefficient of m^k is the sum over the principal minors of A of order k. A is of rank two: the three w lie in a
+plane, since there is a motion of the end that leaves the payload's centre where it is. Stability over the mass is
+proved by zero exclusion in ball arithmetic, as for boxes of tolerances; all else is worked out at single masses.
 """
 
 from collections.abc import Sequence
@@ -65,13 +66,13 @@ class BothPlanes:
 
     @cached_property
     def powers(self) -> tuple[fmpq_poly, ...]:
-        """The characteristic polynomial: coefficients of m^0, m^1, m^2, m^3, polynomials in s."""
+        """The characteristic polynomial: coefficients of m^0, m^1, m^2, polynomials in s."""
         motions = self.motions
         inertia = motions.transpose() * motions
         free = [loop.characteristic.constant for loop in self.loops] + [self.torsion]
         loaded = [fmpq_poly([0, 0, 1]) * loop.disturbance for loop in self.loops] + [fmpq_poly([0, 0, 1])]
         found = []
-        for order in range(4):
+        for order in range(3):
             total = fmpq_poly([0])
             for chosen in combinations(range(3), order):
                 term = fmpq_poly([minor(inertia, chosen)])

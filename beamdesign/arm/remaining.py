@@ -9,6 +9,7 @@ import numpy as np
 from beamdesign import section
 from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of
 from beamdesign.arm.statics import carried, cross, held, tip_compliance
+from beamdesign.lumped import lumped_beam
 from beamdesign.materials import material
 from beamdesign.prototype import FIT_M, Beam, Prototype
 
@@ -77,6 +78,34 @@ def remaining(
 def _vector(values: np.ndarray) -> Vector:
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+@dataclass(frozen=True)
+class InnerTravel:
+    """How far the inner beam's tip gives way under both actuators.
+
+    Attributes:
+        travel_m: in y and z, m.
+        gap_m: between the tubes on each side, at rest; None where a section is not known.
+    """
+
+    travel_m: tuple[float, float]
+    gap_m: float | None
+
+    @property
+    def touches(self) -> bool:
+        """Whether the square tubes touch."""
+        return self.gap_m is not None and max(map(abs, self.travel_m)) >= self.gap_m
+
+
+def inner_travel(prototype: Prototype, case: Remaining) -> InnerTravel:
+    """Travel of the inner tip under a load that the servos carry; the tube is as stiff in any direction."""
+    stiffness = lumped_beam(prototype.inner_beam, "inner_beam").stiffness
+    y, z = (-force / stiffness for force in case.actuators_N)
+    outer, inner, gap = prototype.outer_beam, prototype.inner_beam, None
+    if outer.width_m is not None and outer.wall_m is not None and inner.width_m is not None:
+        gap = float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
+    return InnerTravel((y, z), gap)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.arm_words import (
+    say_compliance,
+    say_figures,
+    say_place,
+    say_proof,
+    say_remaining,
+    say_remedy,
+    say_travel,
+)
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
@@ -13,9 +22,9 @@ from beamdesign.cli.output import (
     folder_to_write,
     mass_range,
     say,
-    say_table,
     write_json,
 )
+from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.arm.remaining import Remaining, TwistRemedy, Vector
@@ -40,6 +49,12 @@ def arm(
             help="Load on the payload's centre, downwards, or X,Y,Z; else weight and largest force.",
         ),
     ] = None,
+    within_m: Annotated[
+        str | None,
+        typer.Option(
+            "--within-m", metavar="X,Y,Z", help="Prove stability for every place of the centre up to so far away, too."
+        ),
+    ] = None,
     allowed_mm: Annotated[
         float | None,
         typer.Option("--allowed-mm", help="Error that twist may leave; says which tube keeps it."),
@@ -57,10 +72,11 @@ def arm(
     One compensator upwards (z), one sideways (y), and torsion of the outer beam under a payload that stands off its
     axis: stability proved over the payload, compliance and bandwidth at tip and payload, and the error that a steady
     load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
-    Exit status 0 if both loops are proved stable over the range, 1 otherwise.
+    Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
+    from beamdesign.arm.anywhere import prove_anywhere
     from beamdesign.arm.figures import arm_of
-    from beamdesign.arm.remaining import offset_for_goal_m, twist_remedy
+    from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.arm.result import work_out
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -72,28 +88,46 @@ def arm(
     if offset_m is not None:
         given = given.but(offset_m=_three(offset_m, "--offset-m", "m"))
     record = record.but(arm=given)
+    within = None if within_m is None else _three(within_m, "--within-m", "m")
+    if within is not None and min(within) < 0:
+        raise InputError("arm", [("--within-m", "a distance must not be negative")])
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     force = _force(record, force_N, masses[1], prototype)
     found = work_out(record, masses, force)
-    _say_figures(record, found)
-    _say_proof(record, found)
-    _say_compliance(found)
-    _say_remaining(found, force)
+    say_figures(record, found)
+    say_proof(record, found)
+    places = {} if within is None else prove_anywhere(record, masses, within)
+    for name, verdict in places.items():
+        say_place(name, verdict)
+    say_compliance(found)
+    say_remaining(found, force)
+    travel = None if found.with_servo is None else inner_travel(record, found.with_servo)
+    if travel is not None:
+        say_travel(travel)
     most = offset_for_goal_m(record)
     goal = record.goal.compliance_m_per_N
     say(f"twist alone moves the payload by the goal's {goal:.4g} m/N at {most:.4g} m off the axis, whatever the servo")
     remedy = None
     if allowed_mm is not None:
         remedy = twist_remedy(record, force, allowed_mm * 1e-3, masses[1])
-        _say_remedy(remedy)
+        say_remedy(remedy)
     files: dict[str, Any] = {}
     if out is not None:
         from beamdesign.cli.arm_folder import write_folder
 
         files = write_folder(record, found, force, out)
+        for name, verdict in places.items():
+            if verdict.certificate:
+                files[f"anywhere_{name}"] = out / f"certificate_anywhere_{name}.toml"
+                write_whole(files[f"anywhere_{name}"], verdict.certificate)
         say(f"folder: {out}")
-    write_json(json, _fields(found, force, most, remedy) | {"files": files})
-    if not found.stable:
+    fields = _fields(found, force, most, remedy) | {
+        "inner_travel": travel,
+        "within_m": within,
+        "anywhere": {name: {"stable": verdict.stable, "reason": verdict.reason} for name, verdict in places.items()},
+    }
+    write_json(json, fields | {"files": files})
+    if not found.stable or not all(verdict.stable for verdict in places.values()):
         raise typer.Exit(1)
 
 
@@ -129,107 +163,6 @@ def _force(record: "Prototype", text: str | None, payload: float, source: Path) 
     if not (isfinite(down) and down > 0):
         raise InputError("--force-N", [(text, "must be a finite number above zero; it acts downwards")])
     return 0.0, 0.0, -down
-
-
-def _say_figures(record: "Prototype", found: "ArmResult") -> None:
-    from beamdesign.arm.figures import arm_of
-
-    offset = arm_of(record).offset_m
-    place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", offset, strict=True))
-    say(f"{record.name}: payload's centre at {place} m from the tip (x along the beam, y sideways, z upwards)")
-    for note in found.figures.notes:
-        say(f"  {note}")
-    rows = [
-        (f"{at.outer_end_mass_kg:g}", *at.modes_Hz, at.torsion_held_Hz, at.turning_held_Hz) for at in found.frequencies
-    ]
-    columns = ("payload, kg", "1st", "2nd", "3rd", "tip held: torsion", "turning")
-    say_table("Natural frequencies of the outer beam, Hz", columns, rows)
-
-
-def _say_proof(record: "Prototype", found: "ArmResult") -> None:
-    low, high = found.outer_end_mass_kg
-    if found.both is not None:
-        verdict = {True: "stable", False: "NOT stable", None: "UNDECIDED"}[found.both.stable]
-        reason = f": {found.both.reason}" if found.both.reason else ""
-        say(f"both planes, coupled by the payload: {verdict} from {low:g} to {high:g} kg{reason}")
-        say("  method: zero exclusion in ball arithmetic over the payload; bandwidth and peaks are not proved")
-        for mass, stable in found.sampled_stable:
-            say(f"  at {mass:g} kg: {'stable' if stable else 'not stable'} (poles, sampled)")
-        return
-    for plane in found.planes:
-        with_what = "with torsion" if plane.coupled else "without torsion, which the payload does not bring in"
-        if not plane.stable:
-            say(f"plane {plane.name}, {with_what}: NOT stable from {low:g} to {high:g} kg: {plane.reason}")
-            for least, most in plane.stability.stable_ranges:
-                say(f"  stable from {least:.7g} to {most:.7g} kg")
-            for crossing in plane.crossings:
-                say(f"  a root pair lies on the axis at {crossing.value:.7g} kg, {crossing.frequency_Hz:.6g} Hz")
-            continue
-        say(f"plane {plane.name}, {with_what}: stable for every payload from {low:g} to {high:g} kg")
-        if (sure := plane.guaranteed) is None:
-            continue
-        goal = record.goal
-        say(f"  guaranteed at the tip: at most {goal.compliance_m_per_N:.4g} m/N up to {sure.tip_bandwidth_Hz:.6g} Hz")
-        if sure.load_bandwidth_Hz > 0:
-            say(f"  guaranteed at the payload: the same up to {sure.load_bandwidth_Hz:.6g} Hz")
-        else:
-            say(f"  at the payload even a steady force moves it by {sure.load_static_m_per_N:.4g} m/N, beyond the goal")
-        met = "within" if sure.peak_sensitivity <= goal.peak_sensitivity else "beyond"
-        say(f"  guaranteed: peak sensitivity at most {sure.peak_sensitivity:.6g}, {met} the goal")
-        if sure.loop_gain is not None and goal.loop_gain is not None:
-            met = "within" if sure.loop_gain <= goal.loop_gain else "beyond"
-            say(f"  guaranteed: |L| at most {sure.loop_gain:.6g} from {goal.loop_gain_from_Hz:g} Hz up, {met} the goal")
-        if sure.controller_effort_A_per_V is not None and goal.controller_effort_A_per_V is not None:
-            met = "within" if sure.controller_effort_A_per_V <= goal.controller_effort_A_per_V else "beyond"
-            say(f"  guaranteed: |C/(1+L)| at most {sure.controller_effort_A_per_V:.6g} A/V, {met} the goal")
-
-
-def _say_compliance(found: "ArmResult") -> None:
-    rows = []
-    for place, passive, active in (
-        ("tip", found.tip_passive, found.tip_active),
-        ("payload", found.passive, found.active),
-    ):
-        for direction, i, turn in (("y", 1, 5), ("z", 2, 4)):
-            cells = [1e9 * passive[i, i], 1e9 * passive[turn, i], 1e9 * passive[3, i]]
-            cells += ["-"] * 3 if active is None else [1e9 * active[k, i] for k in (i, turn, 3)]
-            rows.append((f"{place}, {direction}", *map(_cell, cells)))
-    columns = ("at", "moves", "turns", "twists", "servo: moves", "turns", "twists")
-    say_table("Under 1 N, steady, the outer beam alone and with both servos: nm, nrad", columns, rows)
-
-
-def _cell(value: Any) -> Any:
-    return value if isinstance(value, str) else float(value) + 0.0  # no negative zero
-
-
-def _say_remaining(found: "ArmResult", force: "Vector") -> None:
-    rows = []
-    for words, case in (("alone", found.without), ("servos", found.with_servo)):
-        if case is not None:
-            turns = [1e3 * value + 0.0 for value in case.rotation_rad]
-            sizes = (case.size_m, *case.shares_m.values())
-            rows.append((words, *(f"{1e3 * size:.3g}" for size in sizes), *(f"{angle:.3g}" for angle in turns)))
-    load = ", ".join(f"{value:g}" for value in force)
-    columns = ("beam", "error", "tip", "turning", "twist", "about x", "y", "z")
-    say_table(f"What a steady load of ({load}) N leaves: mm, by cause; mrad of the end", columns, rows)
-    if found.with_servo is None:
-        say("with servo: nothing is told of loops that are not proved stable")
-    else:
-        y, z = found.with_servo.actuators_N
-        say(f"actuators: {y + 0.0:.4g} N in y, {z + 0.0:.4g} N in z")
-
-
-def _say_remedy(remedy: "TwistRemedy") -> None:
-    say(f"to keep twist at {1e3 * remedy.allowed_m:g} mm: G J / L of {remedy.needed_N_m_per_rad:.6g} N m/rad")
-    if remedy.width_m is not None:
-        say(f"  outer tube {1e3 * remedy.width_m:.4g} mm wide, wall as it is: {remedy.width_added_kg:.3g} kg more")
-    if remedy.wall_m is not None:
-        fits = "" if remedy.wall_fits is not False else ", in which the inner tube does not fit"
-        say(f"  or wall {1e3 * remedy.wall_m:.4g} mm, width as it is: {remedy.wall_added_kg:.3g} kg more{fits}")
-    elif remedy.width_m is not None:
-        say("  no wall up to a tenth of the width does it")
-    if remedy.counterweight_kg_m > 0:
-        say(f"  or, against weight alone, {remedy.counterweight_kg_m:.4g} kg m on the other side of the axis")
 
 
 def _fields(found: "ArmResult", force: "Vector", most: float, remedy: "TwistRemedy | None") -> dict[str, Any]:
