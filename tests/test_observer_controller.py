@@ -29,13 +29,16 @@ from beamdesign.lumped import figures
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof import replay_members
+from beamdesign.proof import replay_box, replay_members
 from beamdesign.proof.bilinear import axis_inside
+from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked, Certificate, certify
 from beamdesign.proof.performance import guaranteed_gain_margin
 from beamdesign.proof.replay import replay, stable_on_rectangle
 from beamdesign.proof.stability import is_stable_over
+from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Arm, Lag, Prototype, read_prototype, write_prototype
+from beamdesign.realisation.realise import realise
 from beamdesign.records import InputError
 from beamdesign.report.html import controller_rows
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
@@ -441,6 +444,30 @@ def test_a_sampled_loop_is_refused(rig: Prototype) -> None:
     plan = Scenario(name="s", duration_s=0.05, record=(row,), sampled=Sampled(period_s=1e-3))
     with pytest.raises(InputError, match="'observer' is not for a sampled loop"):
         simulate(rig, plan)
+
+
+@pytest.mark.parametrize("d", [(0.0, 1e-9), (0.0, 0.0)])
+def test_what_feeds_nothing_back_is_proved_as_that(bare: Prototype, d: tuple[float, float]) -> None:
+    """Without the displacement no effort; without anything no loop gain and a sensitivity of one."""
+    law = Observer.of(0.01, SENSED[::2], [], [], [], d)
+    goal = bare.goal.but(loop_gain=0.25, controller_effort_A_per_V=0.06)
+    found = certify(bare.but(controller=law, goal=goal), *MASSES_KG)
+    assert found.guaranteed is not None
+    assert found.guaranteed.controller_effort_A_per_V == pytest.approx(0.0, abs=1e-11)
+    assert (found.guaranteed.peak_sensitivity < 1.0002) is (d[1] == 0.0)
+    assert replay(found.text).valid
+
+
+def test_the_displacement_alone_goes_to_boxes_and_to_code(bare: Prototype) -> None:
+    """A controller without added sensors is a transfer function: the same as the lag's."""
+    lag = Lag(gain_A_per_V=0.08, pole_Hz=1.75, zero_Hz=26.0)
+    prototype = bare.but(controller=as_observer(lag), tolerance=bare.tolerance.but(stiffness=0.02))
+    verdict = certify_box(prototype, tolerance_box(prototype, 1.0, None, MASSES_KG), volumes=False)
+    assert verdict.stable
+    assert replay_box.replay(verdict.certificate).valid
+    one, other = (realise(law, 5000.0, 32, 10.0, 0.04) for law in (lag, as_observer(lag)))
+    for found, expected in zip(other.sections, one.sections, strict=True):
+        assert (found.follow, found.direct) == pytest.approx((expected.follow, expected.direct), rel=1e-6)
 
 
 def test_a_data_set_and_an_arm_refuse_it(rig: Prototype, tmp_path: Path) -> None:

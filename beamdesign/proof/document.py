@@ -173,7 +173,7 @@ def polynomial_lines(loop: Loop, table: str = "polynomials") -> Iterator[str]:
 
 def _list(polynomial: fmpq_poly, one_per_line: bool = False) -> str:
     values = [f'"{text(value)}"' for value in polynomial.coeffs()]
-    return "[\n  " + ",\n  ".join(values) + ",\n]" if one_per_line else "[" + ", ".join(values) + "]"
+    return "[\n  " + ",\n  ".join(values) + ",\n]" if one_per_line and values else "[" + ", ".join(values) + "]"
 
 
 def stability_lines(stability: StabilityMap) -> Iterator[str]:

@@ -43,6 +43,9 @@ LARGEST_GAIN_MARGIN = 1e6
 """Where even this factor is harmless, it is what `guaranteed_gain_margin` gives."""
 
 _RELATIVE_STEP = 5e-5
+_LEAST_LIMIT = 1e-12
+"""Of what is zero, such as the loop gain of a controller that feeds nothing back."""
+
 _ZERO = fmpq(0)
 
 
@@ -314,7 +317,7 @@ def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
 
 def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
     """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite above `largest`."""
-    lower, step = start, _RELATIVE_STEP
+    lower, step = max(start, _LEAST_LIMIT), _RELATIVE_STEP
     while not proves(upper := shortened(exact(lower * (1 + step)), 5, up=True)):
         if (lower := nearest(upper)) > largest:
             return inf
