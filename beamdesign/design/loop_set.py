@@ -147,11 +147,12 @@ class LoopSet:
         """Proved for every loop that is to perform."""
         return peak_sensitivity(list(self.performing.values()))
 
-    def ends(self) -> list[Loop]:
-        """The loops over the mass at the ends of the gains, those that are to perform."""
+    def ends(self, also: Collection[int] = ()) -> list[Loop]:
+        """The loops over the mass at the ends of the gains, those that are to perform and others by their numbers."""
+        others = [rectangle for k, rectangle in self.stable.items() if k in also and k not in self.performing]
         return [
             scaled(rectangle.loop, factor)
-            for rectangle in self.performing.values()
+            for rectangle in [*self.performing.values(), *others]
             for factor in sorted({rectangle.least, rectangle.most})
         ]
 

@@ -68,6 +68,7 @@ class LoopProgram:
         flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
         cost: of a proved loop, to choose the best one by.
         members: linear members of a rig with effects, whose sections stand; all of them are guaranteed.
+        enforced: numbers of those that the optimiser heeds from the first round on; others once a proof asks for it.
     """
 
     form: ControllerForm
@@ -85,6 +86,7 @@ class LoopProgram:
     flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
     members: tuple[Member, ...] = ()
+    enforced: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -216,8 +218,8 @@ def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -
     if rig is None:
         return points
     controller = program.form.rounded(anchor[:count].tolist())
-    loops = loop_set(rig, program.members, controller, float(anchor[count]), (low, high)).ends()
-    for loop in loops:
+    loops = loop_set(rig, program.members, controller, float(anchor[count]), (low, high))
+    for loop in loops.ends(program.enforced):
         for frequency, mass in high_peaks(loop, low, high, _HIGH_PEAK * program.goal.peak_sensitivity):
             points = points.with_sensitivity(frequency, mass)
     return points
@@ -252,7 +254,7 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     count = len(program.form.names)
     low, high = program.outer_end_mass_kg
     points, inside, within = check_points(low, high, goal=program.goal), _INSIDE, program.reach
-    active = first_active(program.members)
+    active = first_active(program.members) | program.enforced
     solver = _Solver(program, points, active)
     anchor, best = np.clip(start, program.lower, program.upper), None
     fenced: np.ndarray | None = None  # the anchor whose peaks are check points already

@@ -58,7 +58,7 @@ class Tuning:
     reason: str = ""
 
 
-def _program(
+def bandwidth_program(
     rig: LinearRig,
     form: ControllerForm,
     goal: Goal,
@@ -129,8 +129,8 @@ def tune(
     certificates = 0
     for k, peak in enumerate([prototype.goal.peak_sensitivity, *peaks]):
         goal = prototype.goal.but(peak_sensitivity=peak)
-        program = _program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg, members)
-        refined, proofs = _refine_best(program, _within(told, k, len(peaks) + 1))
+        program = bandwidth_program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg, members)
+        refined, proofs = refine_best(program, _within(told, k, len(peaks) + 1))
         certificates += proofs
         proved = [refinement.proved for refinement in refined if refinement.proved]
         if proved:
@@ -170,7 +170,7 @@ def _within(told: Progress, k: int, count: int) -> Progress:
     return lambda fraction, text: told((k + fraction) / count, text)
 
 
-def _refine_best(program: LoopProgram, told: Progress) -> tuple[list[Refinement], int]:
+def refine_best(program: LoopProgram, told: Progress) -> tuple[list[Refinement], int]:
     """Refine the best samples of a program; with the number of stability proofs."""
     told(0.0, "coarse search")
     unit = qmc.Sobol(len(program.lower), scramble=True, rng=0).random(SAMPLES)

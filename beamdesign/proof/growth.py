@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from flint import arb_mat, ctx, fmpq
+from flint import arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof.lmi import at, modal_coordinates
@@ -44,20 +44,36 @@ def proved_cycles(family: MassFamily, low: fmpq, high: fmpq, time_low: fmpq, tim
     With M = exp(A(high) t_high) exp(A(low) t_low), enclosed by balls, |trace M^k| > n for one k proves that the
     spectral radius of M exceeds one, since |trace M^k| is at most n times its k-th power.
     """
+    return proved_growth(family.at(low), family.at(high), time_low, time_high)
+
+
+def proved_growth(first: fmpq_mat, second: fmpq_mat, time_first: fmpq, time_second: fmpq) -> int:
+    """The same for any two matrices in turn."""
+    order = first.nrows()
     with ctx.workprec(PRECISION_BITS):
-        power = arb_mat(family.at(high) * time_high).exp() * arb_mat(family.at(low) * time_low).exp()
+        power = arb_mat(second * time_second).exp() * arb_mat(first * time_first).exp()
         before = power
         for doubling in range(DOUBLINGS + 1):
             # Between powers of two lies a second chance for a complex pair, whose trace may be small at one of them.
             for k, candidate in ((2**doubling, power), (3 * 2**doubling // 2, power * before if doubling else power)):
-                if abs(candidate.trace()) > family.order:
+                if abs(candidate.trace()) > order:
                     return k
             before, power = power, power * power
     return 0
 
 
 def growing_cycle(family: MassFamily, low: fmpq, high: fmpq) -> Cycle | None:
-    """Search for a cycle between the two end masses under which the motion grows.
+    """Search for a cycle between the two end masses under which the motion grows."""
+    found = growing_times(at(family, low), at(family, high))
+    if found is None:
+        return None
+    at_low, at_high, factor = found
+    cycles = proved_cycles(family, low, high, exact(at_low), exact(at_high))
+    return Cycle((nearest(low), nearest(high)), (at_low, at_high), factor, cycles)
+
+
+def growing_times(first: np.ndarray, second: np.ndarray) -> tuple[float, float, float] | None:
+    """Times (s) at two matrices in turn under which the motion grows, and the growth per cycle, in floats.
 
     Times are tried on a logarithmic grid from a fraction of the fastest pole's period to the slowest's, and the best
     pair is refined; so finding none proves nothing.
@@ -65,9 +81,9 @@ def growing_cycle(family: MassFamily, low: fmpq, high: fmpq) -> Cycle | None:
     from scipy.linalg import expm
     from scipy.optimize import minimize
 
-    t = modal_coordinates(at(family, low))
+    t = modal_coordinates(first)
     inverse = np.linalg.inv(t)
-    ends = [t @ at(family, mass) @ inverse for mass in (low, high)]
+    ends = [t @ a @ inverse for a in (first, second)]
     speeds = np.abs(np.concatenate([np.linalg.eigvals(a) for a in ends]))
     times = np.geomspace(0.2 / speeds.max(), 2 * np.pi / max(speeds.min(), speeds.max() * 1e-4), 48)
     steps = [expm(np.multiply.outer(times, a)) for a in ends]
@@ -84,8 +100,7 @@ def growing_cycle(family: MassFamily, low: fmpq, high: fmpq) -> Cycle | None:
     if best.fun >= -1.0:
         return None
     at_low, at_high = (float(f"{value:.6g}") for value in np.clip(np.exp(best.x), times[0], times[-1]))
-    cycles = proved_cycles(family, low, high, exact(at_low), exact(at_high))
-    return Cycle((nearest(low), nearest(high)), (at_low, at_high), -float(best.fun), cycles)
+    return at_low, at_high, -float(best.fun)
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ def solve(family: MassFamily, sought: Sought, coordinates: np.ndarray, solver: s
         coordinates: T, (n, n); the identity matrix leaves the problem in SI.
         solver: of `SOLVERS`.
     """
-    scaled = _Scaled(family, sought, coordinates)
+    scaled = Scaled(family, sought, coordinates)
     identity = np.eye(family.order)
     basis = scaled.basis(sought.degree)
     values = bernstein(list(np.moveaxis(basis, 1, 0)), scaled.low, scaled.high)
@@ -148,7 +148,7 @@ def solve(family: MassFamily, sought: Sought, coordinates: np.ndarray, solver: s
     constraints = [(v, 0.0, identity) for v in values]
     constraints += [(-v, 1.0, np.zeros_like(identity)) for v in values]
     constraints += [(f, 0.0, slowest * identity) for f in falls]
-    status, margin, weights = _maximise_margin(constraints, solver)
+    status, margin, weights = maximise_margin(constraints, solver)
     if weights is None:
         return Answer(solver, status, False, (), None)
     inner = np.tensordot(weights, basis, axes=1)
@@ -164,7 +164,7 @@ def solve_across_jumps(family: MassFamily, sought: Sought, coordinates: np.ndarr
         coordinates: T, (n, n).
         solver: of `SOLVERS`.
     """
-    scaled = _Scaled(family, sought, coordinates)
+    scaled = Scaled(family, sought, coordinates)
     identity = np.eye(family.order)
     basis = scaled.basis(sought.degree)
     values = bernstein(list(np.moveaxis(basis, 1, 0)), scaled.low, scaled.high)
@@ -177,7 +177,7 @@ def solve_across_jumps(family: MassFamily, sought: Sought, coordinates: np.ndarr
     constraints += [(-(jump.T @ v @ jump), 0.0, identity) for v in values]
     room = 0.02 * abs(slowest_decay(family, sought.low, sought.high)) / scaled.pace  # for the exact check
     constraints += [(f, -room, 0 * identity) for f in falls]
-    status, _, weights = _maximise_margin(constraints, solver, most=-1.0)
+    status, _, weights = maximise_margin(constraints, solver, most=-1.0)
     if weights is None:
         return Answer(solver, status, False, (), None)
     inner = np.tensordot(weights, basis, axes=1)
@@ -188,15 +188,19 @@ def _cases(sought: Sought) -> tuple[tuple[int, int], ...]:
     return extremes(sought.joining) if sought.rate and sought.degree else ((0, 0),)
 
 
-class _Scaled:
-    """The family in coordinates z = T x, in units of time and mass of its mean pole and its total mass at mid-range."""
+class Scaled:
+    """The family in coordinates z = T x, in units of its total mass at mid-range and of the time of its mean pole.
 
-    def __init__(self, family: MassFamily, sought: Sought, coordinates: np.ndarray):
+    A pace (1/s) takes the place of the mean pole where it is given.
+    """
+
+    def __init__(self, family: MassFamily, sought: Sought, coordinates: np.ndarray, pace: float | None = None):
         inverse = np.linalg.inv(coordinates)
         self.coordinates = coordinates
         middle = (sought.low + sought.high) / 2
         self.unit = float(family.bare_mass + middle)
-        self.pace = float(np.exp(np.mean(np.log(np.abs(np.linalg.eigvals(at(family, middle))) + 1e-3))))
+        own = float(np.exp(np.mean(np.log(np.abs(np.linalg.eigvals(at(family, middle))) + 1e-3))))
+        self.pace = own if pace is None else pace
         self.bare = float(family.bare_mass) / self.unit
         self.low, self.high = float(sought.low) / self.unit, float(sought.high) / self.unit
         self.fixed = coordinates @ floats(family.fixed) @ inverse / self.pace
@@ -236,7 +240,7 @@ class _Scaled:
         return Answer(solver, status, claims, coefficients, coordinates)
 
 
-def _maximise_margin(
+def maximise_margin(
     constraints: Sequence[tuple[np.ndarray, float, np.ndarray]], solver: str, most: float = 1.0
 ) -> tuple[str, float, np.ndarray | None]:
     """Maximise t <= most subject to sum_i w_i B_i + constant I - t M >= 0 for each (B, constant, M).

@@ -14,6 +14,7 @@ ROOMS = {
     "beamdesign.switching": "beamdesign.proof.replay_lyapunov",
     "beamdesign.box": "beamdesign.proof.replay_box",
     "beamdesign.contact": "beamdesign.proof.replay_contact",
+    "beamdesign.stages": "beamdesign.proof.replay_stages",
 }
 """Kinds of certificates, and the stand-alone module that replays each."""
 

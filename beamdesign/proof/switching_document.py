@@ -61,7 +61,7 @@ def _claims(found: Switching) -> Iterator[str]:
         yield 'kind = "any_change"'
         yield f'low = "{low}"'
         yield f'high = "{text(exact(common.proved_up_to_kg))}"'
-        yield from _matrices([common.function])
+        yield from matrix_lines([common.function])
     for rate in found.rates:
         if rate.status != "proved" or rate.rate_kg_per_s is None or isinf(rate.rate_kg_per_s):
             continue
@@ -72,7 +72,7 @@ def _claims(found: Switching) -> Iterator[str]:
         yield f'low = "{low}"'
         yield f'high = "{high}"'
         yield f'rate_kg_per_s = "{text(exact(rate.rate_kg_per_s))}"'
-        yield from _matrices(rate.coefficients)
+        yield from matrix_lines(rate.coefficients)
     for sudden in found.sudden:
         if sudden.status != "proved" or sudden.dwell_s is None or sudden.dwell_s == 0:
             continue
@@ -85,10 +85,11 @@ def _claims(found: Switching) -> Iterator[str]:
         yield f'dwell_s = "{text(sudden.dwell_s)}"'
         yield f'factor = "{text(sudden.factor)}"'
         yield f'decay_per_s = "{text(sudden.decay_per_s)}"'
-        yield from _matrices(sudden.coefficients)
+        yield from matrix_lines(sudden.coefficients)
 
 
-def _matrices(coefficients: Sequence[fmpq_mat]) -> Iterator[str]:
+def matrix_lines(coefficients: Sequence[fmpq_mat]) -> Iterator[str]:
+    """Matrices by the rows of their lower triangles, under the key P."""
     yield "P = ["
     for matrix in coefficients:
         yield "  ["

@@ -1,0 +1,249 @@
+"""Tuning of a scheduled controller: one law for each part of the payload's range, all with the same mass inside.
+
+Every stage performs over its own payloads and is stable over all of them and a little more, so that no estimate of the
+payload, however wrong, destabilises the loop. The second is a member of its own to the tuner: the same plant, its
+payload stretched from the stage's range to the whole one, which only has to be stable.
+
+The mass inside is one for all stages. Alone, each stage is tuned with a mass of its own, which bounds what it can reach.
+Then these masses and those halfway between them are tried for all stages. Of those that leave the worst stage nearly
+as much as the best of them, the one with the largest product of bandwidths is taken: the last percent of the worst
+stage may cost another stage a quarter of its bandwidth.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import prod
+
+from beamdesign.design.controller_forms import FORMS
+from beamdesign.design.refinement import Proved
+from beamdesign.design.structured_tuning import grow
+from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, STRICTER_PEAKS, bandwidth_program, refine_best
+from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.members import BilinearPlant, Interval, Member, MemberRig, family
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Goal, Lag, Prototype, Structured
+from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
+
+Progress = Callable[[float, str], None]
+
+BEYOND = 0.03
+"""Share of the payload's range by which every stage is stable beyond its heaviest."""
+
+NEARLY = 0.98
+"""Share of the largest bandwidth of the worst stage that counts as nearly as much."""
+
+
+@dataclass(frozen=True)
+class StretchedRig(MemberRig):
+    """A member whose plant at the payload m is that of another at `offset` + `factor` m."""
+
+    offset_kg: float = 0.0
+    factor: float = 1.0
+
+    @cached_property
+    def bilinear(self) -> BilinearPlant:
+        """The plant over both end masses, exact."""
+        plain = MemberRig(self.figures, self.filtered, self.effects).bilinear
+        offset, factor = exact(self.offset_kg), exact(self.factor)
+        bare, loaded = plain.denominator
+        return BilinearPlant(
+            (
+                (bare[0] + offset * loaded[0], bare[1] + offset * loaded[1]),
+                (factor * loaded[0], factor * loaded[1]),
+            ),
+            plain.control,
+            plain.disturbance,
+        )
+
+
+def stage_members(
+    prototype: Prototype, stage_kg: tuple[float, float], whole_kg: tuple[float, float]
+) -> tuple[Member, ...]:
+    """What the law of a stage has to serve: its own payloads with performance, all payloads with stability.
+
+    Args:
+        prototype: with or without effects.
+        stage_kg: payloads of the stage.
+        whole_kg: all payloads.
+
+    Raises:
+        InputError: for effects for which no linear loop stands.
+    """
+    rig = linear_rig(prototype.but(effects={}))
+    own = family(prototype, whole_kg[1]).members if prototype.effects else ()
+    own = own or (Member(MemberRig(rig.figures, rig.filtered, {})),)
+    factor = (1 + BEYOND) * (whole_kg[1] - whole_kg[0]) / (stage_kg[1] - stage_kg[0])
+    offset = whole_kg[0] - factor * stage_kg[0]
+    found = list(own)
+    for member in own:
+        assert isinstance(member.rig, MemberRig)
+        of = member.rig
+        stretched = StretchedRig(of.figures, of.filtered, of.effects, offset, factor)
+        found.append(Member(stretched, Interval(member.gain.low, member.gain.high), None, member.frozen))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ScheduleTuning:
+    """Outcome of `tune_schedule`.
+
+    Attributes:
+        rig: the prototype with its schedule; None where a stage was not proved.
+        proved: of every stage, what it guarantees over its own payloads.
+        alone_Hz: bandwidth of every stage tuned with a mass inside of its own: what no common mass can exceed.
+        reason: why there is no answer, empty where there is one.
+    """
+
+    rig: ScheduledRig | None
+    proved: tuple[Proved, ...]
+    alone_Hz: tuple[float, ...]
+    reason: str = ""
+
+
+def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
+    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams.
+
+    Raises:
+        ValueError: where the parts are not wider than the overlap.
+    """
+    low, high = whole_kg
+    width = (high - low) / count
+    if not width > overlap_kg:
+        raise ValueError(
+            f"{count} stages of {width:.4g} kg each leave no room for overlaps of {overlap_kg:.4g} kg; fewer stages or"
+            " a narrower band of the estimate would"
+        )
+    half = overlap_kg / 2
+    edges = [low + k * width for k in range(count + 1)]
+    return [
+        (low if k == 0 else round(edges[k] - half, 3), high if k == count - 1 else round(edges[k + 1] + half, 3))
+        for k in range(count)
+    ]
+
+
+@dataclass(frozen=True)
+class _Task:
+    prototype: Prototype
+    rig: LinearRig
+    whole_kg: tuple[float, float]
+    largest_inner: float
+    sections: int
+
+    @property
+    def goal(self) -> Goal:
+        return self.prototype.goal
+
+    def tuned(self, stage_kg: tuple[float, float], inner: float | None) -> tuple[Proved | None, str]:
+        """The best law of a stage, with a given mass inside or with the best; or why there is none."""
+        members = stage_members(self.prototype, stage_kg, self.whole_kg)
+        least, most = (0.0, self.largest_inner) if inner is None else (inner, inner)
+        if self.sections:
+            grown = grow(self.rig, members, self.goal, stage_kg, most, self.sections, least_inner=least)
+            return grown.proved, grown.reason
+        stretched = frozenset(k for k, member in enumerate(members) if isinstance(member.rig, StretchedRig))
+        reason = "no sampled design keeps within the limits"
+        for peak in (self.goal.peak_sensitivity, *(p for p in STRICTER_PEAKS if p < self.goal.peak_sensitivity)):
+            goal = self.goal.but(peak_sensitivity=peak)
+            program = bandwidth_program(self.rig, FORMS["lag"], goal, stage_kg, most, members)
+            lower = program.lower.copy()
+            lower[len(program.form.names)] = least
+            refined, _ = refine_best(replace(program, lower=lower, enforced=stretched), lambda fraction, text: None)
+            found = [refinement.proved for refinement in refined if refinement.proved is not None]
+            if found:
+                return max(found, key=lambda proved: proved.bandwidth_Hz), ""
+            reason = next((refinement.reason for refinement in refined if refinement.reason), reason)
+        return None, reason
+
+
+def tune_schedule(
+    prototype: Prototype,
+    whole_kg: tuple[float, float],
+    stages: int = 3,
+    largest_inner_end_mass_kg: float = 6.0,
+    estimator: Estimator | None = None,
+    sections: int = 0,
+    progress: Progress | None = None,
+) -> ScheduleTuning:
+    """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all.
+
+    Args:
+        prototype: the rig; its goal sets the limits.
+        whole_kg: range of outer end mass.
+        stages: how many laws.
+        largest_inner_end_mass_kg: most mass that may be added inside.
+        estimator: of the payload; stages overlap by two and a half times its band, of which half a band is hysteresis.
+        sections: second-order sections of every law; none for lags.
+        progress: told the share done and what is being done.
+
+    Raises:
+        ValueError: where so many stages do not fit into the range.
+        InputError: for effects for which no linear loop stands.
+    """
+    told = progress or (lambda fraction, text: None)
+    figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
+    ranges = stage_ranges(whole_kg, stages, 2.5 * figures.band_kg)
+    rig = linear_rig(prototype.but(effects={}))
+    task = _Task(prototype, rig, whole_kg, largest_inner_end_mass_kg, sections)
+    steps, done = 2 * stages * stages, 0
+    alone: list[Proved] = []
+    for k, stage_kg in enumerate(ranges):
+        told(done / steps, f"stage {k + 1} of {stages} by itself")
+        proved, reason = task.tuned(stage_kg, None)
+        done += 1
+        if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
+            return ScheduleTuning(None, (), tuple(p.bandwidth_Hz for p in alone), _no_stage(stage_kg, reason))
+        alone.append(proved)
+
+    def together(inner: float) -> list[Proved | None]:
+        nonlocal done
+        found: list[Proved | None] = []
+        for k, stage_kg in enumerate(ranges):
+            told(done / steps, f"stage {k + 1} of {stages} with {inner:.4g} kg inside")
+            done += 1
+            found.append(task.tuned(stage_kg, inner)[0])
+        return found
+
+    def least(found: list[Proved | None]) -> float:
+        return min(map(_hertz, found))
+
+    inside = sorted({round(proved.inner_end_mass_kg, 2) for proved in alone})
+    inside = sorted({*inside, *(round((one + two) / 2, 2) for one, two in zip(inside, inside[1:], strict=False))})
+    tried = [together(inner) for inner in inside]
+    enough = NEARLY * max(least(found) for found in tried)
+    best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
+    complete = tuple(proved for proved in best if proved is not None)
+    bandwidths = tuple(proved.bandwidth_Hz for proved in alone)
+    if len(complete) < stages or least(best) < SMALLEST_BANDWIDTH_HZ:
+        return ScheduleTuning(None, (), bandwidths, "no mass inside was found with which every stage can be proved")
+    schedule = Scheduled(
+        stage=tuple(_stage(proved, stage_kg) for proved, stage_kg in zip(complete, ranges, strict=True)),
+        estimator=figures,
+    )
+    inside = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=complete[0].inner_end_mass_kg)
+    bare = prototype.but(controller=None, payload=inside, guarantee=None)
+    return ScheduleTuning(ScheduledRig(bare, schedule), complete, bandwidths)
+
+
+def _hertz(proved: Proved | None) -> float:
+    return 0.0 if proved is None else proved.bandwidth_Hz
+
+
+def _stage(proved: Proved, stage_kg: tuple[float, float]) -> Stage:
+    law = proved.controller
+    assert isinstance(law, Lag | Structured)
+    sections = law.section if isinstance(law, Structured) else ()
+    return Stage(
+        outer_end_mass_kg=stage_kg,
+        gain_A_per_V=law.gain_A_per_V,
+        pole_Hz=law.pole_Hz,
+        zero_Hz=law.zero_Hz,
+        section=sections,
+    )
+
+
+def _no_stage(stage_kg: tuple[float, float], reason: str) -> str:
+    return (
+        f"no law was proved for the stage of {stage_kg[0]:g} to {stage_kg[1]:g} kg that is stable for every payload"
+        f" ({reason}); more inner end mass, a larger peak sensitivity or a larger compliance may allow one"
+    )

@@ -1,0 +1,107 @@
+"""The closed loop with each law of a scheduled controller, in states that all laws share and none resets.
+
+The states that the laws hand over are the current itself and, where there are second-order sections, their outputs and
+the rates of those: a law works on the past of its signals, whichever law made it. So nothing jumps at a change of
+stage, the current least of all. With e the error volts, u_0 = e, the sections in series before the lag,
+
+    u_k'' = p^2 (u_(k-1) + 2 d u_(k-1)' / z + u_(k-1)'' / z^2 - u_k) - 2 c p u_k',
+    i'    = w_p (K u_n - i) + K (w_p / w_z) u_n'.
+
+Sampled, that is the difference equation i_k = b0 e_k + b1 e_(k-1) - a1 i_(k-1), whose memory is e and i.
+"""
+
+from collections.abc import Sequence
+from math import pi
+
+from flint import fmpq, fmpq_mat
+
+from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.polynomial import exact
+from beamdesign.proof.mass_family import MassFamily
+from beamdesign.prototype import Lag, Structured
+from beamdesign.rig import twin_beam
+from beamdesign.scheduling.record import ScheduledRig
+
+Row = list[fmpq]
+
+
+def stage_families(rig: ScheduledRig) -> tuple[MassFamily, ...]:
+    """x' = A(m) x of every stage, in the same states.
+
+    Raises:
+        InputError: where the prototype carries effects.
+        ValueError: where a law with sections has no filter before it: it would feel accelerations, which the mass sets.
+    """
+    plant = linear_rig(rig.prototype)
+    inner = exact(rig.prototype.payload.inner_end_mass_kg)
+    return tuple(stage_family(plant, inner, stage.law) for stage in rig.schedule.stage)
+
+
+def stage_family(rig: LinearRig, inner_end_mass: fmpq, law: Lag | Structured) -> MassFamily:
+    """x' = A(m) x of one law; states of the rig, outputs and rates of its sections, then its current.
+
+    Raises:
+        ValueError: for sections without a filter before them.
+    """
+    mass, motion, drive, sensed = rig.exact_matrices(fmpq(0), inner_end_mass)
+    names = twin_beam.STATES + (("filtered_V",) if rig.filtered else ())
+    velocity, n = names.index("velocity_m_per_s"), mass.nrows()
+    sections = law.section if isinstance(law, Structured) else ()
+    order = n + 2 * len(sections) + 1
+    bare_mass = mass[velocity, velocity]
+    mass[velocity, velocity] = fmpq(1)  # the row of the velocity is kept apart: forces, which the total mass divides
+    inverse = mass.inv()
+    free, driven = inverse * motion, inverse * drive
+    rows = [[fmpq(0)] * order for _ in range(order)]
+    for i in range(n):
+        for j in range(n):
+            rows[i][j] = free[i, j]
+        rows[i][order - 1] = driven[i, 1]
+
+    error = [-sensed[1, j] for j in range(n)] + [fmpq(0)] * (order - n)
+    rate = _derivative(error, rows, velocity)
+    signal, slope = error, rate
+    curvature = _derivative(rate, rows, velocity) if sections else None
+    for k, section in enumerate(sections):
+        zero, pole = exact(2 * pi * section.zero_Hz), exact(2 * pi * section.pole_Hz)
+        zeta, own = exact(section.zero_damping_ratio), exact(section.pole_damping_ratio)
+        assert curvature is not None
+        out, moving = _unit(order, n + 2 * k), _unit(order, n + 2 * k + 1)
+        bent = [
+            pole**2 * (s + 2 * zeta * r / zero + c / zero**2 - o) - 2 * own * pole * v
+            for s, r, c, o, v in zip(signal, slope, curvature, out, moving, strict=True)
+        ]
+        rows[n + 2 * k], rows[n + 2 * k + 1] = moving, bent
+        signal, slope, curvature = out, moving, bent
+    gain, upper, lower = exact(law.gain_A_per_V), exact(2 * pi * law.zero_Hz), exact(2 * pi * law.pole_Hz)
+    current = _unit(order, order - 1)
+    rows[order - 1] = [
+        lower * (gain * s - i) + gain * lower / upper * r for s, r, i in zip(signal, slope, current, strict=True)
+    ]
+
+    fixed, inertial = _matrix(rows), fmpq_mat(order, order)
+    for j in range(order):
+        inertial[velocity, j], fixed[velocity, j] = fixed[velocity, j], fmpq(0)
+    more = [f"section_{k + 1}_{name}" for k in range(len(sections)) for name in ("V", "V_per_s")]
+    return MassFamily(fixed, inertial, bare_mass, velocity, (*names, *more, "current_A"))
+
+
+def _derivative(signal: Row, rows: Sequence[Row], velocity: int) -> Row:
+    """The rate of a linear function of the states."""
+    if signal[velocity] != 0:
+        raise ValueError(
+            "second-order sections need a filter before them (sensor.filter_Hz): without one they feel the"
+            " acceleration of the tip, which jumps with the mass"
+        )
+    return [
+        sum((weight * row[j] for weight, row in zip(signal, rows, strict=True) if weight), fmpq(0))
+        for j in range(len(signal))
+    ]
+
+
+def _unit(order: int, place: int) -> Row:
+    return [fmpq(int(j == place)) for j in range(order)]
+
+
+def _matrix(rows: Sequence[Row]) -> fmpq_mat:
+    return fmpq_mat(len(rows), len(rows), [entry for row in rows for entry in row])
