@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Prototype, refuse_scheduled
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.whole_file import write_whole
 
@@ -130,6 +130,7 @@ def read_any_prototype(path: str | Path) -> AnyPrototype:
     kind = table.get("kind", "twin_beam")
     if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(path, [("kind", f"{kind!r} is no rig known here; known are {', '.join(KINDS)}")])
+    refuse_scheduled(table, path)
     return records.parse(KINDS[kind], table, path)
 
 

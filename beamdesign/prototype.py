@@ -328,7 +328,23 @@ def read_prototype(path: str | Path) -> Prototype:
         raise records.InputError(
             path, [("kind", f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'")]
         )
+    refuse_scheduled(table, path)
     return records.parse(Prototype, table, path)
+
+
+def refuse_scheduled(table: Mapping[str, Any], path: str | Path) -> None:
+    """Say what to do with a prototype whose law is chosen by the payload; see `beamdesign.scheduling.record`.
+
+    Raises:
+        InputError: where its controller is scheduled.
+    """
+    law = table.get("controller")
+    if isinstance(law, dict) and law.get("kind") == "scheduled":
+        words = (
+            "'scheduled' holds several laws, and this command takes one: write one of its stages as kind = 'lag';"
+            " `beamdesign certify-switching` takes them all"
+        )
+        raise records.InputError(path, [("controller.kind", words)])
 
 
 def write_prototype(prototype: Prototype, path: str | Path) -> None:

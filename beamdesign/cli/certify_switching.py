@@ -35,15 +35,26 @@ def certify_switching(
 ) -> None:
     """Prove stability while the payload changes in motion.
 
-    That is gripping, releasing, filling, pouring. Lyapunov functions come from a semidefinite program and are
-    verified in rational arithmetic; what only the solver claims is reported as unverified. Exit status 0 if the
+    That is gripping, releasing, filling, pouring; of a scheduled controller also any change of its stage. Lyapunov
+    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
+    reported as unverified. Exit status 0 if the
     rate asked for, or else some rate, is proved both for payload that joins with the tip's velocity and for
     payload at rest; 1 otherwise.
     """
     from beamdesign.controller import without_sections
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
+    from beamdesign.scheduling.record import is_scheduled
 
+    if is_scheduled(prototype):
+        from beamdesign.cli.certify_stages import certify_stages
+
+        if rate is not None:
+            raise InputError(
+                "certify-switching", [("--rate", "the largest is found where the controller is scheduled")]
+            )
+        certify_stages(prototype, outer_end_mass, out, json)
+        return
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])

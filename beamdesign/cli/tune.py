@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from beamdesign.design.rig_spread import Shape
     from beamdesign.prototype import Controller, Goal
 
-KINDS = ("lag", "proportional", "structured")
+KINDS = ("lag", "proportional", "structured", "scheduled")
 VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
 """Of a structured controller where neither the goal nor the command says otherwise: what the published valve bears."""
 
@@ -40,6 +40,9 @@ def tune(
     ] = None,
     sections: Annotated[
         int, typer.Option(min=1, max=3, help="Second-order sections of a structured controller, behind its lag.")
+    ] = 3,
+    stages: Annotated[
+        int, typer.Option(min=2, max=12, help="Laws of a scheduled controller, each for a part of the payloads.")
     ] = 3,
     loop_gain: Annotated[
         float | None,
@@ -84,8 +87,9 @@ def tune(
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
     peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic, and for all linear
     members of a prototype with effects. A structured controller is a lag with second-order sections, within limits of
-    loop gain and current that its valve sets. With --robust the same is proved of the worst rigs that the tolerances
-    allow, one by one. Exit status 1 if no design can be proved.
+    loop gain and current that its valve sets. A scheduled one has a law for each part of the payloads, chosen by an
+    estimate of the payload and stable whichever acts when. With --robust the same is proved of the worst rigs that the
+    tolerances allow, one by one. Exit status 1 if no design can be proved.
     """
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
@@ -111,6 +115,13 @@ def tune(
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
     record = record.but(goal=_limited(record.goal, controller, given))
+    if controller == "scheduled":
+        from beamdesign.cli.tune_scheduled import tune_scheduled
+
+        if robust > 0:
+            raise InputError("--robust", [(f"{robust:g}", "is not for a scheduled controller")])
+        tune_scheduled(record, masses, stages, largest_inner_end_mass_kg, out, json)
+        return
     spread_out = None
     if robust > 0:
         from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances

@@ -4,25 +4,25 @@ Every stage performs over its own payloads and is stable over all of them and a 
 payload, however wrong, destabilises the loop. The second is a member of its own to the tuner: the same plant, its
 payload stretched from the stage's range to the whole one, which only has to be stable.
 
-The mass inside is one for all stages. Alone, each stage is tuned with a mass of its own, which bounds what it can reach.
-Then these masses and those halfway between them are tried for all stages. Of those that leave the worst stage nearly
-as much as the best of them, the one with the largest product of bandwidths is taken: the last percent of the worst
-stage may cost another stage a quarter of its bandwidth.
+The mass inside is one for all stages. Alone, each stage is tuned with a mass of its own, which bounds what it can
+reach. Then these masses and those halfway between them are tried for all stages. Of those that leave the worst stage
+nearly as much as the best of them, the one with the largest product of bandwidths is taken: the last percent of the
+worst stage may cost another stage a sixth of its bandwidth.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import prod
 
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.refinement import Proved
-from beamdesign.design.structured_tuning import grow
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, STRICTER_PEAKS, bandwidth_program, refine_best
 from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import BilinearPlant, Interval, Member, MemberRig, family
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Goal, Lag, Prototype, Structured
+from beamdesign.prototype import Goal, Lag, Prototype
 from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
 
 Progress = Callable[[float, str], None]
@@ -128,7 +128,6 @@ class _Task:
     rig: LinearRig
     whole_kg: tuple[float, float]
     largest_inner: float
-    sections: int
 
     @property
     def goal(self) -> Goal:
@@ -138,9 +137,6 @@ class _Task:
         """The best law of a stage, with a given mass inside or with the best; or why there is none."""
         members = stage_members(self.prototype, stage_kg, self.whole_kg)
         least, most = (0.0, self.largest_inner) if inner is None else (inner, inner)
-        if self.sections:
-            grown = grow(self.rig, members, self.goal, stage_kg, most, self.sections, least_inner=least)
-            return grown.proved, grown.reason
         stretched = frozenset(k for k, member in enumerate(members) if isinstance(member.rig, StretchedRig))
         reason = "no sampled design keeps within the limits"
         for peak in (self.goal.peak_sensitivity, *(p for p in STRICTER_PEAKS if p < self.goal.peak_sensitivity)):
@@ -162,7 +158,6 @@ def tune_schedule(
     stages: int = 3,
     largest_inner_end_mass_kg: float = 6.0,
     estimator: Estimator | None = None,
-    sections: int = 0,
     progress: Progress | None = None,
 ) -> ScheduleTuning:
     """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all.
@@ -173,7 +168,6 @@ def tune_schedule(
         stages: how many laws.
         largest_inner_end_mass_kg: most mass that may be added inside.
         estimator: of the payload; stages overlap by two and a half times its band, of which half a band is hysteresis.
-        sections: second-order sections of every law; none for lags.
         progress: told the share done and what is being done.
 
     Raises:
@@ -184,7 +178,7 @@ def tune_schedule(
     figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
     ranges = stage_ranges(whole_kg, stages, 2.5 * figures.band_kg)
     rig = linear_rig(prototype.but(effects={}))
-    task = _Task(prototype, rig, whole_kg, largest_inner_end_mass_kg, sections)
+    task = _Task(prototype, rig, whole_kg, largest_inner_end_mass_kg)
     steps, done = 2 * stages * stages, 0
     alone: list[Proved] = []
     for k, stage_kg in enumerate(ranges):
@@ -207,9 +201,9 @@ def tune_schedule(
     def least(found: list[Proved | None]) -> float:
         return min(map(_hertz, found))
 
-    inside = sorted({round(proved.inner_end_mass_kg, 2) for proved in alone})
-    inside = sorted({*inside, *(round((one + two) / 2, 2) for one, two in zip(inside, inside[1:], strict=False))})
-    tried = [together(inner) for inner in inside]
+    own_kg = sorted({round(proved.inner_end_mass_kg, 2) for proved in alone})
+    inside_kg = sorted({*own_kg, *(round((one + two) / 2, 2) for one, two in pairwise(own_kg))})
+    tried = [together(inner) for inner in inside_kg]
     enough = NEARLY * max(least(found) for found in tried)
     best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
     complete = tuple(proved for proved in best if proved is not None)
@@ -220,8 +214,8 @@ def tune_schedule(
         stage=tuple(_stage(proved, stage_kg) for proved, stage_kg in zip(complete, ranges, strict=True)),
         estimator=figures,
     )
-    inside = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=complete[0].inner_end_mass_kg)
-    bare = prototype.but(controller=None, payload=inside, guarantee=None)
+    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=complete[0].inner_end_mass_kg)
+    bare = prototype.but(controller=None, payload=payload, guarantee=None)
     return ScheduleTuning(ScheduledRig(bare, schedule), complete, bandwidths)
 
 
@@ -231,14 +225,12 @@ def _hertz(proved: Proved | None) -> float:
 
 def _stage(proved: Proved, stage_kg: tuple[float, float]) -> Stage:
     law = proved.controller
-    assert isinstance(law, Lag | Structured)
-    sections = law.section if isinstance(law, Structured) else ()
+    assert isinstance(law, Lag)  # its form is that of a lag
     return Stage(
         outer_end_mass_kg=stage_kg,
         gain_A_per_V=law.gain_A_per_V,
         pole_Hz=law.pole_Hz,
         zero_Hz=law.zero_Hz,
-        section=sections,
     )
 
 

@@ -2,8 +2,8 @@
 
 A(m) of every stage is written down anew from equations (7) to (16) of Zalucky and Hardt (1984), as in
 `replay_lyapunov`, whose plant, definiteness and claims about one loop are used here; nothing is shared with the
-programme that wrote the certificate. The states are those of the rig, then output and rate of each second-order section,
-then the current, which all stages share: none of them jumps when the stage changes.
+programme that wrote the certificate. The states are those of the rig, then output and rate of each second-order
+section, then the current, which all stages share: none of them jumps when the stage changes.
 
 What a claim says, V = x' P(m) x:
 

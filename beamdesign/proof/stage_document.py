@@ -74,8 +74,8 @@ def _claims(found: StageSwitching, low: str, high: str) -> Iterator[str]:
         yield from _head("any_stage", low, high)
         yield from matrix_lines(found.functions[0])
     if found.kind == "dwell":
-        yield "# The stage may change this often on average: V_i = x' P_i(m) x falls as exp(-2 decay t) along stage i and"
-        yield "# is at most factor times any other; P lists the functions of the stages, one after another."
+        yield "# The stage may change this often on average: V_i = x' P_i(m) x falls as exp(-2 decay t) along stage i"
+        yield "# and is at most factor times any other; P lists the functions of the stages, one after another."
         yield from _head("stage_dwell", low, high)
         yield f'dwell_s = "{text(found.dwell_s)}"'
         yield f'factor = "{text(found.factor)}"'
@@ -142,6 +142,7 @@ def in_words(found: StageSwitching, dwell_s: float) -> list[str]:
     for jumps in found.jumps:
         apart = float(jumps.dwell_s.p) / float(jumps.dwell_s.q)
         lines.append(
-            f"proved: the same while the payload jumps, at least {apart:.4g} s apart on average, {joining[jumps.joining]}"
+            f"proved: the same while the payload jumps, at least {apart:.4g} s apart on average,"
+            f" {joining[jumps.joining]}"
         )
     return lines

@@ -26,7 +26,7 @@ Row = list[fmpq]
 
 
 def stage_families(rig: ScheduledRig) -> tuple[MassFamily, ...]:
-    """x' = A(m) x of every stage, in the same states.
+    """The matrices A(m) of every stage, in the same states.
 
     Raises:
         InputError: where the prototype carries effects.
@@ -38,7 +38,7 @@ def stage_families(rig: ScheduledRig) -> tuple[MassFamily, ...]:
 
 
 def stage_family(rig: LinearRig, inner_end_mass: fmpq, law: Lag | Structured) -> MassFamily:
-    """x' = A(m) x of one law; states of the rig, outputs and rates of its sections, then its current.
+    """The matrices A(m) of one law; states of the rig, outputs and rates of its sections, then its current.
 
     Raises:
         ValueError: for sections without a filter before them.

@@ -43,8 +43,9 @@ from beamdesign.proof.rational import nearest, shortened
 Coefficients = tuple[fmpq_mat, ...]
 """Of P(m), ascending in m."""
 
-FIRST_RATE, RESOLUTION = 2.0, 1.2
-"""kg/s where the search for the largest rate of the payload begins, and the factor within which it ends."""
+FIRST_RATE, LARGEST_RATE, RESOLUTION = 2.0, 600.0, 1.2
+"""kg/s where the search for the largest rate of the payload begins and gives up, and the factor within which it ends."""
+JOININGS: tuple[Joining, ...] = ("matched", "from_rest")
 TURNS = 4
 """How often a program is solved anew in the coordinates of its last answer."""
 DECAY_SHARES = (0.3, 0.6, 0.9)
@@ -165,10 +166,10 @@ def stage_switching(
     if common.coefficients:
         rates = tuple(
             _largest_rate(families, low, high, joining, common, solve, update, share)
-            for joining, share in (("matched", 0.2), ("from_rest", 0.45))
+            for joining, share in zip(JOININGS, (0.2, 0.45), strict=True)
         )
         update(0.7, "payload that jumps")
-        jumps = tuple(_jumps(families, low, high, joining, common.coordinates) for joining in ("matched", "from_rest"))
+        jumps = tuple(_jumps(families, low, high, joining, common.coordinates) for joining in JOININGS)
         return StageSwitching(
             "proved",
             "",
@@ -268,7 +269,7 @@ def _largest_rate(
     good: tuple[float, _Found] | None = None
     bad: float | None = None
     rate, coordinates, degree = FIRST_RATE, common.coordinates, len(common.coefficients) - 1
-    while LEAST_RATE <= rate <= 1e4:
+    while LEAST_RATE <= rate <= LARGEST_RATE:
         update(share, f"payload {joining.replace('_', ' ')}, {rate:.3g} kg/s")
         exact_rate = shortened(exact(rate), 3)
         tried = _tried(families, Sought(low, high, degree, exact_rate, joining), coordinates, solve)
@@ -382,7 +383,7 @@ def _above(growth: float) -> fmpq:
 
 
 def _at(coefficients: Coefficients, mass: fmpq) -> np.ndarray:
-    return sum(floats(p) * nearest(mass) ** k for k, p in enumerate(coefficients))
+    return np.sum([floats(p) * nearest(mass) ** k for k, p in enumerate(coefficients)], axis=0)
 
 
 def _ratio(top: np.ndarray, bottom: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from beamdesign.records import Record
 
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
+    "scheduled prototype": "beamdesign.scheduling.record:ScheduledController",
     "study": "beamdesign.problem:DesignProblem",
     "sweep": "beamdesign.study.sweep_file:Sweep",
     "scenario": "beamdesign.scenario:Scenario",

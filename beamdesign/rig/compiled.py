@@ -48,8 +48,24 @@ def integrate(
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M
         samples.
     """
+    return integrate_on(kinds, times, inputs, start, parameters, substeps, bound, digital)[0]
+
+
+def integrate_on(
+    kinds: Structure,
+    times: np.ndarray,
+    inputs: np.ndarray,
+    start: np.ndarray,
+    parameters: np.ndarray,
+    substeps: int,
+    bound: float,
+    digital: np.ndarray = NOT_SAMPLED,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `integrate`, with the states (n,) at the last sample that was kept, to go on from."""
     code, width = compiled(kinds), len(assemble(kinds).outputs)
-    return stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
+    state = np.array(start, dtype=float)
+    y = _stepped(code, times, inputs, state, len(state), parameters, substeps, bound, digital, width)
+    return y, state
 
 
 def stepped(
@@ -78,6 +94,24 @@ def stepped(
         digital: (9,).
         width: entries that `output` gives.
     """
+    return _stepped(
+        code, times, inputs, np.array(start, dtype=float), checked, parameters, substeps, bound, digital, width
+    )
+
+
+def _stepped(
+    code: MachineCode,
+    times: np.ndarray,
+    inputs: np.ndarray,
+    state: np.ndarray,
+    checked: int,
+    parameters: np.ndarray,
+    substeps: int,
+    bound: float,
+    digital: np.ndarray,
+    width: int,
+) -> np.ndarray:
+    """As `stepped`, but overwriting the states by those at the last sample that was kept."""
     from beamdesign.rig.stepper import steps
 
     if len(inputs) != 2 * substeps * (len(times) - 1) + 1:
@@ -88,7 +122,7 @@ def stepped(
         code.address["output"],
         np.ascontiguousarray(times, dtype=float),
         np.ascontiguousarray(inputs, dtype=float),
-        np.array(start, dtype=float),
+        state,
         int(checked),
         code.prepared(parameters),
         int(substeps),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -34,8 +35,10 @@ class Stage(Record):
     @property
     def law(self) -> Lag | Structured:
         """The law by itself."""
-        breaks = {"gain_A_per_V": self.gain_A_per_V, "pole_Hz": self.pole_Hz, "zero_Hz": self.zero_Hz}
-        return Structured(**breaks, section=self.section) if self.section else Lag(**breaks)
+        lag = Lag(gain_A_per_V=self.gain_A_per_V, pole_Hz=self.pole_Hz, zero_Hz=self.zero_Hz)
+        if not self.section:
+            return lag
+        return Structured(gain_A_per_V=lag.gain_A_per_V, pole_Hz=lag.pole_Hz, zero_Hz=lag.zero_Hz, section=self.section)
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -93,7 +96,7 @@ class Scheduled(Record):
         band = _field(table.get("estimator", Estimator()), "band_kg")
         band = band if isinstance(band, float) else Estimator().band_kg
         if all(isinstance(r, tuple) and len(r) == 2 and numbers({"a": r[0], "b": r[1]}, "a", "b") for r in ranges):
-            for k, (one, two) in enumerate(zip(ranges, ranges[1:], strict=False), start=1):
+            for k, (one, two) in enumerate(pairwise(ranges), start=1):
                 if not (one[0] < two[0] and one[1] < two[1]):
                     yield Problem("stage", f"stage {k + 1} must begin and end above stage {k}")
                 elif one[1] - two[0] < 2 * band * (1 - 1e-9):

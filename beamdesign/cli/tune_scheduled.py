@@ -1,0 +1,140 @@
+"""`beamdesign tune --controller scheduled`: a law for each part of the payload's range, and the switch between them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from beamdesign.cli.output import progress, say, say_table, write_json
+from beamdesign.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from beamdesign.prototype import Prototype
+
+
+def tune_scheduled(
+    record: "Prototype",
+    masses: tuple[float, float],
+    stages: int,
+    largest_inner_end_mass_kg: float,
+    out: Path | None,
+    json: Path | None,
+) -> None:
+    """Tune the stages, prove each of them and the changes between them, and write what was found.
+
+    Args:
+        record: the rig; its goal holds for every stage.
+        masses: range of outer end mass, kg.
+        stages: how many.
+        largest_inner_end_mass_kg: most mass that may be added inside.
+        out: folder for the prototype and its certificates; none are written without.
+        json: file for the answer.
+
+    Raises:
+        InputError: where so many stages do not fit, or for effects for which no linear loop stands.
+        typer.Exit: with status 1 where a stage, or changes between stages, were not proved.
+    """
+    from beamdesign.design.schedule import tune_schedule
+    from beamdesign.polynomial import exact
+    from beamdesign.proof.stage_document import in_words, stage_document
+    from beamdesign.proof.stage_family import stage_families
+    from beamdesign.proof.stage_switching import stage_switching
+    from beamdesign.records import InputError
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text
+    from beamdesign.scheduling.record import law_words, write_scheduled
+    from beamdesign.study.design_run import certified
+
+    problems = []
+    if not masses[0] < masses[1]:
+        problems.append(("--outer-end-mass", f"{masses[0]:g}:{masses[1]:g} holds one payload, which needs no stages"))
+    if record.effects:
+        names = ", ".join(record.effects)
+        problems.append(("effects", f"changes of stage are proved without effects ({names}); take them out"))
+    if problems:
+        raise InputError("tune --controller scheduled", problems)
+    try:
+        with progress("tuning stages") as update:
+            found = tune_schedule(record, masses, stages, largest_inner_end_mass_kg, progress=update)
+    except ValueError as error:
+        raise InputError("--stages", [(str(stages), str(error))]) from error
+    if found.rig is None:
+        say(found.reason)
+        write_json(json, {"controller": None, "reason": found.reason})
+        raise typer.Exit(1)
+    rig, low, high = found.rig, exact(masses[0]), exact(masses[1])
+    with progress("changes of stage") as update:
+        switching = stage_switching(stage_families(rig), low, high, update)
+    words = in_words(switching, rig.schedule.dwell_s)
+    each = [
+        certified(stage, proved, stage.payload.outer_end_mass_kg or masses, f"stage_{k}.certificate.toml")
+        for k, (stage, proved) in enumerate(zip(rig.stages, found.proved, strict=True), start=1)
+    ]
+    paths: dict[str, Path] = {}
+    if out is not None:
+        paths = {"prototype": out / "prototype.toml", "certificate_switching": out / "stages.certificate.toml"}
+        for k, (certificate, _) in enumerate(each, start=1):
+            paths[f"certificate_stage_{k}"] = out / f"stage_{k}.certificate.toml"
+            write_whole(paths[f"certificate_stage_{k}"], certificate.text)
+        summary = f"{record.name}: changes between {stages} stages\n" + "\n".join(words)
+        write_whole(paths["certificate_switching"], stage_document(rig, switching, summary))
+        write_scheduled(rig, paths["prototype"])
+    rows: list[tuple[str, ...]] = [
+        (
+            f"{stage.outer_end_mass_kg[0]:g} to {stage.outer_end_mass_kg[1]:g}",
+            law,
+            at_least(proved.bandwidth_Hz, "Hz"),
+            at_most(proved.peak_sensitivity, "1"),
+        )
+        for stage, law, proved in zip(rig.schedule.stage, law_words(rig.schedule.stage), found.proved, strict=True)
+    ]
+    inner = rig.prototype.payload.inner_end_mass_kg
+    title = f"{record.name}: {stages} stages, {inner:g} kg inside, each stable for {mass_range_text(masses)} outside"
+    say_table(title, ("payload, kg", "law", "guaranteed bandwidth", "peak sensitivity"), rows)
+    for line in words:
+        say(f"  {line}")
+    for kind, path in paths.items():
+        say(f"{kind}: {path}")
+    kept = switching.suffices(rig.schedule.dwell_s)
+    answer: dict[str, Any] = {
+        "controller": rig.schedule.model_dump(),
+        "inner_end_mass_kg": inner,
+        "guaranteed": [
+            {
+                "outer_end_mass_kg": list(stage.outer_end_mass_kg),
+                "bandwidth_Hz": proved.bandwidth_Hz,
+                "peak_sensitivity": proved.peak_sensitivity,
+            }
+            for stage, proved in zip(rig.schedule.stage, found.proved, strict=True)
+        ],
+        "alone_bandwidth_Hz": found.alone_Hz,
+        "switching": switching_fields(switching),
+        **paths,
+    }
+    write_json(json, answer)
+    if not kept:
+        raise typer.Exit(1)
+
+
+def switching_fields(found: Any) -> dict[str, Any]:
+    """What is proved of changes between stages, for a JSON file."""
+    from beamdesign.proof.rational import nearest
+
+    cycle = found.counterexample
+    return {
+        "status": found.status,
+        "reason": found.reason,
+        "outer_end_mass_kg": found.outer_end_mass_kg,
+        "at_any_time": found.kind == "any_time",
+        "dwell_s": nearest(found.dwell_s) if found.status == "proved" else None,
+        "payload_rate": [{"joining": r.joining, "rate_kg_per_s": r.rate_kg_per_s} for r in found.rates],
+        "payload_jumps": [{"joining": j.joining, "dwell_s": nearest(j.dwell_s)} for j in found.jumps],
+        "counterexample": None
+        if cycle is None
+        else {
+            "stages": [k + 1 for k in cycle.stages],
+            "outer_end_mass_kg": cycle.outer_end_mass_kg,
+            "time_s": cycle.time_s,
+            "growth_per_cycle": cycle.factor,
+            "proved": cycle.cycles > 0,
+        },
+    }

@@ -1,0 +1,168 @@
+"""A scheduled controller in the loop with the nonlinear rig: sampled law, estimator, switch, payload that changes."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from beamdesign import lumped
+from beamdesign.prototype import Prototype
+from beamdesign.rig.assembly import OUTPUTS, assemble
+from beamdesign.rig.compiled import integrate_on
+from beamdesign.rig.equilibrium import equilibrium
+from beamdesign.rig.parameters import parameters_of, structure_of
+from beamdesign.sampled import digital_law
+from beamdesign.scheduling.estimator import PayloadEstimator
+from beamdesign.scheduling.record import ScheduledRig
+from beamdesign.scheduling.switch import next_stage
+from beamdesign.simulate import half_steps, substeps_for
+
+COLUMNS = (
+    "t_s",
+    "disturbance_N",
+    "current_A",
+    "displacement_m",
+    "sensor_V",
+    "outer_end_mass_kg",
+    "stage",
+    "estimate_kg",
+    "estimate_std_kg",
+)
+LIMIT_M = 0.02
+"""Displacement at which a loop has diverged."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is done to a rig.
+
+    Attributes:
+        force_N: (N,) on the tip, one figure for each sample of the law.
+        payload_kg: (time in s, payload) pairs from time 0 on; each lasts until the next.
+        joining: whether payload joins with the tip's velocity, or at rest, which takes some of it.
+        command_V: (N,) on top of the sensor's noise; none where left out.
+    """
+
+    force_N: np.ndarray
+    payload_kg: tuple[tuple[float, float], ...]
+    joining: Literal["matched", "from_rest"] = "matched"
+    command_V: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class ScheduledRecord:
+    """A record of a scheduled controller.
+
+    Attributes:
+        samples: (M, 9) columns as in `COLUMNS`; it ends where the tip passed `LIMIT_M`. Stages are numbered from 1.
+        diverged: whether it did.
+        changes: (time in s, number of the new stage from 1) of every change.
+    """
+
+    samples: np.ndarray = field(repr=False)
+    diverged: bool
+    changes: tuple[tuple[float, int], ...]
+
+    def column(self, name: str) -> np.ndarray:
+        """(M,) one of `COLUMNS`."""
+        return np.asarray(self.samples[:, COLUMNS.index(name)])
+
+
+def simulate_scheduled(
+    rig: ScheduledRig,
+    course: Course,
+    built: Prototype | None = None,
+    first_stage: int = 0,
+    adaptive: bool = True,
+    noise_V: float = 0.0,
+    seed: int = 0,
+) -> ScheduledRecord:
+    """Simulate a scheduled controller.
+
+    Law and estimator hear the sensor with its noise at sample times; the estimator believes the prototype of `rig`.
+
+    Args:
+        rig: the prototype with its schedule.
+        course: what is done to it.
+        built: the rig that really moves, with its effects; that of the prototype where left out.
+        first_stage: that acts at first, from 0.
+        adaptive: whether the stage follows the estimate; else it stays.
+        noise_V: standard deviation of the sensor's noise.
+        seed: of the noise.
+
+    Raises:
+        InputError: for effects that cannot be.
+        ValueError: where there is no equilibrium to start from.
+    """
+    schedule = rig.schedule
+    laws = [stage.law for stage in schedule.stage]
+    plant = (built or rig.prototype).but(controller=laws[0])
+    inner, period = plant.payload.inner_end_mass_kg, schedule.period_s
+    kinds, continuous = structure_of(plant, True), assemble(structure_of(plant))
+    states = assemble(kinds).states
+    velocity = states.index("outer_m_per_s")
+
+    def figures(mass: float) -> np.ndarray:
+        return np.array(list(parameters_of(plant, mass, inner).values()))
+
+    substeps = max(substeps_for(continuous, figures(mass), period) for _, mass in course.payload_kg)
+    count = len(course.force_N)
+    noise = noise_V * np.random.default_rng(seed).standard_normal(count)
+    command = np.zeros(count) if course.command_V is None else course.command_V
+    inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)
+    inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
+    before = np.array([course.force_N[0], 0.0, 0.0])
+    mass = course.payload_kg[0][1]
+    rest = equilibrium(continuous, before, figures(mass))
+    measured = float(np.asarray(continuous.function(0.0, rest, before, figures(mass))[1]).ravel()[-1])
+    state = rest[[continuous.states.index(name) for name in states]]
+    error, current = -measured, laws[first_stage].gain_A_per_V * -measured
+
+    hop = round(schedule.estimator.update_s / period)
+    estimator = PayloadEstimator(rig.prototype, schedule)
+    stage, changed = first_stage, -np.inf
+    rows: list[np.ndarray] = []
+    changes: list[tuple[float, int]] = []
+    pending = list(course.payload_kg[1:])
+    bare = lumped.figures(plant)["outer_mass"]
+    for begin in range(0, count - 1, hop):
+        end = min(begin + hop, count - 1)
+        now = begin * period
+        while pending and pending[0][0] <= now + 1e-12:
+            new = pending.pop(0)[1]
+            if course.joining == "from_rest" and new > mass:
+                state[velocity] *= (bare + mass) / (bare + new)
+            mass = new
+        law = digital_law(laws[stage], substeps, period / substeps, 0, 0.0, 0.0)
+        law[7], law[8] = error, current
+        y, state = integrate_on(
+            kinds,
+            np.arange(begin, end + 1) * period,
+            inputs[2 * substeps * begin : 2 * substeps * end + 1],
+            state,
+            figures(mass),
+            substeps,
+            LIMIT_M,
+            law,
+        )
+        whole = len(y) == end - begin + 1
+        y = y[: end - begin]  # the last sample is the first of what follows
+        here = slice(begin, begin + len(y))
+        volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
+        for value in command[here] - volts:
+            current = law[2] * (law[3] * value + law[4] * error) - law[5] * current
+            error = value
+        estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
+        block = np.empty((len(y), len(COLUMNS)))
+        block[:, 0], block[:, 1] = np.arange(begin, begin + len(y)) * period, course.force_N[here]
+        block[:, 2], block[:, 3] = y[:, OUTPUTS.index("current_A")], y[:, OUTPUTS.index("outer_displacement_m")]
+        block[:, 4], block[:, 5], block[:, 6] = volts, mass, stage + 1
+        block[:, 7], block[:, 8] = estimate.outer_end_mass_kg, estimate.std_kg
+        rows.append(block)
+        if not whole:
+            return ScheduledRecord(np.vstack(rows), True, tuple(changes))
+        chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
+        if chosen != stage:
+            stage, changed = chosen, end * period
+            changes.append((end * period, stage + 1))
+    return ScheduledRecord(np.vstack(rows), False, tuple(changes))

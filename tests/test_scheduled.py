@@ -1,0 +1,382 @@
+"""Laws chosen by the payload: estimate, switch, proof of any change between stages, record and commands."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import fmpq, fmpq_mat
+from scipy.linalg import expm
+from scipy.signal import cont2discrete
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.design.schedule import stage_members, stage_ranges
+from beamdesign.linear import linear_rig
+from beamdesign.loop import loop
+from beamdesign.polynomial import exact
+from beamdesign.proof.mass_family import MassFamily, closed_loop
+from beamdesign.proof.replay_stages import Malformed, StageLoop, replay
+from beamdesign.proof.stage_document import in_words, stage_document
+from beamdesign.proof.stage_family import stage_families, stage_family
+from beamdesign.proof.stage_switching import StageSwitching, all_fall, stage_switching, verified_dwell
+from beamdesign.prototype import Prototype, Section, Structured, read_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
+from beamdesign.scheduling.estimator import NOTHING, Estimate, PayloadEstimator, fitted_payload
+from beamdesign.scheduling.record import (
+    Estimator,
+    Scheduled,
+    ScheduledRig,
+    is_scheduled,
+    read_scheduled,
+    write_scheduled,
+)
+from beamdesign.scheduling.simulation import Course, simulate_scheduled
+from beamdesign.scheduling.switch import next_stage
+from beamdesign.simulate import simulate
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = ROOT / "studies" / "scheduled" / "prototype.toml"
+LOW, HIGH = fmpq(0), exact(6.8)
+PERIOD_S = 0.5e-3
+
+
+@pytest.fixture(scope="module")
+def rig() -> ScheduledRig:
+    return read_scheduled(SHIPPED)
+
+
+@pytest.fixture(scope="module")
+def proved(rig: ScheduledRig) -> StageSwitching:
+    return stage_switching(stage_families(rig), LOW, HIGH)
+
+
+def volts_of(prototype: Prototype, mass: float, force: np.ndarray, current: np.ndarray) -> np.ndarray:
+    """Sensor volts under a held force and current, by SciPy's discretisation of the plant."""
+    a, b, c = linear_rig(prototype).matrices(mass, prototype.payload.inner_end_mass_kg)
+    scale = np.array([1e-5, 1e-3, 1e-5, 1e-5, 1e-3, 1e-6, 1e-3])
+    a, b, c = a * scale / scale[:, None], b / scale[:, None], c * scale
+    f, g, h, _, _ = cont2discrete((a, b, c, np.zeros((2, 2))), PERIOD_S)
+    state, volts = np.zeros(len(f)), np.empty(len(force))
+    for k in range(len(force)):
+        volts[k] = (h @ state)[1]
+        state = f @ state + g @ np.array([force[k], current[k]])
+    return volts
+
+
+def after_a_step(prototype: Prototype, mass: float) -> tuple[np.ndarray, np.ndarray]:
+    """Volts and current from just after a load of 40 N came on."""
+    before, after = 20, 160
+    force = np.where(np.arange(before + after) < 10, 0.0, 40.0)
+    current = 1e-3 * np.random.default_rng(5).standard_normal(len(force)).cumsum()
+    return volts_of(prototype, mass, force, current)[before:], current[before:]
+
+
+# The estimate.
+
+
+@pytest.mark.parametrize("mass", [0.0, 3.217, 6.8])
+def test_without_noise_the_payload_is_found_exactly(rig: ScheduledRig, mass: float) -> None:
+    plant, inner = linear_rig(rig.prototype), rig.prototype.payload.inner_end_mass_kg
+    volts, current = after_a_step(rig.prototype, mass)
+    found, _ = fitted_payload(plant, inner, volts, current, PERIOD_S, (-0.5, 7.5))
+    assert found == pytest.approx(mass, abs=1e-6)
+
+
+def test_with_noise_the_estimate_is_unbiased_and_errs_as_it_says(rig: ScheduledRig) -> None:
+    plant, inner = linear_rig(rig.prototype), rig.prototype.payload.inner_end_mass_kg
+    volts, current = after_a_step(rig.prototype, 4.0)
+    random = np.random.default_rng(11)
+    errors = []
+    for _ in range(30):
+        heard = volts + 0.002 * random.standard_normal(len(volts))
+        found, std = fitted_payload(plant, inner, heard, current, PERIOD_S, (2.0, 6.0))
+        errors.append((found - 4.0) / std)
+    # Of 30 normal draws the mean lies within 3/sqrt(30), and the root of the mean square within 0.6 and 1.4 of one.
+    assert abs(np.mean(errors)) < 3 / np.sqrt(30)
+    assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.4
+
+
+def test_a_force_that_stays_tells_the_payload_and_one_that_moves_does_not(rig: ScheduledRig) -> None:
+    random = np.random.default_rng(2)
+    count = 600
+    stays = np.where(np.arange(count) < 100, 0.0, 40.0)
+    moves = 40 * np.convolve(random.standard_normal(count), np.full(8, 0.125), mode="same")
+    for force, knows in ((stays, True), (moves, False)):
+        estimator = PayloadEstimator(rig.prototype, rig.schedule)
+        heard = volts_of(rig.prototype, 2.5, force, np.zeros(count)) + 0.002 * random.standard_normal(count)
+        for k in range(0, count, 20):
+            found = estimator.advance(heard[k : k + 20], np.zeros(20))
+        if knows:
+            assert found.std_kg < rig.schedule.estimator.largest_std_kg
+            assert abs(found.outer_end_mass_kg - 2.5) < 4 * found.std_kg
+        else:
+            assert found == replace(NOTHING)
+
+
+def test_when_nothing_moves_nothing_is_learnt(rig: ScheduledRig) -> None:
+    estimator, random = PayloadEstimator(rig.prototype, rig.schedule), np.random.default_rng(3)
+    for _ in range(40):
+        found = estimator.advance(0.002 * random.standard_normal(20), np.zeros(20))
+    assert found.std_kg > rig.schedule.estimator.largest_std_kg
+
+
+# The switch.
+
+
+def test_a_stage_is_kept_through_the_overlap_and_left_beyond_it(rig: ScheduledRig) -> None:
+    def chosen(stage: int, mass: float, std: float = 0.05, since: float = 1.0) -> int:
+        return next_stage(rig.schedule, stage, Estimate(mass, std, True), since)
+
+    low, high = rig.schedule.stage[1].outer_end_mass_kg[0], rig.schedule.stage[0].outer_end_mass_kg[1]
+    middle = (low + high) / 2
+    assert (chosen(0, middle), chosen(1, middle)) == (0, 1)
+    assert (chosen(0, high), chosen(1, low)) == (1, 0)
+    assert chosen(0, 6.8) == 2
+    assert chosen(2, -1.0) == 0
+    assert chosen(0, 6.8, std=0.2) == 0
+    assert chosen(0, 6.8, since=0.05) == 0
+    # While the estimate errs by no more than the band, the payload is in the range of the stage that is settled on.
+    band = rig.schedule.estimator.band_kg
+    for mass in np.linspace(0, 6.8, 69):
+        for error in (-band, 0.0, band):
+            for start in range(3):
+                least, most = rig.schedule.stage[chosen(start, mass + error)].outer_end_mass_kg
+                assert least - 1e-9 <= mass <= most + 1e-9
+
+
+# The proof.
+
+
+def switched(*matrices: list[float]) -> tuple[MassFamily, ...]:
+    """Second-order systems as stages that do not heed the payload."""
+    return tuple(
+        MassFamily(fmpq_mat(2, 2, [exact(x) for x in m]), fmpq_mat(2, 2), fmpq(1), 1, ("x", "y")) for m in matrices
+    )
+
+
+BRANICKY = ([-1.0, 10.0, -100.0, -1.0], [-1.0, 100.0, -10.0, -1.0])
+"""Two stable systems that some switching makes unstable; Branicky (1998), IEEE Trans. Automatic Control 43, 475, and
+Liberzon (2003), Switching in Systems and Control, chapter 2, discuss the like."""
+
+
+def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dwell_alone() -> None:
+    found = stage_switching(switched(*BRANICKY), fmpq(0), fmpq(1))
+    assert found.kind == "dwell"
+    assert found.counterexample is not None
+    assert found.counterexample.cycles > 0
+    one, two = (np.array(m).reshape(2, 2) for m in BRANICKY)
+    first, second = found.counterexample.time_s
+    assert max(abs(np.linalg.eigvals(expm(two * second) @ expm(one * first)))) > 1
+    assert not found.suffices(0.0)
+    assert not found.suffices(first)
+    dwell = float(found.dwell_s.p) / float(found.dwell_s.q)
+    assert dwell > first
+    assert found.suffices(dwell)
+    for spent in (dwell, 1.3 * dwell, 2.1 * dwell):
+        assert max(abs(np.linalg.eigvals(expm(two * spent) @ expm(one * dwell)))) < 1
+    # A shorter dwell, or half of the growth, is not what the functions prove.
+    again = verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), found.decay_per_s)
+    assert again == (found.dwell_s, found.factor)
+    assert verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), 4 * found.decay_per_s) is None
+
+
+def test_a_stage_that_is_unstable_by_itself_refutes_all() -> None:
+    found = stage_switching(switched([-1.0, 0.0, 0.0, -2.0], [0.5, 0.0, 0.0, -1.0]), fmpq(0), fmpq(1))
+    assert (found.status, found.kind) == ("refuted", "none")
+    assert "stage 2 is not stable" in found.reason
+
+
+def test_the_shipped_stages_are_stable_whichever_acts_when(rig: ScheduledRig, proved: StageSwitching) -> None:
+    assert (proved.status, proved.kind, proved.dwell_s) == ("proved", "any_time", 0)
+    assert {rate.joining for rate in proved.rates} == {"matched", "from_rest"}
+    families = stage_families(rig)
+    assert all_fall(families, proved.functions[0], LOW, HIGH, fmpq(0), "matched").holds
+    # V falls along every stage in floats too, at payloads the exact check did not name.
+    for mass in (0.7, 3.3, 6.1):
+        p = sum(np.array(c.table(), dtype=float) * mass**k for k, c in enumerate(proved.functions[0]))
+        scale = 1 / np.sqrt(np.diag(p))
+        for family in families:
+            a = np.array(family.at(exact(mass)).table(), dtype=float)
+            fall = -(a.T @ p + p @ a) * np.outer(scale, scale)
+            assert np.linalg.eigvalsh(fall).min() > 0
+    # One entry off by a thousandth is refused.
+    spoilt = fmpq_mat(proved.functions[0][0])
+    spoilt[0, 0] *= fmpq(999, 1000)
+    assert not all_fall(families, (spoilt, *proved.functions[0][1:]), LOW, HIGH, fmpq(0), "matched").holds
+
+
+def test_the_certificate_is_proved_again_and_not_after_a_change(rig: ScheduledRig, proved: StageSwitching) -> None:
+    text = stage_document(rig, proved, "\n".join(in_words(proved, rig.schedule.dwell_s)))
+    again = replay(text)
+    assert again.valid, again.reasons
+    assert any("whichever stage acts when" in claim for claim in again.claims)
+    gain = f'gain_A_per_V = "{rig.schedule.stage[0].gain_A_per_V}"'
+    assert gain in text
+    louder = replay(text.replace(gain, 'gain_A_per_V = "0.3"'))
+    assert any("not proved stable whichever stage acts when" in reason for reason in louder.reasons)
+    with pytest.raises(Malformed, match="not known here"):
+        replay(text.replace('kind = "any_stage"', 'kind = "any_law"'))
+
+
+@pytest.mark.parametrize("sections", [0, 2])
+def test_stages_in_shared_states_have_the_poles_of_their_loops(rig: ScheduledRig, sections: int) -> None:
+    prototype = rig.prototype.but(sensor=rig.prototype.sensor.but(filter_Hz=400.0))
+    law = rig.schedule.stage[1].law
+    if sections:
+        some = (
+            Section(zero_Hz=20.0, zero_damping_ratio=0.3, pole_Hz=17.0, pole_damping_ratio=0.5),
+            Section(zero_Hz=90.0, zero_damping_ratio=0.7, pole_Hz=160.0, pole_damping_ratio=0.9),
+        )
+        law = Structured(gain_A_per_V=law.gain_A_per_V, pole_Hz=law.pole_Hz, zero_Hz=law.zero_Hz, section=some)
+    whole = prototype.but(controller=law)
+    family = stage_family(linear_rig(prototype), exact(prototype.payload.inner_end_mass_kg), law)
+    assert family.characteristic() == closed_loop(whole).characteristic()
+    assert family.states[-1] == "current_A"
+    # The replay's own matrix, from the equations, is the same.
+    table = {
+        "gain_A_per_V": str(law.gain_A_per_V),
+        "section": [
+            {"pole_damping_ratio": str(s.pole_damping_ratio), "zero_damping_ratio": str(s.zero_damping_ratio)}
+            | {f"{name}_rad_per_s": _radians(getattr(s, f"{name}_Hz")) for name in ("pole", "zero")}
+            for s in getattr(law, "section", ())
+        ],
+    } | {f"{name}_rad_per_s": _radians(getattr(law, f"{name}_Hz")) for name in ("pole", "zero")}
+    assert StageLoop(_figures(prototype), table).matrix(fmpq(3)) == family.at(fmpq(3))
+
+
+def _radians(frequency_Hz: float) -> str:
+    from beamdesign.proof.rational import text
+
+    return text(exact(2 * np.pi * frequency_Hz))
+
+
+def _figures(prototype: Prototype) -> dict[str, str]:
+    import tomllib
+
+    from beamdesign.proof.document import rig_lines
+
+    return dict(tomllib.loads("\n".join(rig_lines(prototype)))["rig"])
+
+
+def test_sections_without_a_filter_are_refused(rig: ScheduledRig) -> None:
+    section = Section(zero_Hz=20.0, zero_damping_ratio=0.3, pole_Hz=17.0, pole_damping_ratio=0.5)
+    law = Structured(gain_A_per_V=0.1, pole_Hz=1.0, zero_Hz=30.0, section=(section,))
+    with pytest.raises(ValueError, match="need a filter before them"):
+        stage_family(linear_rig(rig.prototype), fmpq(1), law)
+
+
+# Tuning.
+
+
+def test_the_stretched_member_is_the_plant_at_the_ends_of_all_payloads(rig: ScheduledRig) -> None:
+    own, stretched = stage_members(rig.prototype, (1.8, 5.0), (0.0, 6.8))
+    beyond = 6.8 + 0.03 * 6.8
+    for stage_kg, whole_kg in ((1.8, 0.0), (5.0, beyond)):
+        here = stretched.rig.plant(1.5).denominator.at(exact(stage_kg))
+        there = own.rig.plant(1.5).denominator.at(exact(whole_kg))
+        assert np.allclose([float(c) for c in here.coeffs()], [float(c) for c in there.coeffs()], rtol=1e-12)
+    assert stretched.performance is None
+
+
+def test_every_shipped_stage_keeps_its_goal_and_is_stable_for_all_payloads(rig: ScheduledRig) -> None:
+    for stage in rig.stages:
+        low, high = stage.payload.outer_end_mass_kg or (0.0, 0.0)
+        closed = loop(stage)
+        assert all(closed.at(mass).stable for mass in np.linspace(0, 6.8, 18))
+        assert max(closed.at(mass).peak_sensitivity() for mass in np.linspace(low, high, 5)) <= 2.0
+        assert min(closed.at(mass).bandwidth_Hz() for mass in np.linspace(low, high, 5)) > 5.05
+
+
+def test_ranges_overlap_and_too_many_do_not_fit() -> None:
+    assert stage_ranges((0.0, 6.0), 2, 1.0) == [(0.0, 3.5), (2.5, 6.0)]
+    with pytest.raises(ValueError, match="leave no room for overlaps"):
+        stage_ranges((0.0, 6.8), 8, 1.0)
+
+
+# In time.
+
+
+def test_a_stage_that_stays_is_the_sampled_lag(rig: ScheduledRig) -> None:
+    count = 401
+    course = Course(
+        20 * (0.5 - 0.5 * np.cos(np.pi * np.clip((np.arange(count) * PERIOD_S - 0.02) / 0.01, 0, 1))), ((0.0, 2.0),)
+    )
+    found = simulate_scheduled(rig, course, first_stage=1, adaptive=False)
+    row = ScenarioRecord(name="a", input=(Step(amplitude_N=20.0, at_s=0.02, rise_s=0.01),), outer_end_mass_kg=2.0)
+    plan = Scenario(name="a", duration_s=0.2, record=(row,), sampled=Sampled(period_s=PERIOD_S))
+    usual = simulate(rig.stages[1], plan).records[0]
+    assert not found.diverged
+    expected = usual.column("displacement_m")[: len(found.samples)]
+    assert np.abs(found.column("displacement_m") - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_a_payload_that_is_gripped_is_noticed_at_the_next_load_step(rig: ScheduledRig) -> None:
+    effects = {"current_saturation": {}, "pressure_dependent_flow": {}}
+    times = np.arange(1600) * PERIOD_S
+    force = np.where(times < 0.1, 0.0, 40.0) - np.where(times < 0.45, 0.0, 40.0)
+    course = Course(force, ((0.0, 0.0), (0.4, 6.8)), "from_rest")
+    found = simulate_scheduled(rig, course, rig.prototype.but(effects=effects), noise_V=0.002)
+    assert not found.diverged
+    (at, stage), *rest = found.changes
+    assert stage == 3
+    assert not rest
+    assert 0.45 < at < 0.45 + 0.15
+    assert found.column("estimate_kg")[-1] == pytest.approx(6.8, abs=rig.schedule.estimator.band_kg)
+    still = simulate_scheduled(rig, course, rig.prototype.but(effects=effects), adaptive=False, noise_V=0.002)
+    assert set(still.column("stage")) == {1.0}
+
+
+# The record and the commands.
+
+
+def test_the_record_is_read_back_as_written(rig: ScheduledRig, tmp_path: Path) -> None:
+    write_scheduled(rig, tmp_path / "again.toml")
+    assert read_scheduled(tmp_path / "again.toml") == rig
+    assert is_scheduled(tmp_path / "again.toml")
+    assert not is_scheduled(ROOT / "studies/prototypes/paper_remedy.toml")
+
+
+def test_what_is_wrong_with_a_schedule_is_told_at_once(rig: ScheduledRig, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    write_scheduled(rig, path)
+    text = path.read_text(encoding="utf-8").replace("4.033", "4.9").replace("6.8,", "9.0,", 1)
+    path.write_text(text.replace("stiffness_N_per_m", "stiffness_N_per_mm", 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_scheduled(path)
+    told = str(caught.value)
+    assert "stages 2 and 3 overlap by 0.133 kg" in told
+    assert "stiffness" in told
+    with pytest.raises(InputError, match=r"controller.kind: 'scheduled' holds several laws"):
+        read_prototype(SHIPPED)
+    with pytest.raises(ValueError, match="must begin and end above"):
+        Scheduled(stage=rig.schedule.stage[::-1], estimator=Estimator())
+
+
+def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:
+    remedy = str(ROOT / "studies/prototypes/paper_remedy.toml")
+    for arguments, told in (
+        (["certify", str(SHIPPED)], "'scheduled' holds several laws"),
+        (["tune", remedy, "--controller", "scheduled", "--outer-end-mass", "2:2"], "which needs no stages"),
+        (["tune", remedy, "--controller", "scheduled", "--stages", "9"], "leave no room for overlaps"),
+        (["certify-switching", str(SHIPPED), "--rate", "3"], "the largest is found"),
+    ):
+        done = CliRunner().invoke(app, arguments)
+        assert isinstance(done.exception, InputError)
+        assert told in str(done.exception)
+
+
+def test_certify_switching_takes_a_schedule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A narrow range is quickly proved.
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(
+        app, ["certify-switching", str(SHIPPED), "--outer-end-mass", "2:3", "--json", "answer.json"]
+    )
+    assert done.exit_code == 0, done.output
+    assert "stable whichever stage acts when" in done.output
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert answer["at_any_time"] is True
+    again = CliRunner().invoke(app, ["certify", "--replay", str(tmp_path / "prototype.stages.toml")])
+    assert again.exit_code == 0, again.output
