@@ -314,7 +314,7 @@ def test_a_stage_that_stays_is_the_sampled_lag(rig: ScheduledRig) -> None:
 
 
 def test_a_payload_that_is_gripped_is_noticed_at_the_next_load_step(rig: ScheduledRig) -> None:
-    effects = {"current_saturation": {}, "pressure_dependent_flow": {}}
+    effects: dict[str, dict[str, float]] = {"current_saturation": {}, "pressure_dependent_flow": {}}
     times = np.arange(1600) * PERIOD_S
     force = np.where(times < 0.1, 0.0, 40.0) - np.where(times < 0.45, 0.0, 40.0)
     course = Course(force, ((0.0, 0.0), (0.4, 6.8)), "from_rest")

@@ -145,4 +145,4 @@ def in_words(found: StageSwitching, dwell_s: float) -> list[str]:
             f"proved: the same while the payload jumps, at least {apart:.4g} s apart on average,"
             f" {joining[jumps.joining]}"
         )
-    return lines
+    return [*lines, "all of it about the linear loop, each law in continuous time"]

@@ -44,7 +44,7 @@ Coefficients = tuple[fmpq_mat, ...]
 """Of P(m), ascending in m."""
 
 FIRST_RATE, LARGEST_RATE, RESOLUTION = 2.0, 600.0, 1.2
-"""kg/s where the search for the largest rate of the payload begins and gives up, and the factor within which it ends."""
+"""kg/s where the search for the largest rate of the payload begins and gives up, and the factor in which it ends."""
 JOININGS: tuple[Joining, ...] = ("matched", "from_rest")
 TURNS = 4
 """How often a program is solved anew in the coordinates of its last answer."""
