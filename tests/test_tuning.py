@@ -260,7 +260,7 @@ def test_a_solver_without_figures_is_a_no(rig: Prototype, monkeypatch):
 
 @pytest.fixture(scope="module")
 def program(rig: Prototype) -> refinement.LoopProgram:
-    return tuning._program(linear_rig(rig), FORMS["lag"], rig.goal, RANGE_KG, 6.0)
+    return tuning.bandwidth_program(linear_rig(rig), FORMS["lag"], rig.goal, RANGE_KG, 6.0)
 
 
 def test_starts_are_stable_distant_and_in_order(rig: Prototype, program):
