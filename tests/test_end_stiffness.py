@@ -481,7 +481,7 @@ def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
 def test_the_search_finds_a_passive_law(tmp_path: Path) -> None:
     answer = tmp_path / "answer.json"
     source = str(PROTOTYPES / "tame_lag.toml")
-    command = ["stiffness", source, "--end-stiffness-N-per-m", "2e5", "--contact", "passive", "--json", str(answer)]
+    command = ["tune", source, "--controller", "compliance", "--end-stiffness-N-per-m", "2e5", "--json", str(answer)]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     said = json.loads(answer.read_text())
@@ -498,6 +498,11 @@ def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, stiff)
     assert done.exit_code == 1
     assert "the servo alone holds" in done.output
+    for more, words in (
+        (["--controller", "compliance"], "needs --end-stiffness-N-per-m"),
+        (["--end-stiffness-N-per-m", "1e5"], "is for --controller compliance"),
+    ):
+        assert words in str(CliRunner().invoke(app, ["tune", source, *more]).exception)
     wrong = CliRunner().invoke(
         app,
         ["stiffness", source, "--end-stiffness-N-per-m", "-1", "--contact", "soft", "--wall-N-per-m", "9:1"],
@@ -505,3 +510,11 @@ def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:
     assert isinstance(wrong.exception, InputError)
     for words in ("must be a finite number above zero", "must be one of passive, wall, none", "--wall-N-per-m"):
         assert words in str(wrong.exception)
+
+
+def test_the_shipped_compliant_rig_is_what_its_compliance_says() -> None:
+    rig = read_prototype(PROTOTYPES / "compliant.toml")
+    assert rig.compliance is not None
+    law = CompliantLaw(rig.compliance.servo, rig.compliance.end_stiffness_N_per_m, rig.compliance.force_filter_Hz)
+    assert rig.controller == controller_of(rig, law)
+    assert judge(rig, law, MASSES_KG, WALL).meets("passive")

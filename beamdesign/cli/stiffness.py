@@ -21,11 +21,13 @@ from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.compliant_law import Servo
-    from beamdesign.design.end_stiffness import EndStiffness
+    from beamdesign.design.end_stiffness import EndStiffness, Need
     from beamdesign.prototype import Prototype
 
-CONTACTS = {"passive": "passive", "wall": "wall", "none": "stable"}
+CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
 """Of the option, and what the design calls it."""
+EVERY_WALL = ((0.0, 1e9), (0.0, 0.0))
+"""Stiffness (N/m) and damping (N s/m) of the walls where nothing is said of them."""
 
 
 def stiffness(
@@ -69,43 +71,58 @@ def stiffness(
     Stability over the payload, passivity at the tip and contact with walls are proved or refuted in exact arithmetic,
     for the linear loop. Exit status 1 if no law meets what contact has to be.
     """
-    from flint import fmpq
-
-    from beamdesign.design.end_stiffness import SHARE, softest_N_per_m
-    from beamdesign.design.stiffness_search import design
-    from beamdesign.polynomial import exact
-    from beamdesign.proof.contact import Wall
-    from beamdesign.prototype import read_prototype, write_prototype
+    from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
-    from beamdesign.report.quantity import at_least, at_most, mass_range_text, quantity
-    from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
 
     record = read_prototype(prototype)
     problems = []
-    if not (isfinite(end_stiffness_N_per_m) and end_stiffness_N_per_m > 0):
-        problems.append(
-            ("--end-stiffness-N-per-m", f"must be a finite number above zero, is {end_stiffness_N_per_m:g}")
-        )
     if contact not in CONTACTS:
         problems.append(("--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"))
-    ends: dict[str, tuple[fmpq, fmpq]] = {}
-    for option, words in (("--wall-N-per-m", wall_N_per_m), ("--wall-damping-N-s-per-m", wall_damping_N_s_per_m)):
-        try:
-            low, high = (float(part) for part in words.split(":"))
-        except ValueError:
-            problems.append((option, f"expected two figures as LO:HI, is {words!r}"))
-            continue
-        if not 0 <= low <= high < float("inf"):
-            problems.append((option, f"must run from zero or more upwards and be finite, is {words}"))
-        else:
-            ends[option] = exact(low), exact(high)
+    ranges = [
+        _range(option, words, problems)
+        for option, words in (("--wall-N-per-m", wall_N_per_m), ("--wall-damping-N-s-per-m", wall_damping_N_s_per_m))
+    ]
+    _check(end_stiffness_N_per_m, problems)
     if problems:
         raise InputError("stiffness", problems)
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    wall = Wall(ends["--wall-N-per-m"], ends["--wall-damping-N-s-per-m"])
+    give_stiffness(record, end_stiffness_N_per_m, masses, (ranges[0], ranges[1]), CONTACTS[contact], servo, out, json)
+
+
+def give_stiffness(
+    record: "Prototype",
+    end_stiffness: float,
+    masses: tuple[float, float],
+    walls: tuple[tuple[float, float], tuple[float, float]] = EVERY_WALL,
+    need: "Need" = "wall",
+    servo: "Servo | None" = None,
+    out: Path | None = None,
+    json: Path | None = None,
+) -> None:
+    """Design, prove, say and write; `walls` are their stiffness (N/m) and damping (N s/m).
+
+    Raises:
+        InputError: for a stiffness that is none, or effects.
+        Exit: with status 1 where no law meets what contact has to be.
+    """
+    from beamdesign.design.end_stiffness import SHARE, softest_N_per_m
+    from beamdesign.design.stiffness_search import design
+    from beamdesign.polynomial import exact
+    from beamdesign.proof.contact import Wall
+    from beamdesign.prototype import write_prototype
+    from beamdesign.records import InputError
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text, quantity
+    from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
+
+    problems: list[tuple[str, str]] = []
+    _check(end_stiffness, problems)
+    if problems:
+        raise InputError("stiffness", problems)
+    stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
+    wall = Wall(stiffest, damping)
     with progress("end stiffness") as update:
-        found = design(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, update)  # type: ignore[arg-type]
+        found = design(record, end_stiffness, masses, wall, need, servo, update)
     if found.best is None:
         say(found.reason)
         write_json(json, {"controller": None, "met": None, "reason": found.reason})
@@ -125,7 +142,7 @@ def stiffness(
         ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
         ("for every outer end mass", mass_range_text(masses)),
     ]
-    say_table(f"{record.name}: end stiffness {quantity(end_stiffness_N_per_m, 'N/m')}", ("figure", "value"), rows)
+    say_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
     if found.reason:
         say(f"{found.reason}; the next best is given")
     for line in in_words(best, wall):
@@ -142,7 +159,24 @@ def stiffness(
         write_prototype(done.prototype, paths["prototype"])
     for kind, path in paths.items():
         say(f"{kind}: {path}")
-    write_json(json, _fields(best, wall.stiffness) | {"met": found.met, "reason": found.reason, **paths})
+    write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, **paths})
+
+
+def _check(end_stiffness: float, problems: list[tuple[str, str]]) -> None:
+    if not (isfinite(end_stiffness) and end_stiffness > 0):
+        problems.append(("--end-stiffness-N-per-m", f"must be a finite number above zero, is {end_stiffness:g}"))
+
+
+def _range(option: str, words: str, problems: list[tuple[str, str]]) -> tuple[float, float]:
+    """Figures from LO:HI; what is wrong with them goes to the problems."""
+    try:
+        low, high = (float(part) for part in words.split(":"))
+    except ValueError:
+        problems.append((option, f"expected two figures as LO:HI, is {words!r}"))
+        return 0.0, 0.0
+    if not 0 <= low <= high < float("inf"):
+        problems.append((option, f"must run from zero or more upwards and be finite, is {words}"))
+    return low, high
 
 
 def _servo(record: "Prototype", source: Path) -> "Servo":
@@ -171,7 +205,7 @@ def _figures(servo: "Servo") -> list[tuple[str, str]]:
     return rows + ([("sections", str(len(sections)))] if sections else [])
 
 
-def _fields(best: "EndStiffness", walls: tuple[Any, Any]) -> dict[str, Any]:
+def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
     band = [
         {"low_Hz": band.low_Hz, "high_Hz": band.high_Hz, "sample_Hz": band.sample_Hz} for band in best.passivity.bands
     ]
@@ -194,7 +228,7 @@ def _fields(best: "EndStiffness", walls: tuple[Any, Any]) -> dict[str, Any]:
         "passive": best.passivity.holds,
         "active_bands": band,
         "destabilised_by": environment(best.troublemaker),
-        "wall_N_per_m": [float(value) for value in walls],
+        "wall_N_per_m": list(walls),
         "wall_stable": best.contact.holds,
         "wall_witness": environment(best.contact.witness),
         "stiffest_wall_N_per_m": best.stiffest_wall_N_per_m,

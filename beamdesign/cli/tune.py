@@ -21,9 +21,9 @@ from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.rig_spread import Shape
-    from beamdesign.prototype import Controller, Goal
+    from beamdesign.prototype import Controller, Goal, Prototype
 
-KINDS = ("lag", "proportional", "structured", "scheduled")
+KINDS = ("lag", "proportional", "structured", "scheduled", "compliance")
 VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
 """Of a structured controller where neither the goal nor the command says otherwise: what the published valve bears."""
 
@@ -72,6 +72,10 @@ def tune(
     robust_box: Annotated[
         bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
     ] = False,
+    end_stiffness_N_per_m: Annotated[
+        float | None,
+        typer.Option("--end-stiffness-N-per-m", help="Of a compliant end; `beamdesign stiffness` has more options."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -121,6 +125,11 @@ def tune(
         if robust > 0:
             raise InputError("--robust", [(f"{robust:g}", "is not for a scheduled controller")])
         tune_scheduled(record, masses, stages, largest_inner_end_mass_kg, out, json)
+        return
+    if controller == "compliance" or end_stiffness_N_per_m is not None:
+        if robust > 0:
+            raise InputError("--robust", [(f"{robust:g}", "is not for --controller compliance")])
+        _compliant(record, controller, end_stiffness_N_per_m, masses, out, json)
         return
     spread_out = None
     if robust > 0:
@@ -192,6 +201,21 @@ def tune(
             **paths,
         },
     )
+
+
+def _compliant(
+    record: "Prototype", kind: str, end_stiffness: float | None, masses: tuple[float, float], *files: Path | None
+) -> None:
+    """The controller that gives the end a stiffness, with the inner end mass as it is."""
+    from beamdesign.cli.stiffness import give_stiffness
+    from beamdesign.records import InputError
+
+    if kind != "compliance":
+        raise InputError("--end-stiffness-N-per-m", [(f"{end_stiffness:g}", "is for --controller compliance")])
+    if end_stiffness is None:
+        raise InputError("--controller", [("compliance", "needs --end-stiffness-N-per-m")])
+    out, json = files
+    give_stiffness(record, end_stiffness, masses, out=out, json=json)
 
 
 def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":

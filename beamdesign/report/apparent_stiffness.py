@@ -1,0 +1,84 @@
+"""What the end of a link feels like over frequency when told to have a stiffness, and how far that is proved."""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, stiffness_curves
+from beamdesign.loop import loop
+from beamdesign.lumped import figures
+from beamdesign.prototype import Prototype
+from beamdesign.report.quantity import quantity
+from beamdesign.tip import tip
+
+FREQUENCIES_HZ = np.geomspace(0.05, 300.0, 800)
+
+
+def plot_apparent_stiffness(figure: Figure, prototype: Prototype, found: Sequence[EndStiffness]) -> Figure:
+    """Draw apparent stiffness over frequency on the left, its proved band over the stiffness on the right.
+
+    Args:
+        figure: drawn on.
+        prototype: with the servo that is drawn for comparison, and its payload.
+        found: proved laws, by rising stiffness.
+    """
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    _curves(left, prototype, found)
+    _bands(right, prototype, found)
+    return figure
+
+
+def _curves(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> None:
+    given, s = figures(prototype), 2j * pi * FREQUENCIES_HZ
+    servo = np.abs(tip(loop(prototype)).stiffness_response(FREQUENCIES_HZ))
+    beam = np.abs(given["outer_mass"] * s**2 + given["outer_damping"] * s + given["outer_stiffness"])
+    axes.loglog(FREQUENCIES_HZ, servo, color="0.55", linestyle="--", label="servo alone, its own lag")
+    axes.loglog(FREQUENCIES_HZ, beam, color="0.55", linestyle=":", linewidth=2.0, label="outer beam alone")
+    for one in found:
+        curve = np.abs(stiffness_curves(prototype, one.law, FREQUENCIES_HZ, (0.0,))[0])
+        axes.loglog(FREQUENCIES_HZ, curve, color="black", linewidth=1.0)
+        end = np.interp(one.band_Hz, FREQUENCIES_HZ, curve)
+        axes.plot(one.band_Hz, end, marker="o", color="black", markerfacecolor=_fill(one), markersize=5)
+        axes.annotate(
+            quantity(one.law.end_stiffness_N_per_m, "N/m"), (FREQUENCIES_HZ[0], one.law.end_stiffness_N_per_m),
+            xytext=(3, 3), textcoords="offset points", fontsize=7,
+        )  # fmt: skip
+    axes.set_xlim(FREQUENCIES_HZ[0], FREQUENCIES_HZ[-1])
+    axes.set_ylim(3e3, 1e9)
+    axes.set_xlabel("frequency, Hz")
+    axes.set_ylabel("|F / x| at the tip without payload, N/m")
+    axes.set_title("Apparent stiffness; marks: end of the proved band", fontsize=9)
+    axes.grid(True, which="major", color="0.85", linewidth=0.6)
+    axes.legend(fontsize=7, loc="upper right")
+
+
+def _bands(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> None:
+    for passive, label in (
+        (True, "passive at the tip, proved"),
+        (False, "stable against every wall, proved; not passive"),
+    ):
+        points = [(one.law.end_stiffness_N_per_m, one.band_Hz) for one in found if one.passivity.holds is passive]
+        if points:
+            axes.loglog(
+                *zip(*points, strict=True), linestyle="none", marker="o", color="black",
+                markerfacecolor="black" if passive else "white", label=label,
+            )  # fmt: skip
+    masses = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
+    stiffnesses = np.geomspace(found[0].law.end_stiffness_N_per_m, found[-1].law.end_stiffness_N_per_m, 50)
+    moving = figures(prototype)["outer_mass"] + masses[1]
+    inertia = np.sqrt(SHARE * stiffnesses / moving) / (2 * pi)
+    axes.loglog(stiffnesses, inertia, color="0.55", linestyle="--", label=f"inertia of {moving:.3g} kg alone")
+    axes.axvline(figures(prototype)["outer_stiffness"], color="0.55", linestyle=":", linewidth=2.0)
+    axes.set_ylim(top=3e3)  # the legend stands above
+    axes.set_xlabel("stiffness of the end at rest, N/m")
+    axes.set_ylabel(f"band within {SHARE:.0%}, Hz")
+    axes.set_title(f"Proved for {masses[0]:g} to {masses[1]:g} kg; dotted: outer beam", fontsize=9)
+    axes.grid(True, which="major", color="0.85", linewidth=0.6)
+    axes.legend(fontsize=7, loc="upper left")
+
+
+def _fill(one: EndStiffness) -> str:
+    return "black" if one.passivity.holds else "white"
