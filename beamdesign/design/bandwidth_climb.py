@@ -6,11 +6,13 @@ programming and nonsmooth optimization by successive linear programming, Mathema
 optimum nearly as many limits are active as there are variables, so that steps of first order are enough.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from beamdesign.design.sampled_loops import Samples, Slacks, sampled_bandwidth, slacks
+from beamdesign.design.sampled_loops import Slacks, sampled_bandwidth, slacks
 from beamdesign.prototype import Goal
 
 _BEYOND = 1.06
@@ -37,28 +39,34 @@ class Climb:
     steps: int
 
 
+Measure = Callable[[Any, Goal, np.ndarray], Slacks]
+"""Points, limits and variables to what is left of every limit, with derivatives."""
+
+
 def climb(
-    points: Samples,
+    points: Any,
     goal: Goal,
     start: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     most: int = 600,
     reach: float = 0.3,
+    measure: Measure = slacks,
 ) -> Climb:
     """Climb from a start whose loop is stable.
 
     Args:
-        points: where the limits are kept.
+        points: where the limits are kept, with `frequency_Hz` and `row` as those of `sampled_loops`.
         goal: the limits.
         start: (v,) variables.
         lower: (v,) their bounds.
         upper: (v,)
         most: linear programs at most.
         reach: how far a variable may move in the first step.
+        measure: what evaluates a controller at the points.
     """
     here = np.clip(start, lower, upper)
-    now = slacks(points, goal, here)
+    now = measure(points, goal, here)
     if not now.settled:
         return Climb(here, 0.0, 0)
     aim = _aim(points, now)
@@ -68,13 +76,15 @@ def climb(
         least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)
         merit = _merit(points, now, aim)
         move, foreseen = _step(points, now, aim, least, greatest)
-        tried, then = _tried(points, goal, here + move)
+        tried = here + move
+        then = measure(points, goal, tried)
         gained = _merit(points, then, aim) - merit
         if gained < 0.7 * (foreseen - merit) or not then.settled:
             # Curvature spoilt the step: linearise again with what the limits are at its end.
             bent = _bent(now, then, move)
             again, _ = _step(points, bent, aim, least, greatest)
-            tried_again, then_again = _tried(points, goal, here + again)
+            tried_again = here + again
+            then_again = measure(points, goal, tried_again)
             if then_again.settled and (not then.settled or _merit(points, then_again, aim) - merit > gained):
                 tried, then, gained = tried_again, then_again, _merit(points, then_again, aim) - merit
         if not then.settled or gained <= 0:
@@ -91,16 +101,12 @@ def climb(
     return Climb(here, reached, steps)
 
 
-def _tried(points: Samples, goal: Goal, at: np.ndarray) -> tuple[np.ndarray, Slacks]:
-    return at, slacks(points, goal, at)
-
-
-def _aim(points: Samples, now: Slacks) -> float:
+def _aim(points: Any, now: Slacks) -> float:
     """Up to which frequency the compliance is to be bettered."""
     return max(sampled_bandwidth(points, now.compliance), float(points.frequency_Hz.min())) * _BEYOND
 
 
-def _merit(points: Samples, found: Slacks, aim: float) -> float:
+def _merit(points: Any, found: Slacks, aim: float) -> float:
     return float(found.compliance[points.frequency_Hz <= aim].min()) - _PENALTY * found.violation
 
 
@@ -113,7 +119,7 @@ def _bent(now: Slacks, then: Slacks, move: np.ndarray) -> Slacks:
     return Slacks(sensitivity, compliance, loop_gain, effort, now.slopes, now.settled)
 
 
-def _step(points: Samples, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:
+def _step(points: Any, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:
     """The best move within bounds by the linearised slacks, and the merit that is foreseen of it."""
     from scipy.optimize import linprog
 

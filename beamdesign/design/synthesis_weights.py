@@ -1,0 +1,126 @@
+"""The plant that an observer-based controller is synthesised for: scaled, and weighted in physical terms.
+
+The tip's displacement under a coloured force is weighed against the current, which goes through a roll-off of its own;
+the sensors are noisy, and a fictitious noise on the current recovers the loop of the state feedback (J. C. Doyle and
+G. Stein, Robustness with observers, IEEE Transactions on Automatic Control 24, 1979; N. K. Gupta, Frequency-shaped cost
+functionals, Journal of Guidance and Control 3, 1980). Time is in units of 10 ms, displacement in units of what the goal
+allows per newton, and current in units of what a newton asks for at 100 rad/s.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdesign.design.order_reduction import residualised
+from beamdesign.design.sensed_samples import SensedPlant
+from beamdesign.design.state_space import GeneralisedPlant, StateSpace
+
+TIME_UNIT_S = 0.01
+
+_ROLL_OFF_DAMPING = 0.7
+
+
+@dataclass(frozen=True)
+class ScaledPlant:
+    """A stable plant in units in which everything is of order one, balanced.
+
+    Attributes:
+        model: from a newton and a unit of current to the displacement over what the goal allows per newton and the p
+            sensors, in their units.
+        current_A: unit of current.
+        sensor_units: (p,) of the sensors, V, m and Pa.
+    """
+
+    model: StateSpace
+    current_A: float
+    sensor_units: np.ndarray
+
+
+def scaled_plant(plant: SensedPlant, compliance_m_per_N: float) -> ScaledPlant:
+    """Scale a plant; the goal's compliance is the unit of displacement.
+
+    Raises:
+        ValueError: for a plant that is not stable.
+    """
+    at = plant.responses(np.array([1 / TIME_UNIT_S]) / (2 * np.pi))[0]
+    current = float(abs(at[0, 0] / at[0, 1]))
+    # A sensor's unit is what a newton moves it by while the current holds the tip still.
+    held = np.abs(at[1:, 0] - at[1:, 1] * at[0, 0] / at[0, 1])
+    held[0] = abs(at[1, 1] / at[0, 1]) * compliance_m_per_N
+    b = TIME_UNIT_S * plant.b * [1.0, current]
+    c = plant.c / np.append(compliance_m_per_N, held)[:, None]
+    whole = StateSpace(TIME_UNIT_S * plant.a, b, c, np.zeros((len(c), 2)))
+    return ScaledPlant(residualised(whole, len(whole.a)).model, current, held)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the synthesis trades, in the units of `ScaledPlant`.
+
+    Attributes:
+        corner: natural frequency, rad per unit of time, of the low-pass of second order that colours the force.
+        damping: its damping ratio; a small one asks for most at the edge of the band.
+        roll_off: likewise of the low-pass of second order that the current goes through.
+        current: displacement that a unit of current before its roll-off is worth.
+        noise: intensity of the displacement sensor's noise.
+        recovery: of a white noise on the current.
+        white: of a white force beside the coloured one.
+        other_noise: intensity of the noise of every other sensor.
+    """
+
+    corner: float
+    damping: float
+    roll_off: float
+    current: float
+    noise: float
+    recovery: float
+    white: float
+    other_noise: float
+
+
+def weighted(plant: ScaledPlant, weights: Weights) -> GeneralisedPlant:
+    """The plant with the models of the force and the roll-off: four more states.
+
+    w is coloured force, white force, noise on the current and noises of the sensors; z displacement and current; y is
+    minus what the sensors give.
+    """
+    g, corner = plant.model, weights.corner
+    n, p = len(g.a), len(g.c) - 1
+    force, colour, filtered = slice(n, n + 1), n + 1, slice(n + 2, n + 4)
+    a = np.zeros((n + 4, n + 4))
+    a[:n, :n], a[:n, force] = g.a, g.b[:, :1]
+    a[n, colour], a[colour, n], a[colour, colour] = corner, -corner, -2 * weights.damping * corner
+    low_pass = _roll_off(weights)
+    a[filtered, filtered], a[:n, filtered] = low_pass.a, g.b[:, 1:] @ low_pass.c
+    b1, b2 = np.zeros((n + 4, 3 + p)), np.zeros((n + 4, 1))
+    b1[colour, 0] = corner
+    b1[:n, 1], b1[:n, 2], b2[filtered] = weights.white * g.b[:, 0], weights.recovery * g.b[:, 1], low_pass.b
+    c1, c2 = np.zeros((2, n + 4)), np.zeros((p, n + 4))
+    c1[0, :n], c2[:, :n] = g.c[0], -g.c[1:]
+    noise = np.diag([weights.noise, *[weights.other_noise] * (p - 1)])
+    return GeneralisedPlant(
+        a, b1, b2, c1, c2, np.zeros((2, 3 + p)), np.array([[0.0], [weights.current]]), np.hstack([np.zeros((p, 3)), noise])
+    )
+
+
+def _roll_off(weights: Weights) -> StateSpace:
+    w = weights.roll_off
+    return StateSpace(
+        np.array([[0.0, w], [-w, -2 * _ROLL_OFF_DAMPING * w]]),
+        np.array([[0.0], [w]]),
+        np.array([[1.0, 0.0]]),
+        np.zeros((1, 1)),
+    )
+
+
+def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) -> StateSpace:
+    """The law with its roll-off, reduced to an order, in SI: from error volts, -m and -Pa to amperes.
+
+    Raises:
+        ValueError: for a law that is not stable.
+    """
+    model = residualised(_roll_off(weights).behind(law), order).model
+    b = model.b / plant.sensor_units / TIME_UNIT_S
+    return StateSpace(
+        model.a / TIME_UNIT_S, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
+    )
