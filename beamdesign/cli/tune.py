@@ -1,6 +1,6 @@
 """`beamdesign tune`: controller and inner end mass with the largest guaranteed bandwidth."""
 
-from math import inf
+from math import inf, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,11 +21,12 @@ from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.rig_spread import Shape
+    from beamdesign.observer import Sensed
     from beamdesign.prototype import Controller, Goal, Prototype
 
-KINDS = ("lag", "proportional", "structured", "scheduled", "compliance")
+KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
 VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
-"""Of a structured controller where neither the goal nor the command says otherwise: what the published valve bears."""
+"""Of structured, lqg and hinf where neither the goal nor the command says otherwise: what the published valve bears."""
 
 
 def tune(
@@ -44,11 +45,18 @@ def tune(
     stages: Annotated[
         int, typer.Option(min=2, max=12, help="Laws of a scheduled controller, each for a part of the payloads.")
     ] = 3,
+    added_sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--added-sensor",
+            help="What lqg and hinf read beside the displacement: inner_displacement_m, load_pressure_Pa; repeatable.",
+        ),
+    ] = None,
     loop_gain: Annotated[
         float | None,
         typer.Option(
             "--loop-gain",
-            help="Limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 if structured.",
+            help="Limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.",
         ),
     ] = None,
     loop_gain_from_Hz: Annotated[
@@ -58,7 +66,7 @@ def tune(
         float | None,
         typer.Option(
             "--controller-effort-A-per-V",
-            help="Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 if structured.",
+            help="Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.",
         ),
     ] = None,
     robust: Annotated[
@@ -91,9 +99,11 @@ def tune(
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
     peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic, and for all linear
     members of a prototype with effects. A structured controller is a lag with second-order sections, within limits of
-    loop gain and current that its valve sets. A scheduled one has a law for each part of the payloads, chosen by an
-    estimate of the payload and stable whichever acts when. With --robust the same is proved of the worst rigs that the
-    tolerances allow, one by one. Exit status 1 if no design can be proved.
+    loop gain and current that its valve sets; lqg and hinf are state feedback with an observer, synthesised by Riccati
+    equations or matrix inequalities, reduced to order 8 and polished within the same limits. A scheduled one has a law
+    for each part of the payloads, chosen by an estimate of the payload and stable whichever acts when. With --robust
+    the same is proved of the worst rigs that the tolerances allow, one by one. Exit status 1 if no design can be
+    proved.
     """
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype, write_prototype
@@ -113,6 +123,7 @@ def tune(
         if not 1 < peak_sensitivity < inf:
             raise InputError("--peak-sensitivity", [(f"{peak_sensitivity:g}", "must be finite and greater than 1")])
         record = record.but(goal=record.goal.but(peak_sensitivity=peak_sensitivity))
+    sensors = _sensors(controller, added_sensor or [])
     given = {
         "loop_gain": loop_gain,
         "loop_gain_from_Hz": loop_gain_from_Hz,
@@ -132,6 +143,8 @@ def tune(
         _compliant(record, controller, end_stiffness_N_per_m, masses, out, json)
         return
     spread_out = None
+    if robust > 0 and controller in ("lqg", "hinf"):
+        raise InputError("--robust", [(f"{robust:g}", "is not for lqg and hinf; give another controller")])
     if robust > 0:
         from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances
         from beamdesign.design.robust_tuning import tune_robust
@@ -144,7 +157,7 @@ def tune(
         found = spread_out.tuning
     else:
         with progress("tuning") as update:
-            found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update, sections)
+            found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors)
     if found.best is None:
         say(found.reason)
         write_json(json, {"controller": None, "inner_end_mass_kg": None, "guaranteed": None, "reason": found.reason})
@@ -218,6 +231,18 @@ def _compliant(
     give_stiffness(record, end_stiffness, masses, out=out, json=json)
 
 
+def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
+    """What the controller reads, in the order of the record."""
+    from beamdesign.observer import SENSED
+    from beamdesign.records import InputError
+
+    if wrong := [name for name in added if name not in SENSED[1:]]:
+        raise InputError("--added-sensor", [(name, f"expected one of {', '.join(SENSED[1:])}") for name in wrong])
+    if added and kind not in ("lqg", "hinf"):
+        raise InputError("--added-sensor", [(", ".join(added), f"a {kind} controller reads the displacement alone")])
+    return tuple(name for name in SENSED if name == SENSED[0] or name in added)
+
+
 def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
     """The goal with the limits of the command; those of a structured controller where neither says anything."""
     from beamdesign.records import InputError
@@ -231,7 +256,7 @@ def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
             raise InputError(option, [("inf", "must be finite; --loop-gain inf is no limit")])
         if value is not None:
             changes[name] = None if value == inf else value
-        elif kind == "structured" and name in VALVE_LIMITS and getattr(goal, name) is None:
+        elif kind in ("structured", "lqg", "hinf") and name in VALVE_LIMITS and getattr(goal, name) is None:
             changes[name] = VALVE_LIMITS[name]
     return goal.but(**changes) if changes else goal
 
@@ -239,6 +264,12 @@ def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
 def _figures(controller: "Controller") -> list[tuple[str, str]]:
     """The figures of a controller, those of each section in one row."""
     figures = controller.model_dump()
+    if figures["kind"] == "observer":
+        import numpy as np
+
+        poles = np.linalg.eigvals(np.array(figures["a"])) / (2 * pi)
+        words = ", ".join(f"{abs(p):.4g}" for p in sorted(poles, key=abs) if p.imag >= 0)
+        return [("sensors", ", ".join(figures["sensors"])), ("order", str(len(poles))), ("poles, Hz", words)]
     sections = figures.pop("section", ())
     rows = [(name, str(value)) for name, value in figures.items()]
     for k, section in enumerate(sections, start=1):

@@ -9,8 +9,8 @@ real parts of the unstable poles of L, so that it is never negative.
 
 With the displacement as the only thing sensed, x / F_d = g S, where g is the open loop's compliance: S has to be small
 wherever g is above the goal. Everywhere else it is bounded by the peak sensitivity, by the limit of |L| where there is
-one, and by |S| <= 1 + |P| |C S|, where the limit of |C S| bounds it. What S may gain under these bounds must make up for
-what it has to lose. With added sensors S at the current is another one, and this bound says nothing.
+one, and by |S| <= 1 + |P| |C S|, where the limit of |C S| bounds it. What S may gain under these bounds must make up
+for what it has to lose. With added sensors S at the current is another one, and this bound says nothing.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,8 @@ from math import inf, pi
 
 import numpy as np
 
-from beamdesign.design.sensed_samples import SensedPlant, sensed_plant
-from beamdesign.linear import LinearRig
-from beamdesign.members import MemberRig, family
+from beamdesign.design.sensed_samples import SensedModel, sensed_model
+from beamdesign.members import family
 from beamdesign.prototype import Goal, Prototype
 
 _LOWEST_HZ, _HIGHEST_HZ, _POINTS = 1e-3, 1e6, 12000
@@ -82,7 +81,7 @@ def fundamental_limits(
     """
     inner = prototype.payload.inner_end_mass_kg if inner_end_mass is None else inner_end_mass
     rig, goal, heaviest = family(prototype, max(outer_end_masses)).rest.rig, prototype.goal, max(outer_end_masses)
-    plants = [sensed_plant(rig, mass, inner) for mass in outer_end_masses]
+    plants = [sensed_model(rig, mass, inner) for mass in outer_end_masses]
     shown = np.geomspace(0.5, 200.0, 400)
     rated, noise = prototype.servovalve.rated_current_A, prototype.sensor.noise_V
     where = phase = gain = None
@@ -90,7 +89,7 @@ def fundamental_limits(
         others = {name: table for name, table in prototype.effects.items() if name != "second_beam_mode"}
         without = family(prototype.but(effects=others), heaviest).rest.rig
         cost = [
-            mode_cost(plant, sensed_plant(without, mass, inner), goal.loop_gain_from_Hz)
+            mode_cost(plant, sensed_model(without, mass, inner), goal.loop_gain_from_Hz)
             for plant, mass in zip(plants, outer_end_masses, strict=True)
         ]
         where, phase, gain = (tuple(part) for part in zip(*cost, strict=True))
@@ -108,7 +107,7 @@ def fundamental_limits(
     )
 
 
-def allowed_sensitivity(plant: SensedPlant, goal: Goal, frequency_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def allowed_sensitivity(plant: SensedModel, goal: Goal, frequency_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Most that |S| may be at frequencies within the bandwidth, and beyond it; displacement feedback."""
     response = plant.responses(frequency_Hz)
     beyond = np.full(len(frequency_Hz), goal.peak_sensitivity)
@@ -120,11 +119,11 @@ def allowed_sensitivity(plant: SensedPlant, goal: Goal, frequency_Hz: np.ndarray
     return np.minimum(beyond, goal.compliance_m_per_N / np.abs(response[:, 0, 0])), beyond
 
 
-def bode_bound_Hz(plant: SensedPlant, goal: Goal) -> float:
+def bode_bound_Hz(plant: SensedModel, goal: Goal) -> float:
     """Largest bandwidth that Bode's integral leaves open, for any controller that is proper and a stable plant.
 
-    What is allowed of ln |S| is integrated by trapezoids on a fine grid: each bandwidth has one sum, which falls with it,
-    and where it is negative there is no such loop. Above the grid, where P falls off with its fifth power at least,
+    What is allowed of ln |S| is integrated by trapezoids on a fine grid: each bandwidth has one sum, which falls with
+    it, and where it is negative there is no such loop. Above the grid, where P falls off with its fifth power at least,
     nothing is left to gain. Without a limit of |C S| nothing bounds it there, and neither is the bandwidth.
     """
     if goal.controller_effort_A_per_V is None:
@@ -138,7 +137,7 @@ def bode_bound_Hz(plant: SensedPlant, goal: Goal) -> float:
     return _first_below_zero(grid, up_to + above)
 
 
-def effort_bound_Hz(plant: SensedPlant, goal: Goal) -> float:
+def effort_bound_Hz(plant: SensedModel, goal: Goal) -> float:
     """Up to where the goal can be held with |C S| within its limit: |C S| = |1 - S| / |P| >= (1 - |S|) / |P|."""
     if goal.controller_effort_A_per_V is None:
         return inf
@@ -159,7 +158,7 @@ def _first_below_zero(grid: np.ndarray, value: np.ndarray) -> float:
     return float(grid[k - 1] + value[k - 1] / (value[k - 1] - value[k]) * (grid[k] - grid[k - 1]))
 
 
-def held_force(plant: SensedPlant, goal: Goal, current_A: float, frequency_Hz: np.ndarray) -> np.ndarray:
+def held_force(plant: SensedModel, goal: Goal, current_A: float, frequency_Hz: np.ndarray) -> np.ndarray:
     """Largest amplitude (N) of a force at each frequency that a current holds to the goal, (f,).
 
     From x = g F + h i, whatever makes the current: |i| >= (|g| - goal) |F| / |h|.
@@ -170,7 +169,7 @@ def held_force(plant: SensedPlant, goal: Goal, current_A: float, frequency_Hz: n
         return np.where(short > 0, current_A * np.abs(response[:, 1]) / np.maximum(short, 0.0), inf)
 
 
-def least_noise(plant: SensedPlant, goal: Goal, noise_V: float, frequency_Hz: np.ndarray) -> np.ndarray:
+def least_noise(plant: SensedModel, goal: Goal, noise_V: float, frequency_Hz: np.ndarray) -> np.ndarray:
     """Least RMS (m) up to each frequency of the tip's motion from noise that is white up to `NOISE_BAND_HZ`, (f,).
 
     The tip follows the noise by T = 1 - S over the sensor's own response, and |T| >= 1 - |S| where the goal is kept.
@@ -183,7 +182,7 @@ def least_noise(plant: SensedPlant, goal: Goal, noise_V: float, frequency_Hz: np
     return noise_V * np.sqrt(np.interp(frequency_Hz, grid, power) / NOISE_BAND_HZ)
 
 
-def mode_cost(plant: SensedPlant, without: SensedPlant, from_Hz: float) -> tuple[float, float, float]:
+def mode_cost(plant: SensedModel, without: SensedModel, from_Hz: float) -> tuple[float, float, float]:
     """Frequency (Hz) of the second mode, phase (degrees) that it adds at `PHASE_AT_HZ`, largest gain it adds above."""
     from scipy.optimize import linear_sum_assignment
 

@@ -1,4 +1,4 @@
-"""H-infinity synthesis by linear matrix inequalities, and the norm of a closed loop by the eigenvalues of a Hamiltonian.
+"""H-infinity synthesis by linear matrix inequalities, and the norm of a closed loop by a Hamiltonian's eigenvalues.
 
 The change of variables is that of C. Scherer, P. Gahinet and M. Chilali, Multiobjective output-feedback control via LMI
 optimization, IEEE Transactions on Automatic Control 42, 1997. What a solver says of its own answer counts for nothing:
@@ -7,15 +7,17 @@ bisection method for computing the H-infinity norm of a transfer matrix, Mathema
 1989).
 """
 
+import warnings
 from dataclasses import dataclass
 from math import inf, sqrt
+from typing import Any
 
 import numpy as np
 
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 
 SLACK = 1.05
-"""Factor on the least norm within which the best conditioned controller is looked for: the optimum itself is singular."""
+"""Factor on the least norm within which the best conditioned controller is looked for: the optimum is singular."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def hinf_norm(system: StateSpace, tolerance: float = 1e-6) -> float:
     if not system.stable:
         return inf
     b, c, d = system.b, system.c, system.d
-    low = max(np.linalg.norm(d, 2), np.linalg.norm(system.responses(np.zeros(1))[0], 2), 1e-12)
+    low = max(float(np.linalg.norm(d, 2)), float(np.linalg.norm(system.responses(np.zeros(1))[0], 2)), 1e-12)
     poles = np.linalg.eigvals(system.a)
     gains = np.linalg.norm(system.responses(1j * np.abs(poles)), 2, axis=(1, 2))
     low = max(low, float(gains.max()))
@@ -106,21 +108,23 @@ class _Program:
         self.a, self.b = cp.Variable((n, n)), cp.Variable((n, outputs))
         self.c, self.d = cp.Variable((inputs, n)), cp.Variable((inputs, outputs))
 
-    def solved(self, objective: "object", level: "object", apart: "object") -> float | None:
+    def solved(self, objective: Any, level: Any, apart: Any) -> float | None:
         """Solve; None where no solver does."""
         import cvxpy as cp
 
         problem = cp.Problem(objective, self._constraints(level, apart))
         for solver, options in (("CLARABEL", {}), ("SCS", {"max_iters": 20000, "eps": 1e-6})):
             try:
-                problem.solve(solver=solver, **options)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # of inaccurate answers: the norm is computed anew
+                    problem.solve(solver=solver, **options)
             except cp.error.SolverError:
                 continue
             if problem.status in ("optimal", "optimal_inaccurate") and np.isfinite(problem.value):
                 return float(problem.value)
         return None
 
-    def _constraints(self, level: "object", apart: "object") -> list:
+    def _constraints(self, level: Any, apart: Any) -> list[Any]:
         import cvxpy as cp
 
         g, x, y = self.plant, self.x, self.y
@@ -144,13 +148,16 @@ class _Program:
 
     def law(self) -> StateSpace | None:
         """The controller of the present values; None where they are singular."""
-        g, x, y, d = self.plant, self.x.value, self.y.value, self.d.value
+        g = self.plant
+        x, y, d, b_hat, c_hat, a_hat = (
+            np.asarray(one.value) for one in (self.x, self.y, self.d, self.b, self.c, self.a)
+        )
         left, values, right = np.linalg.svd(np.eye(len(g.a)) - x @ y)
         if values[-1] <= 1e-12 * values[0]:
             return None
         m, n = left * np.sqrt(values), right.T * np.sqrt(values)
-        c = np.linalg.solve(m, (self.c.value - d @ g.c2 @ x).T).T
-        b = np.linalg.solve(n, self.b.value - y @ g.b2 @ d)
-        inside = self.a.value - n @ b @ g.c2 @ x - y @ g.b2 @ c @ m.T - y @ (g.a + g.b2 @ d @ g.c2) @ x
+        c = np.linalg.solve(m, (c_hat - d @ g.c2 @ x).T).T
+        b = np.linalg.solve(n, b_hat - y @ g.b2 @ d)
+        inside = a_hat - n @ b @ g.c2 @ x - y @ g.b2 @ c @ m.T - y @ (g.a + g.b2 @ d @ g.c2) @ x
         a = np.linalg.solve(n, np.linalg.solve(m, inside.T).T)
         return StateSpace(a, b, c, d)

@@ -10,7 +10,7 @@ import numpy as np
 from beamdesign.design.loop_constraints import limit_slack, loop_slack, member_slack
 from beamdesign.design.loop_search import GridPlant, grid_plant, member_grid
 from beamdesign.linear import LinearRig
-from beamdesign.loop import Loop, close_loop
+from beamdesign.loop import Loop, rig_loop
 from beamdesign.members import Member, MemberRig
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import goal_claims
@@ -167,11 +167,11 @@ def loop_set(
     """Close the loops of a rig, or of its members where it has effects."""
     low, high = (exact(mass) for mass in masses_kg)
     if not members:
-        rectangle = Rectangle(close_loop(rig.plant(inner_end_mass), controller), low, high)
+        rectangle = Rectangle(rig_loop(rig, inner_end_mass, controller), low, high)
         return LoopSet({0: rectangle}, {0: rectangle})
     stable, performing = {}, {}
     for k, member in enumerate(members):
-        loop = close_loop(member.rig.plant(inner_end_mass), controller)
+        loop = rig_loop(member.rig, inner_end_mass, controller)
         stable[k] = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         if (inside := member.performance) is not None:
             performing[k] = Rectangle(loop, low, high, exact(inside.low), exact(inside.high))

@@ -22,5 +22,5 @@ def lqg(plant: GeneralisedPlant) -> StateSpace:
 
 
 def feedback_gain(a: np.ndarray, b: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """k of u = -k x that minimises the integral of x'qx + u'ru; of a', c', noises it is the Kalman filter's gain."""
+    """Gain k of u = -k x that minimises the integral of x'qx + u'ru; of a', c' and noises the Kalman filter's."""
     return np.asarray(np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r)))

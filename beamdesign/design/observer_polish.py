@@ -16,10 +16,10 @@ from beamdesign.design.sampled_loops import Slacks, sampled_bandwidth
 from beamdesign.design.sensed_samples import SensedSamples
 from beamdesign.prototype import Goal
 
-_EVERY = 4
+_EVERY = 6
 """Of how many neighbouring points one is enforced wherever it stands."""
 
-_WORST = (120, 80, 30, 60)
+_WORST = (100, 60, 25, 50)
 """How many of the worst points of sensitivity, compliance, loop gain and effort are enforced beside these."""
 
 _RAISED = 600.0
@@ -34,6 +34,9 @@ _SPOILT = 2e-3
 
 _WORTH = 10.0
 """Share of the bandwidth that may be given up to mend a violation, over that violation."""
+
+_NEARLY = 0.02
+"""By how much (logarithm) the compliance may miss its limit where a round begins."""
 
 _SETTLED = 1e-4
 """Relative growth of the bandwidth in a round below which the polish ends."""
@@ -105,7 +108,9 @@ class ObserverPolish:
         moves = np.full(len(start), reach)
         moves[upper > 500] *= _FREE
         lower, upper = np.maximum(lower, start - moves), np.minimum(upper, start + moves)
-        beta = log(max(bandwidth_Hz, 0.5))
+        # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
+        near = sampled_bandwidth(self.points, now.compliance + _NEARLY)
+        beta = log(max(bandwidth_Hz, near, 0.5))
         data = [self._data(index).ravel(order="F") for index in self._enforced(now, np.exp(beta))]
         with interruption_waits():
             found = self._solver(
@@ -122,7 +127,8 @@ class ObserverPolish:
     def _enforced(self, now: Slacks, bandwidth_Hz: float) -> list[np.ndarray]:
         """Indices of the points at which each limit is enforced; as many of each whatever the bandwidth."""
         near = self.points.frequency_Hz <= bandwidth_Hz * _BEYOND
-        compliance = np.where(near, now.compliance, 50.0 + self.points.frequency_Hz)
+        far = np.where(np.isinf(now.compliance), np.inf, 50.0 + self.points.frequency_Hz)
+        compliance = np.where(near, now.compliance, far)
         parts = (now.sensitivity, compliance, now.loop_gain, now.effort)
         return [_chosen(part, worst) for part, worst in zip(parts, _WORST, strict=True)]
 
@@ -141,12 +147,11 @@ class ObserverPolish:
         variables = ca.MX.sym("variables", count + 1)
         own, beta = variables[:count], variables[count]
         inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
-        nothing = np.zeros(len(self.points.frequency_Hz))
         limited = (True, True, self.goal.loop_gain is not None, self.goal.controller_effort_A_per_V is not None)
         data, found = [], []
         for which, worst in enumerate(_WORST):
             rows = 2 + 2 * (3 + 4 * self.law.sensors)
-            size = len(_chosen(self._first(which, nothing), worst))
+            size = len(_chosen(self._limited(which), worst))
             given = ca.MX.sym(f"data_{which}", rows, size)
             data.append(given)
             if not (limited[which] and size):
@@ -166,18 +171,19 @@ class ObserverPolish:
                 "print_time": False,
                 "ipopt.print_level": 0,
                 "ipopt.sb": "yes",
-                "ipopt.max_iter": 80,
+                "ipopt.max_iter": 70,
                 "ipopt.tol": 1e-6,
                 "ipopt.mu_init": 1e-3,
                 "ipopt.bound_relax_factor": 0.0,
             },
         )
 
-    def _first(self, which: int, nothing: np.ndarray) -> np.ndarray:
-        """A slack that is finite where this limit ever counts: the number of points must not change."""
+    def _limited(self, which: int) -> np.ndarray:
+        """Zero where a limit ever counts, else infinite: how many points are enforced must not change."""
+        counts = np.full(len(self.points.frequency_Hz), True) if which == 0 else self.points.looser == 1.0
         if which == 2:
-            return np.where(self.points.frequency_Hz >= self.goal.loop_gain_from_Hz, nothing, np.inf)
-        return nothing
+            counts &= self.points.frequency_Hz >= self.goal.loop_gain_from_Hz
+        return np.where(counts, 0.0, np.inf)
 
 
 def _chosen(slack: np.ndarray, worst: int) -> np.ndarray:

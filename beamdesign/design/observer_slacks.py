@@ -13,6 +13,7 @@ import numpy as np
 
 from beamdesign.design.sampled_loops import Slacks
 from beamdesign.design.sensed_samples import SensedSamples
+from beamdesign.design.state_space import StateSpace
 from beamdesign.prototype import Goal
 
 SLOWEST_HZ, FASTEST_HZ = 0.02, 2000.0
@@ -49,8 +50,8 @@ class BlockLaw:
         rows = np.array((block + free * 2 * self.sensors) * self.blocks + free * self.sensors + [(0.0, largest_inner)])
         return rows[:, 0], rows[:, 1]
 
-    def matrices(self, variables: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """a (2 k, 2 k) block diagonal, b (2 k, p), c (1, 2 k) and d (1, p) of the controller, SI."""
+    def model(self, variables: np.ndarray) -> StateSpace:
+        """Matrices a (2 k, 2 k) block diagonal, b (2 k, p), c (1, 2 k) and d (1, p) of the controller, SI."""
         k, p = self.blocks, self.sensors
         a, b, c = np.zeros((2 * k, 2 * k)), np.zeros((2 * k, p)), np.zeros((1, 2 * k))
         for i, block in enumerate(variables[: k * (2 + 2 * p)].reshape(k, -1)):
@@ -60,22 +61,21 @@ class BlockLaw:
             low, high = block[2 : 2 + p] * self.units, block[2 + p :] * self.units
             b[at] = w * np.array([high, low - 2 * z * high])
             c[0, 2 * i] = 1.0
-        return a, b, c, (variables[k * (2 + 2 * p) : -1] * self.units)[None]
+        return StateSpace(a, b, c, (variables[k * (2 + 2 * p) : -1] * self.units)[None])
 
 
 def block_law(
-    a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, blocks: int, inner_end_mass: float
+    whole: StateSpace, blocks: int, inner_end_mass: float, worth: np.ndarray | None = None
 ) -> tuple[BlockLaw, np.ndarray]:
     """Form and variables of a controller with distinct stable poles; real ones are paired, the slowest with the next.
 
     Args:
-        a: (n, n) with n at most 2 blocks; what is missing does nothing yet.
-        b: (n, p).
-        c: (1, n).
-        d: (1, p).
+        whole: the controller, one output and of order 2 blocks at most; what is missing does nothing yet.
         blocks: how many.
         inner_end_mass: kg.
+        worth: (p,) factors on the first sensor's gain that do as much through each; needed where one does nothing yet.
     """
+    a, b, c, d = whole.a, whole.b, whole.c, whole.d
     poles, vectors = np.linalg.eig(a)
     residues = (c @ vectors).ravel()[:, None] * np.linalg.solve(vectors, b.astype(complex))
     order = np.argsort(np.abs(poles))
@@ -86,6 +86,8 @@ def block_law(
     pairs += list(zip(real[::2], real[1::2], strict=True))
     p = b.shape[1]
     units = np.maximum(np.abs(d).ravel(), np.abs(residues / poles[:, None]).max(axis=0))
+    if worth is not None:
+        units = np.maximum(units, units[0] * worth)
     law = BlockLaw(blocks, units)
     rows = []
     for one, two in pairs:
@@ -110,7 +112,7 @@ def block_law(
 def law_responses(
     law: BlockLaw, variables: np.ndarray, s: np.ndarray, slopes: bool = True
 ) -> tuple[np.ndarray, Sequence[tuple[np.ndarray, np.ndarray]]]:
-    """Transfer functions (p, n), and what is needed of their derivatives: per variable but the last, which and by how much.
+    """Transfer functions (p, n) and their derivatives: for each variable but the last the sensors, and by how much.
 
     Args:
         law: the form.

@@ -62,7 +62,7 @@ def residualised(whole: StateSpace, order: int) -> Reduced:
 
 
 def _root(gramian: np.ndarray) -> np.ndarray:
-    """r with r r' the Gramian, lifted by the rounding errors of a float where it is not definite."""
+    """Root r with r r' the Gramian, lifted by the rounding errors of a float where it is not definite."""
     symmetric = (gramian + gramian.T) / 2
     try:
         return np.asarray(cholesky(symmetric, lower=True))

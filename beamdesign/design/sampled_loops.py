@@ -7,6 +7,7 @@ section), then the inner end mass in kg. Everything here is sampled and only pro
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import log, pi
+from typing import Protocol
 
 import numpy as np
 
@@ -183,7 +184,21 @@ def _slacks(points: Samples, goal: Goal, variables: np.ndarray, slopes: bool) ->
     return Slacks(*found, (of_closed, of_compliance, -of_loop.real, of_effort), settled)
 
 
-def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
+class Rows(Protocol):
+    """Points on rows of neighbouring frequencies, with or without added sensors."""
+
+    @property
+    def frequency_Hz(self) -> np.ndarray:
+        """(n,)."""
+        ...
+
+    @property
+    def row(self) -> np.ndarray:
+        """(n,) number of its row."""
+        ...
+
+
+def sampled_bandwidth(points: Rows, compliance: np.ndarray) -> float:
     """Least frequency (Hz), interpolated, from which some row misses the compliance; 0 where one misses it at once."""
     reached = np.inf
     for row in np.unique(points.row):

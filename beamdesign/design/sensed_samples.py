@@ -12,15 +12,12 @@ import numpy as np
 
 from beamdesign.linear import LinearRig
 from beamdesign.members import MemberRig
-
-DISPLACEMENT, INNER, PRESSURE = "displacement_m", "inner_displacement_m", "load_pressure_Pa"
-
-SENSORS = (DISPLACEMENT, INNER, PRESSURE)
-"""What a controller may read, the outer tip's displacement first: as volts behind the sensor's own filter."""
+from beamdesign.observer import SENSED, Sensed
+from beamdesign.rig.twin_beam import ADDED_OUTPUTS
 
 
 @dataclass(frozen=True)
-class SensedPlant:
+class SensedModel:
     """x' = a x + b u, y = c x at one pair of end masses, SI.
 
     Attributes:
@@ -40,45 +37,26 @@ class SensedPlant:
         return np.asarray(self.c @ inside)
 
 
-def sensed_plant(
-    rig: LinearRig | MemberRig, outer_end_mass: float, inner_end_mass: float, sensors: Sequence[str] = (DISPLACEMENT,)
-) -> SensedPlant:
+def sensed_model(
+    rig: LinearRig | MemberRig, outer_end_mass: float, inner_end_mass: float, sensors: Sequence[Sensed] = SENSED[:1]
+) -> SensedModel:
     """State space of a rig with its sensors.
 
     Args:
         rig: of a prototype, or of one of its linear members.
         outer_end_mass: kg.
         inner_end_mass: kg.
-        sensors: of `SENSORS`, the displacement first.
+        sensors: of `beamdesign.observer.SENSED`, the displacement first.
 
     Raises:
-        ValueError: for a sensor that is not of these, or without the displacement in the first place.
+        ValueError: without the displacement in the first place.
     """
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
-    if not sensors or sensors[0] != DISPLACEMENT:
+    if not sensors or sensors[0] != SENSED[0]:
         raise ValueError("the first sensor is that of the outer tip's displacement")
-    rows = [c[0], c[1], *(_row(rig, name, len(a)) for name in sensors[1:])]
-    return SensedPlant(a, b, np.array(rows, dtype=float))
-
-
-def _row(rig: LinearRig | MemberRig, name: str, size: int) -> np.ndarray:
-    """The states that a sensor sees, (size,)."""
-    row = np.zeros(size)
-    if name not in (INNER, PRESSURE):
-        raise ValueError(f"no sensor is called {name}")
-    if isinstance(rig, MemberRig):
-        states = rig.assembly.states
-        if name == INNER:
-            row[states.index("inner_m")] = 1.0
-        else:
-            row[states.index("pressure_a_Pa")], row[states.index("pressure_b_Pa")] = 1.0, -1.0
-        return row
-    if name == INNER:
-        row[3] = 1.0
-    else:
-        stiffness = rig.figures["oil_stiffness"] / rig.figures["piston_area"]
-        row[2], row[0] = stiffness, -stiffness  # equation (11) over the area
-    return row
+    added = rig.added_rows()
+    rows = [c[0], c[1], *(added[ADDED_OUTPUTS.index(name)] for name in sensors[1:])]
+    return SensedModel(a, b, np.array(rows, dtype=float))
 
 
 @dataclass(frozen=True)
@@ -122,7 +100,7 @@ class SensedSamples:
 
 def sensed_samples(
     rig: LinearRig | MemberRig,
-    sensors: Sequence[str],
+    sensors: Sequence[Sensed],
     frequency_Hz: np.ndarray,
     outer_end_masses: Sequence[float],
     factor: float = 1.0,
@@ -132,30 +110,34 @@ def sensed_samples(
 
     Args:
         rig: of a prototype, or of one of its linear members.
-        sensors: of `SENSORS`.
+        sensors: of `beamdesign.observer.SENSED`.
         frequency_Hz: (f,) ascending.
         outer_end_masses: kg.
         factor: on the gain from current.
         looser: see `SensedSamples`.
     """
     parts = [_at_mass(rig, sensors, frequency_Hz, mass, factor) for mass in outer_end_masses]
+    denominator, control, disturbance, minor = (np.concatenate([part[k] for part in parts], axis=-1) for k in range(4))
     count = len(frequency_Hz)
     return SensedSamples(
         np.tile(frequency_Hz, len(parts)),
         np.repeat(np.arange(len(parts)), count),
-        *(np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)),
+        denominator,
+        control,
+        disturbance,
+        minor,
         np.full(count * len(parts), looser),
     )
 
 
 def _at_mass(
-    rig: LinearRig | MemberRig, sensors: Sequence[str], frequency_Hz: np.ndarray, mass: float, factor: float
+    rig: LinearRig | MemberRig, sensors: Sequence[Sensed], frequency_Hz: np.ndarray, mass: float, factor: float
 ) -> tuple[np.ndarray, ...]:
     """Denominator, control, disturbance and minors at one outer end mass, from two inner ones: each is affine."""
     s = 2j * pi * frequency_Hz
     found = []
     for inner in (0.0, 1.0):
-        plant = sensed_plant(rig, mass, inner, sensors)
+        plant = sensed_model(rig, mass, inner, sensors)
         g = plant.responses(frequency_Hz)
         g[:, :, 1] *= factor
         # Scaled to one at zero frequency, where end masses have no part.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdesign.design.order_reduction import residualised
-from beamdesign.design.sensed_samples import SensedPlant
+from beamdesign.design.sensed_samples import SensedModel
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 
 TIME_UNIT_S = 0.01
@@ -36,7 +36,7 @@ class ScaledPlant:
     sensor_units: np.ndarray
 
 
-def scaled_plant(plant: SensedPlant, compliance_m_per_N: float) -> ScaledPlant:
+def scaled_plant(plant: SensedModel, compliance_m_per_N: float) -> ScaledPlant:
     """Scale a plant; the goal's compliance is the unit of displacement.
 
     Raises:
@@ -99,7 +99,14 @@ def weighted(plant: ScaledPlant, weights: Weights) -> GeneralisedPlant:
     c1[0, :n], c2[:, :n] = g.c[0], -g.c[1:]
     noise = np.diag([weights.noise, *[weights.other_noise] * (p - 1)])
     return GeneralisedPlant(
-        a, b1, b2, c1, c2, np.zeros((2, 3 + p)), np.array([[0.0], [weights.current]]), np.hstack([np.zeros((p, 3)), noise])
+        a,
+        b1,
+        b2,
+        c1,
+        c2,
+        np.zeros((2, 3 + p)),
+        np.array([[0.0], [weights.current]]),
+        np.hstack([np.zeros((p, 3)), noise]),
     )
 
 

@@ -4,7 +4,7 @@ A coarse search proposes, an interior-point method refines on finitely many poin
 refute becomes a further point, and nothing is returned that is not proved over the continuous range.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -12,11 +12,13 @@ import numpy as np
 from scipy.stats import qmc
 
 from beamdesign.design.controller_forms import FORMS, ControllerForm
+from beamdesign.design.observer_tuning import OBSERVERS, tune_observer
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Proved, Refinement, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.design.structured_tuning import grow
 from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import Member, family
+from beamdesign.observer import SENSED, Sensed
 from beamdesign.prototype import Goal, Prototype
 
 Progress = Callable[[float, str], None]
@@ -43,7 +45,7 @@ class Tuning:
         outer_end_mass_kg: the range of the guarantee.
         best: the proved loop, None where there is none.
         starts: bandwidth that each start of the refinement was proved to reach, 0 for a failed one; of a structured
-            controller, what designs with all sections reach on samples, the largest first.
+            controller or one with an observer, what designs reach on samples, the largest first.
         failures: why starts failed, under the last limit that was tried.
         certificates: how many exact stability proofs were run.
         reason: why there is no answer, empty where there is one.
@@ -96,16 +98,18 @@ def tune(
     largest_inner_end_mass_kg: float = 6.0,
     progress: Progress | None = None,
     sections: int = 3,
+    sensors: Sequence[Sensed] = SENSED[:1],
 ) -> Tuning:
     """Tune controller and inner end mass for the largest guaranteed bandwidth.
 
     Args:
         prototype: the rig; its goal sets the limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
-        kind: controller kind, a key of `beamdesign.design.controller_forms.FORMS`, or `structured`.
+        kind: controller kind, a key of `beamdesign.design.controller_forms.FORMS`, `structured`, or one of `OBSERVERS`.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
         sections: second-order sections of a structured controller.
+        sensors: what a controller with an observer reads, of `beamdesign.observer.SENSED`.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
@@ -124,6 +128,15 @@ def tune(
             return Tuning(prototype, outer_end_mass_kg, None, grown.sampled, (grown.reason,), grown.certificates, why)
         found = tuned(prototype, grown.proved, outer_end_mass_kg)
         return Tuning(found, outer_end_mass_kg, grown.proved, grown.sampled, (), grown.certificates)
+    if kind in OBSERVERS:
+        seen = tune_observer(
+            rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told
+        )
+        if seen.proved is None or seen.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
+            why = no_answer(kind, prototype.goal, outer_end_mass_kg, seen.reason)
+            return Tuning(prototype, outer_end_mass_kg, None, seen.sampled, (seen.reason,), seen.certificates, why)
+        found = tuned(prototype, seen.proved, outer_end_mass_kg)
+        return Tuning(found, outer_end_mass_kg, seen.proved, seen.sampled, (), seen.certificates)
     form = FORMS[kind]
     peaks = [limit for limit in STRICTER_PEAKS if limit < prototype.goal.peak_sensitivity]
     certificates = 0

@@ -1,0 +1,295 @@
+"""State feedback with an observer: synthesis, reduction, polish, proof, and the limits that no controller passes."""
+
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamdesign.design import observer_tuning, weight_search
+from beamdesign.design.fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
+from beamdesign.design.hinf import hinf_norm, synthesise
+from beamdesign.design.lqg import feedback_gain, lqg
+from beamdesign.design.observer_polish import ObserverPolish
+from beamdesign.design.observer_slacks import BlockLaw, block_law, observer_slacks
+from beamdesign.design.observer_tuning import rounded, tune_observer
+from beamdesign.design.order_reduction import residualised
+from beamdesign.design.sensed_samples import sensed_model, sensed_samples
+from beamdesign.design.sensor_value import as_observer
+from beamdesign.design.state_space import GeneralisedPlant, StateSpace
+from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
+from beamdesign.linear import linear_rig
+from beamdesign.loop import loop, rig_loop
+from beamdesign.members import family
+from beamdesign.observer import SENSED, Observer
+from beamdesign.proof.certificate import certify
+from beamdesign.prototype import Prototype, read_prototype
+
+PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Prototype:
+    """The structured controller that is shipped, proved to 16.4 Hz for 0 to 6.8 kg."""
+    return read_prototype(PROTOTYPES / "structured.toml")
+
+
+def law_with(sensors: int) -> tuple[BlockLaw, np.ndarray]:
+    """Some law of two blocks that steadies nothing in particular."""
+    random = np.random.default_rng(3)
+    law = BlockLaw(2, np.array([4e-3, 20.0, 1e-9])[:sensors])
+    blocks = [np.concatenate([[np.log(w), np.log(0.7)], random.normal(size=2 * sensors)]) for w in (60.0, 600.0)]
+    return law, np.concatenate([*blocks, random.normal(size=sensors), [1.2]])
+
+
+def test_gains_of_the_regulator_without_margins() -> None:
+    """J. C. Doyle, Guaranteed margins for LQG regulators, IEEE Transactions on Automatic Control 23, 1978."""
+    weight, noise = 60.0, 30.0
+    ones = np.ones((2, 1))
+    plant = GeneralisedPlant(
+        a=np.array([[1.0, 1.0], [0.0, 1.0]]),
+        b1=np.hstack([sqrt(noise) * ones, np.zeros((2, 1))]),
+        b2=np.array([[0.0], [1.0]]),
+        c1=np.vstack([sqrt(weight) * ones.T, np.zeros((1, 2))]),
+        c2=np.array([[1.0, 0.0]]),
+        d11=np.zeros((2, 2)),
+        d12=np.array([[0.0], [1.0]]),
+        d21=np.array([[0.0, 1.0]]),
+    )
+    law = lqg(plant)
+    np.testing.assert_allclose(-law.c, (2 + sqrt(4 + weight)) * ones.T, rtol=1e-9)
+    np.testing.assert_allclose(law.b, (2 + sqrt(4 + noise)) * ones, rtol=1e-9)
+    assert plant.closed(law).stable
+
+
+def test_gain_of_a_scalar_regulator() -> None:
+    a, b, q, r = 0.7, 2.0, 3.0, 0.4
+    k = feedback_gain(*(np.array([[value]]) for value in (a, b, q, r)))
+    assert k[0, 0] == pytest.approx((a + sqrt(a**2 + b**2 * q / r)) / b, rel=1e-12)
+
+
+def scalar(a: float) -> GeneralisedPlant:
+    """x' = a x + w1 + u, z = (x, u), y = x + w2."""
+    return GeneralisedPlant(
+        a=np.array([[a]]),
+        b1=np.array([[1.0, 0.0]]),
+        b2=np.array([[1.0]]),
+        c1=np.array([[1.0], [0.0]]),
+        c2=np.array([[1.0]]),
+        d11=np.zeros((2, 2)),
+        d12=np.array([[0.0], [1.0]]),
+        d21=np.array([[0.0, 1.0]]),
+    )
+
+
+@pytest.mark.parametrize("a", [-1.0, 0.5])
+def test_least_norm_of_a_scalar_plant(a: float) -> None:
+    """Both Riccati equations of J. C. Doyle, K. Glover, P. Khargonekar and B. Francis (IEEE TAC 34, 1989) are
+    2 a X + X^2 (1/g^2 - 1) + 1 = 0 here, and X Y = g^2 at the optimum: g = a + sqrt(a^2 + 2)."""
+    optimum = a + sqrt(a**2 + 2)
+    found = synthesise(scalar(a))
+    assert found.law is not None
+    assert found.bound == pytest.approx(optimum, rel=1e-5)
+    assert optimum * (1 - 1e-5) <= found.norm <= 1.06 * optimum
+    assert scalar(a).closed(found.law).stable
+
+
+def test_norm_by_hamiltonian_against_closed_form_and_a_sweep() -> None:
+    """1 / (s^2 + 2 d s + 1) peaks at 1 / (2 d sqrt(1 - d^2)); two inputs and outputs against singular values."""
+    damping = 0.05
+    resonance = StateSpace(
+        np.array([[0.0, 1.0], [-1.0, -2 * damping]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), np.zeros((1, 1))
+    )
+    assert hinf_norm(resonance) == pytest.approx(1 / (2 * damping * sqrt(1 - damping**2)), rel=2e-6)
+    random = np.random.default_rng(1)
+    a = random.normal(size=(5, 5))
+    a -= (np.linalg.eigvals(a).real.max() + 0.3) * np.eye(5)
+    system = StateSpace(a, random.normal(size=(5, 2)), random.normal(size=(2, 5)), random.normal(size=(2, 2)))
+    swept = np.linalg.norm(system.responses(1j * np.linspace(0, 30, 6001)), 2, axis=(1, 2)).max()
+    assert swept <= hinf_norm(system) <= swept * (1 + 1e-4)
+    assert hinf_norm(StateSpace(-a, system.b, system.c, system.d)) == np.inf
+
+
+def test_residualised_controller_is_within_its_bound() -> None:
+    random = np.random.default_rng(7)
+    a = random.normal(size=(7, 7))
+    a -= (np.linalg.eigvals(a).real.max() + 0.2) * np.eye(7)
+    whole = StateSpace(a, random.normal(size=(7, 2)), random.normal(size=(1, 7)), np.zeros((1, 2)))
+    s = 1j * np.append(0.0, np.geomspace(1e-2, 1e3, 400))
+    for order in (5, 3):
+        reduced = residualised(whole, order)
+        error = np.linalg.norm(whole.responses(s) - reduced.model.responses(s), 2, axis=(1, 2))
+        assert len(reduced.model.a) == order
+        assert error[0] < 1e-9
+        assert reduced.bound / 50 < error.max() <= reduced.bound
+        assert reduced.bound == pytest.approx(2 * reduced.hankel[order:].sum())
+    balanced = residualised(whole, 7).model
+    np.testing.assert_allclose(balanced.responses(s), whole.responses(s), rtol=1e-8, atol=1e-10)
+
+
+def test_weighted_plant_and_its_controller_in_physical_units(shipped: Prototype) -> None:
+    """The regulator in SI steadies the rig itself, built from its own matrices, and the units cancel."""
+    rig = family(shipped).rest.rig
+    plant = sensed_model(rig, 3.4, 1.8, SENSED)
+    scaled = scaled_plant(plant, shipped.goal.compliance_m_per_N)
+    weights = Weights(1.0, 0.5, 6.0, 10.0, 1.0, 0.5, 0.5, 1.0)
+    general = weighted(scaled, weights)
+    law = realised(scaled, weights, lqg(general), 16)
+    loop_matrix = np.block(
+        [
+            [plant.a - plant.b[:, 1:] @ law.d @ plant.c[1:], plant.b[:, 1:] @ law.c],
+            [-law.b @ plant.c[1:], law.a],
+        ]
+    )
+    slowest = np.linalg.eigvals(loop_matrix).real.max()
+    designed = np.linalg.eigvals(general.closed(lqg(general)).a).real
+    assert slowest == pytest.approx(designed.max() / 0.01, rel=1e-5)
+    assert slowest < 0
+
+
+@pytest.mark.parametrize("effects", [{}, {"second_beam_mode": {"frequency_Hz": 327.0}}])
+def test_samples_against_the_exact_loop(shipped: Prototype, effects: dict[str, dict[str, float]]) -> None:
+    """All limits at sampled points with three sensors, against the exact polynomials that are proved."""
+    rig = family(shipped.but(effects=effects), 6.8).rest.rig
+    law, variables = law_with(3)
+    frequency = np.array([0.7, 6.0, 31.0, 90.0, 260.0])
+    left = observer_slacks(sensed_samples(rig, SENSED, frequency, [3.4]), shipped.goal, law, variables, slopes=False)
+    whole = law.model(variables)
+    record = Observer.of(1.0, SENSED, whole.a, whole.b, whole.c[0], whole.d[0])
+    exact = rig_loop(rig, 1.2, record).at(3.4)
+    goal = shipped.goal
+    expected = {
+        "sensitivity": np.log(goal.peak_sensitivity / np.abs(exact.sensitivity_response(frequency))),
+        "compliance": np.log(goal.compliance_m_per_N / np.abs(exact.compliance_response(frequency))),
+        "effort": np.log((goal.controller_effort_A_per_V or 1) / np.abs(exact.effort_response(frequency))),
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(getattr(left, name), values, atol=1e-7)
+    assert left.loop_gain[-1] == pytest.approx(
+        np.log((goal.loop_gain or 1) / abs(exact.loop_response(frequency)[-1])), abs=1e-7
+    )
+    assert np.isinf(left.loop_gain[:-1]).all()
+
+
+def test_slopes_of_the_samples_against_differences(shipped: Prototype) -> None:
+    rig = family(shipped).rest.rig
+    points = sensed_samples(rig, SENSED, np.array([2.0, 40.0, 300.0]), [0.0, 6.8])
+    law, variables = law_with(3)
+    left = observer_slacks(points, shipped.goal, law, variables)
+    step = 1e-6
+    for k in range(law.size):
+        moved = np.eye(law.size)[k] * step
+        up, down = (
+            observer_slacks(points, shipped.goal, law, variables + move, slopes=False) for move in (moved, -moved)
+        )
+        for name, slope in zip(("sensitivity", "compliance", "loop_gain", "effort"), left.slopes, strict=True):
+            finite = np.isfinite(getattr(left, name))
+            measured = (getattr(up, name)[finite] - getattr(down, name)[finite]) / (2 * step)
+            np.testing.assert_allclose(slope[finite, k], measured, atol=2e-7, rtol=1e-6)
+
+
+def test_block_form_keeps_a_controller(shipped: Prototype) -> None:
+    """Through the record, then in blocks: the responses of the shipped lag with three sections stay what they are."""
+    ((record, inner),) = as_observer(shipped)
+    gain = record.gain_A_per_V
+    whole = StateSpace(np.array(record.a), np.array(record.b), gain * np.array([record.c]), gain * np.array([record.d]))
+    law, variables = block_law(whole, 4, inner)
+    s = 2j * pi * np.geomspace(0.1, 1e4, 60)
+    np.testing.assert_allclose(law.model(variables).responses(s), whole.responses(s), rtol=1e-6)
+    guaranteed = certify(shipped.but(controller=record, guarantee=None), 0.0, 6.8).guaranteed
+    assert guaranteed is not None
+    assert guaranteed.bandwidth_Hz == pytest.approx(16.4459, abs=2e-4)
+
+
+def test_bode_integral_of_the_shipped_loop(shipped: Prototype) -> None:
+    """No open loop pole is unstable and L falls off fast enough: the integral of ln |S| vanishes (H. W. Bode, 1945)."""
+    grid = np.geomspace(1e-4, 1e6, 40_000)
+    for mass in (0.0, 6.8):
+        value = np.log(np.abs(loop(shipped).at(mass).sensitivity_response(grid)))
+        whole = value[0] * grid[0] + np.trapezoid(value, grid)
+        assert abs(whole) < 2e-4 * np.trapezoid(np.abs(value), grid)
+
+
+def test_no_limit_is_below_what_is_proved(shipped: Prototype) -> None:
+    """A proved loop refutes any bound below it; the mass of the inner tip is that of the loop."""
+    masses = (0.0, 3.4, 6.8)
+    found = fundamental_limits(shipped, masses)
+    assert 16.4 < found.bandwidth_Hz < 60
+    assert found.noise_m is not None
+    assert (np.diff(found.noise_m, axis=1) >= 0).all()
+    # The current per newton that the shipped loop takes, against the least that any loop takes.
+    frequency = np.array([1.0, 8.0, 16.0])
+    for mass in masses:
+        closed = loop(shipped).at(mass)
+        plant = sensed_model(family(shipped).rest.rig, mass, shipped.payload.inner_end_mass_kg)
+        volts = plant.responses(frequency)[:, 1, 0]
+        taken = np.abs(closed.effort_response(frequency) * volts)
+        least = 0.015 / held_force(plant, shipped.goal, 0.015, frequency)
+        assert (taken >= least).all()
+        assert (taken < 1.1 * least).all()
+
+
+def test_limits_tighten_with_the_goal(shipped: Prototype) -> None:
+    """A larger peak leaves more room, a limit of effort that holds nothing leaves none, none at all leaves any."""
+    plant = sensed_model(family(shipped).rest.rig, 0.0, 1.8)
+    at = [bode_bound_Hz(plant, shipped.goal.but(peak_sensitivity=peak)) for peak in (1.5, 2.0, 3.0)]
+    assert at[0] < at[1] < at[2]
+    assert effort_bound_Hz(plant, shipped.goal.but(controller_effort_A_per_V=1e-6)) == 0.0
+    assert bode_bound_Hz(plant, shipped.goal.but(controller_effort_A_per_V=None)) == np.inf
+
+
+def test_second_mode_is_found_and_costs_gain(shipped: Prototype) -> None:
+    mode = shipped.but(effects={"second_beam_mode": {"frequency_Hz": 327.0, "damping_ratio": 0.02}})
+    found = fundamental_limits(mode, (0.0, 6.8))
+    assert found.mode_Hz is not None
+    assert found.mode_gain is not None
+    assert all(200 < frequency < 327 for frequency in found.mode_Hz)
+    assert found.mode_Hz[0] > found.mode_Hz[1]  # a payload slows it
+    assert all(gain > 1 for gain in found.mode_gain)
+
+
+def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
+    """From a lag of a small gain: more bandwidth, within all limits on the samples."""
+    points = sensed_samples(family(shipped).rest.rig, SENSED[:1], np.geomspace(0.1, 1000.0, 120), [0.0])
+    whole = StateSpace(np.diag([-20.0, -900.0]), np.array([[20.0], [9.0]]), np.array([[0.02, 0.02]]), np.zeros((1, 1)))
+    law, start = block_law(whole, 1, 0.0)
+    polish = ObserverPolish(points, shipped.goal, law, 6.0)
+    better, bandwidth = polish(start, rounds=2)
+    assert polish.measured(better).violation < 5e-3
+    assert bandwidth >= polish(start, rounds=0)[1]
+
+
+def test_tiny_tune_is_proved(shipped: Prototype, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the pressure as well, at one payload, from few weights: proved by the same oracle as any record."""
+    monkeypatch.setattr(weight_search, "SAMPLES", 16)
+    for name, value in (("_SEARCH", 12), ("_STEPS", 12), ("_ROUNDS", 2), ("CLIMBS", 1), ("BLOCKS", 2)):
+        monkeypatch.setattr(observer_tuning, name, value)
+    monkeypatch.setattr(observer_tuning, "FINE_HZ", np.geomspace(0.05, 3000.0, 90))
+    sensors = (SENSED[0], SENSED[2])
+    goal = shipped.goal.but(compliance_m_per_N=3e-7)
+    found = tune_observer(linear_rig(shipped), (), goal, (0.0, 0.0), 2.0, "lqg", sensors)
+    assert found.proved is not None, found.reason
+    tuned = shipped.but(
+        controller=found.proved.controller,
+        goal=goal,
+        payload=shipped.payload.but(inner_end_mass_kg=found.proved.inner_end_mass_kg),
+        guarantee=None,
+    )
+    guaranteed = certify(tuned, 0.0, 0.0).guaranteed
+    assert guaranteed is not None
+    assert guaranteed.bandwidth_Hz == pytest.approx(found.proved.bandwidth_Hz, rel=1e-6)
+    assert guaranteed.peak_sensitivity <= 2.0
+    assert guaranteed.loop_gain is not None
+    assert guaranteed.loop_gain <= 0.25
+
+
+def test_ranges_of_gain_with_added_sensors_are_refused(shipped: Prototype) -> None:
+    saturating = shipped.but(effects={"current_saturation": {"limit_A": 0.015}})
+    members = family(saturating, 6.8).members
+    found = tune_observer(linear_rig(shipped), members, shipped.goal, (0.0, 6.8), 2.0, "lqg", SENSED)
+    assert found.proved is None
+    assert "range of gains" in found.reason
+
+
+def test_rounding_keeps_nine_digits() -> None:
+    np.testing.assert_array_equal(rounded(np.array([pi * 1e3, -1 / 3])), [3141.59265, -0.333333333])
