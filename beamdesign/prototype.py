@@ -199,6 +199,9 @@ class Arm(Record):
     tool_m: Annotated[
         Point | None, Field(description="where the error counts, likewise; the payload's centre where absent")
     ] = None
+    sensor_m: Annotated[
+        Point | None, Field(description="where the servos measure, likewise; the tip, on the axis, where absent")
+    ] = None
     end_polar_inertia_kg_m2: Annotated[
         NonNegative, Field(description="of the end module about the beam's axis, without the tube")
     ] = 0.0

@@ -36,16 +36,25 @@ def draw_error(axes: Axes, prototype: Prototype, force_N: float) -> None:
     """The error under a force downwards, stacked by cause with servos, and without them."""
     y, z = (single_loop(prototype, name).at(0.0).static_compliance() for name in PLANES)
     offsets = np.linspace(0.0, FARTHEST_M, 61)
-    rows, alone = [], []
+    rows, alone, there = [], [], []
     for offset in offsets:
         rig = beside(prototype, float(offset))
         place, figures = arm_of(rig).offset_m, arm_figures(rig)
         held = remaining(figures, (0.0, 0.0, -force_N), place, place, (y, z))
         rows.append([*held.shares_m.values(), held.size_m])
+        there.append(remaining(figures, (0.0, 0.0, -force_N), place, place, (y, z), place).size_m)
         alone.append(remaining(figures, (0.0, 0.0, -force_N), place, place, None).size_m)
     tip, turning, twist, error = 1e3 * np.array(rows).T
     axes.plot(offsets, 1e3 * np.array(alone), color="0.5", linewidth=2.2, label="outer beam alone, all together")
     axes.plot(offsets, error, color="#2a78b8", linewidth=2.2, label="with servos, all together")
+    axes.plot(
+        offsets,
+        1e3 * np.array(there),
+        color="#2a78b8",
+        linewidth=1.4,
+        linestyle="-.",
+        label="servos measuring at the payload",
+    )
     axes.plot(offsets, twist, color="black", label="of it: end twists, T L / G J")
     axes.plot(offsets, tip, color="black", linestyle="--", label="of it: tip moves, finite gain")
     axes.plot(offsets, turning, color="black", linestyle=":", label="of it: end turns, M L / 4 E I")

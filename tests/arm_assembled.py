@@ -62,6 +62,8 @@ def assemble(rig: Prototype, payload: float, offset: tuple[float, float, float],
     stiffness = np.diag([k, k, twist_stiffness])
     damping = np.diag([2 * zeta * sqrt(k * m), 2 * zeta * sqrt(k * m), 2 * zeta * sqrt(twist_stiffness * inertia)])
     arm = rig.arm
+    at = (0.0, 0.0, 0.0) if arm is None or arm.sensor_m is None else arm.sensor_m
+    seen = np.array([[1 + turn * at[0], 0.0, -at[2]], [0.0, 1 + turn * at[0], at[1]]])
     laws = [rig.controller if arm is None or arm.second_controller is None else arm.second_controller, rig.controller]
     oil, area = rig.actuator.oil_stiffness_N_per_m, rig.actuator.piston_area_m2
     valve, sensor = rig.servovalve, rig.sensor
@@ -91,7 +93,7 @@ def assemble(rig: Prototype, payload: float, offset: tuple[float, float, float],
         a[r, [q, r]] = -(w**2), -2 * valve.damping_ratio * w
         slow, ratio = 2 * pi * law.pole_Hz, law.pole_Hz / law.zero_Hz
         error = np.zeros(n)
-        error[axis] = -sensor.gain_V_per_m
+        error[:3] = -sensor.gain_V_per_m * seen[axis]
         a[h] = slow * error
         a[h, h] -= slow
         current = law.gain_A_per_V * ratio * error

@@ -236,7 +236,77 @@ def test_responses_are_those_of_matrices_put_together_by_hand(link: Prototype):
     gain = -solved(by_hand.opened, by_hand.valve) @ by_hand.current
     np.testing.assert_allclose(plane.at(payload).loop_response(frequency), gain, rtol=1e-7)
     full = both_planes(rig).response(payload, frequency)
+    motion[:, [1, 2], [1, 2]] += rest
     np.testing.assert_allclose(full, motion, rtol=1e-6, atol=1e-14)
+
+
+SENSORS = [((0.0, 0.15, 0.0), (0.0, 0.15, 0.0)), (OFFSET, (0.0, 0.1, 0.05)), ((0.0, 0.1, -0.1), (0.0, 0.1, -0.1))]
+
+
+@pytest.mark.parametrize(("offset", "sensor"), SENSORS)
+def test_servos_that_measure_elsewhere_are_those_put_together_by_hand(
+    link: Prototype, offset: tuple[float, float, float], sensor: tuple[float, float, float]
+):
+    """Poles and responses at the payload, in one plane and in both coupled; these sensors stand level with the tip."""
+    assert link.arm is not None
+    rig = link.but(arm=link.arm.but(offset_m=offset, sensor_m=sensor))
+    model, frequency = both_planes(rig), np.array([0.5, 8.0, 40.0, 150.0])
+    for payload in (0.0, 2.9, 6.8):
+        by_hand = assemble(rig, payload, offset, END_INERTIA)
+        expected = np.linalg.eigvals(by_hand.a)
+        found = model.poles(payload)
+        assert len(found) == len(expected)
+        assert max(np.abs(expected / pole - 1).min() for pole in found) < 1e-6
+        solved = [np.linalg.solve(2j * pi * f * np.eye(len(by_hand.a)) - by_hand.a, by_hand.b) for f in frequency]
+        motion = by_hand.motion @ np.stack(solved)
+        rest = 3 * offset[0] ** 2 / (4 * 486_800.0 * LENGTH_M**2)
+        motion[:, [1, 2], [1, 2]] += rest
+        np.testing.assert_allclose(model.response(payload, frequency), motion, rtol=1e-6, atol=1e-14)
+        if offset[2] == 0:
+            z = plane_loop(rig, "z")
+            np.testing.assert_allclose(z.at_load(payload).compliance_response(frequency), motion[:, 2, 2], rtol=1e-6)
+            gain = by_hand.opened, by_hand.valve, by_hand.current
+            returned = [
+                -gain[2] @ np.linalg.solve(2j * pi * f * np.eye(len(gain[0])) - gain[0], gain[1]) for f in frequency
+            ]
+            np.testing.assert_allclose(z.at(payload).loop_response(frequency), returned, rtol=1e-6)
+
+
+@pytest.mark.parametrize("sensor", [None, (0.0, 0.15, 0.0), (0.08, 0.15, 0.0), (0.05, -0.1, 0.1)])
+def test_at_rest_the_loops_are_the_statics(link: Prototype, sensor: tuple[float, float, float] | None):
+    """The mode's compliance and what stands beside it make up the exact one, wherever the servos measure."""
+    assert link.arm is not None
+    rig = link.but(arm=link.arm.but(offset_m=OFFSET, sensor_m=sensor))
+    closed = loop(link).at(0.0).static_compliance()
+    servo = held(tip_compliance(arm_figures(rig)), (closed, closed), sensor or (0.0, 0.0, 0.0)).compliance
+    exact = at_point(servo, OFFSET)
+    plane = plane_loop(rig, "z")
+    assert plane.at_load(4.0).static_compliance() == pytest.approx(exact[2, 2], rel=1e-9)
+    assert float(plane.roll.constant(0) / plane.characteristic.constant(0)) == pytest.approx(exact[3, 2], rel=1e-9)
+    slow = both_planes(rig).response(4.0, np.array([1e-4]))[0]
+    np.testing.assert_allclose(slow[1:3, 1:3].real, exact[1:3, 1:3], rtol=1e-5, atol=1e-14)
+
+
+def test_servos_that_measure_at_the_payload_hold_it_but_not_its_roll(link: Prototype):
+    figures, force, place = arm_figures(link), (0.0, 0.0, -1000.0), (0.08, 0.15, 0.0)
+    at_tip = remaining(figures, force, place, place, (0.0, 0.0))
+    there = remaining(figures, force, place, place, (0.0, 0.0), place)
+    assert there.size_m < 1e-12 < at_tip.size_m
+    assert (
+        there.rotation_rad[0] == at_tip.rotation_rad[0] == pytest.approx(-1000.0 * 0.15 / figures.torsional_stiffness)
+    )
+    assert link.arm is not None
+    rig = link.but(arm=link.arm.but(offset_m=(0.0, 0.15, 0.0), sensor_m=(0.0, 0.15, 0.0)))
+    goal = certify_plane(at(link, 0.0, 0.15, 0.0), "z", 0.0, 6.8).guaranteed, certify_plane(rig, "z", 0.0, 6.8)
+    assert goal[0] is not None
+    assert goal[0].load_bandwidth_Hz == 0.0
+    assert goal[1].guaranteed is not None
+    assert goal[1].guaranteed.load_bandwidth_Hz > 3.0
+    outcome = replay_text(goal[1].text)
+    assert outcome.valid, outcome.reasons
+    assert not replay_text(resealed(goal[1].text.replace('sensor_m = ["0", "0.15"', 'sensor_m = ["0", "0"'))).valid
+    with pytest.raises(InputError, match="sensor_m"):
+        prove_anywhere(rig, (0.0, 6.8), (0.0, 0.01, 0.0))
 
 
 def _values(polynomial: fmpq_poly, s: np.ndarray) -> np.ndarray:
@@ -468,6 +538,9 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     both = run(path, "--offset-m=0,-0.1,0.1")
     assert both.exit_code == 0
     assert "bandwidth and peaks are not proved" in both.output
+    there = run(path, "--offset-m", "0,0.1,0", "--sensor-m", "0,0.1,0", "--force-N", "500", "--json", answer)
+    assert there.exit_code == 0
+    assert json.loads(answer.read_text())["with_servo"]["size_m"] < 0.2 * fields["with_servo"]["size_m"]
     anywhere = run(path, "--offset-m", "0,0.1,0", "--within-m", "0,0.5,0")
     assert anywhere.exit_code == 1
     assert "plane z, for every payload and every place of its centre asked for: NOT stable" in anywhere.output

@@ -17,13 +17,14 @@ from itertools import product
 from flint import fmpq, fmpq_poly
 
 from beamdesign.arm.both import BUDGET, MASS, both_planes
-from beamdesign.arm.figures import arm_figures, arm_of
+from beamdesign.arm.figures import arm_figures, arm_of, sensor_of
 from beamdesign.arm.remaining import Vector
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import BoxVerdict, box_of, certify_box
 from beamdesign.proof.rational import text
 from beamdesign.proof.rig_family import Family
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
 
 NAMES = (MASS, "along_m", "sideways_squared_m2", "upwards_squared_m2")
 """Parameters: payload (kg), a_x, a_y^2 and a_z^2."""
@@ -49,9 +50,12 @@ def prove_anywhere(
         One verdict for both planes ("both"), or one each ("y", "z") where the centre stays at z = 0. It may be None.
 
     Raises:
-        InputError: as `beamdesign.arm.both.both_planes`.
+        InputError: as `beamdesign.arm.both.both_planes`, and for servos that measure elsewhere than at the tip.
         ValueError: for a negative bound.
     """
+    if any(sensor_of(prototype)):
+        reason = "a payload anywhere is proved for servos that measure at the tip; remove it"
+        raise InputError(prototype.name, [("arm.sensor_m", reason)])
     if min(within) < 0:
         raise ValueError(f"a distance must not be negative, is {min(within):g}")
     centre = [exact(value) for value in arm_of(prototype).offset_m]

@@ -6,15 +6,14 @@ w = (kappa, 0, -a_z) in y, (0, kappa, a_y) in z and -(lambda_y, lambda_z, 0) alo
 
     q_y q_z det(diag(p_y / q_y, p_z / q_z, t) + m s^2 A),    A the sum of the three w w^T,
 
-whose coefficient of m^k is the sum over the principal minors of A of order k. A is of rank two: the three w lie in a
-plane, since there is a motion of the end that leaves the payload's centre where it is. Stability over the mass is
-proved by zero exclusion in ball arithmetic, as for boxes of tolerances; all else is worked out at single masses.
+where the servos measure at the tip; elsewhere the rows of u_y and u_z have what they see of the other motions. A is of
+rank two: the three w lie in a plane, since there is a motion of the end that leaves the payload's centre where it is.
+Stability over the mass is proved by zero exclusion in ball arithmetic, as for boxes of tolerances; all else is worked
+out at single masses.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_poly
@@ -29,6 +28,7 @@ from beamdesign.proof.rig_family import Family
 from beamdesign.prototype import Prototype
 
 MASS = "outer_end_mass"
+_S2 = fmpq_poly([0, 0, 1])
 BUDGET = 20_000
 
 
@@ -64,23 +64,32 @@ class BothPlanes:
         ]
         return fmpq_mat(3, 3, [entry for row in rows for entry in row])
 
+    @property
+    def sensed(self) -> fmpq_mat:
+        """What the servos in y and z measure per u_y, u_z and phi, (2, 3)."""
+        y, z, zero = self.y, self.z, fmpq(0)
+        return fmpq_mat(2, 3, [y.sensed_travel, zero, y.sensed_lever, zero, z.sensed_travel, z.sensed_lever])
+
     @cached_property
     def powers(self) -> tuple[fmpq_poly, ...]:
         """The characteristic polynomial: coefficients of m^0, m^1, m^2, polynomials in s."""
-        motions = self.motions
+        none, single, double = (self._determinant(fmpq(m)) for m in range(3))
+        squared = (double - 2 * single + none) * fmpq(1, 2)
+        return none, single - none - squared, squared
+
+    def _determinant(self, mass: fmpq) -> fmpq_poly:
+        """Of the equilibrium of u_y, u_z and phi; the first two rows times the denominators of their loops."""
+        motions, sensed = self.motions, self.sensed
         inertia = motions.transpose() * motions
-        free = [loop.characteristic.constant for loop in self.loops] + [self.torsion]
-        loaded = [fmpq_poly([0, 0, 1]) * loop.disturbance for loop in self.loops] + [fmpq_poly([0, 0, 1])]
-        found = []
-        for order in range(3):
-            total = fmpq_poly([0])
-            for chosen in combinations(range(3), order):
-                term = fmpq_poly([minor(inertia, chosen)])
-                for i in range(3):
-                    term = term * (loaded[i] if i in chosen else free[i])
-                total = total + term
-            found.append(total)
-        return tuple(found)
+        scales = [*(loop.disturbance for loop in self.loops), fmpq_poly([1])]
+        rows = [[mass * inertia[i, j] * _S2 * scales[i] for j in range(3)] for i in range(3)]
+        for i, loop in enumerate(self.loops):
+            rows[i][i] += loop.opened.constant
+            for j in range(3):
+                rows[i][j] += sensed[i, j] * loop.returned.constant
+        rows[2][2] += self.torsion
+        (a, b, c), (d, e, f), (g, h, k) = rows
+        return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
 
     def at(self, payload: float) -> fmpq_poly:
         """The characteristic polynomial at one payload, kg."""
@@ -92,7 +101,7 @@ class BothPlanes:
         return roots(self.at(payload))
 
     def response(self, payload: float, frequency_Hz: np.ndarray, servo: bool = True) -> np.ndarray:
-        """Motion (x, y, z and roll) of the payload's centre per force on it in x, y, z, by the modes of this model.
+        """Motion (x, y, z and roll) of the payload's centre per force on it in x, y, z.
 
         Args:
             payload: kg.
@@ -103,15 +112,24 @@ class BothPlanes:
             (N, 4, 3), m/N and rad/N, complex.
         """
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        motions = np.array([[float(entry.p) / float(entry.q) for entry in row] for row in self.motions.tolist()])
+        motions, sensed = _floats(self.motions), _floats(self.sensed)
         stiffness = np.zeros((len(s), 3, 3), dtype=complex)
-        for i, loop in enumerate(self.loops):
-            family = loop.characteristic if servo else loop.opened
-            stiffness[:, i, i] = _values(family.constant, s) / _values(loop.disturbance, s)
+        force = np.zeros((len(s), 3, 3), dtype=complex) + motions.T
+        for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
+            scale = _values(loop.disturbance, s)
+            stiffness[:, i, i] = _values(loop.opened.constant, s) / scale
+            if servo:
+                fed = _values(loop.returned.constant, s) / scale
+                stiffness[:, i, :] += fed[:, None] * sensed[i]
+                force[:, i, 1 + i] -= fed * float(plane.sensed_residual.p) / float(plane.sensed_residual.q)
         stiffness[:, 2, 2] = _values(self.torsion, s)
         stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
-        return there @ np.linalg.solve(stiffness, np.broadcast_to(motions.T, stiffness.shape))
+        moved = there @ np.linalg.solve(stiffness, force)
+        rest = float(self.z.residual.p) / float(self.z.residual.q)
+        moved[:, 1, 1] += rest
+        moved[:, 2, 2] += rest
+        return moved
 
     def prove(self, low_kg: float, high_kg: float, budget: int = BUDGET) -> BoxVerdict:
         """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
@@ -125,12 +143,8 @@ class BothPlanes:
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
 
 
-def minor(matrix: fmpq_mat, chosen: Sequence[int]) -> fmpq:
-    """The principal minor of some rows and columns; one of none."""
-    if not chosen:
-        return fmpq(1)
-    n = len(chosen)
-    return fmpq(fmpq_mat(n, n, [matrix[i, j] for i in chosen for j in chosen]).det())
+def _floats(matrix: fmpq_mat) -> np.ndarray:
+    return np.array([[float(entry.p) / float(entry.q) for entry in row] for row in matrix.tolist()])
 
 
 def both_planes(prototype: Prototype) -> BothPlanes:

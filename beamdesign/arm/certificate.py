@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from flint import fmpq
 
-from beamdesign.arm.figures import arm_of
+from beamdesign.arm.figures import arm_of, sensor_of
 from beamdesign.arm.plane import Name, PlaneFigures, PlaneLoop, in_plane, plane_loop
 from beamdesign.crossing import Crossing
 from beamdesign.polynomial import Affine, exact
@@ -220,11 +220,12 @@ def _document(prototype: Prototype, figures: PlaneFigures, stability: StabilityM
 def _arm_lines(prototype: Prototype, figures: PlaneFigures) -> Iterator[str]:
     length = prototype.outer_beam.free_length_m
     assert length is not None  # else there are no figures of the arm
-    yield "# Payload's centre from the tip (along the beam, sideways, upwards), and torsion of the outer beam's end."
+    yield "# Payload's centre and sensors from the tip (along the beam, sideways, upwards); torsion of the outer beam."
     yield "[arm]"
     yield f'plane = "{figures.name}"'
     yield f'free_length_m = "{text(exact(length))}"'
     yield f"offset_m = [{', '.join(quoted(text(exact(value))) for value in arm_of(prototype).offset_m)}]"
+    yield f"sensor_m = [{', '.join(quoted(text(exact(value))) for value in sensor_of(prototype))}]"
     yield f'torsional_stiffness_N_m_per_rad = "{text(figures.torsional_stiffness)}"'
     yield f'torsional_damping_N_m_s_per_rad = "{text(figures.torsional_damping)}"'
     yield f'polar_inertia_kg_m2 = "{text(figures.polar_inertia)}"'

@@ -41,6 +41,11 @@ def arm_of(prototype: Prototype) -> Arm:
     return prototype.arm or Arm()
 
 
+def sensor_of(prototype: Prototype) -> tuple[float, float, float]:
+    """Where the servos measure, from the tip, m."""
+    return arm_of(prototype).sensor_m or (0.0, 0.0, 0.0)
+
+
 def arm_figures(prototype: Prototype) -> ArmFigures:
     """Work the figures out; a torsional stiffness that is given wins over the section's.
 

@@ -11,8 +11,11 @@ With the loop without torsion, p0 + m p1, p1 = s^2 q, and torsion t = k + b s + 
 
     (p0 + m g p1) t + m e^2 s^2 p0,    g = kappa^2 + lambda^2,    e lambda = 0,
 
-and in the same way every other polynomial of the loop. A payload with offsets to both sides couples both planes and is
-in `beamdesign.arm.both`.
+and in the same way every other polynomial of the loop. Servos that measure at [s_x, s_y, s_z] from the tip see
+kappa_s u + e_s phi instead of u, with kappa_s and e_s as kappa and e; what they return is then
+R (kappa_s t + m s^2 e (kappa_s e - kappa e_s)) for R at the tip.
+
+A payload with offsets to both sides couples both planes and is in `beamdesign.arm.both`.
 """
 
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ from typing import Literal
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of
+from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
 from beamdesign.controller import without_added_sensors
 from beamdesign.loop import Loop, LoopAtMass, loop
 from beamdesign.polynomial import Affine, exact
@@ -48,6 +51,9 @@ class PlaneFigures:
         polar_inertia: kg m2.
         residual: compliance at the payload beside the mode's, m/N: 3 a_x^2 / (4 K L^2), its lever's on an end that is
             held but turns.
+        sensed_travel: kappa_s, what the servo sees per motion of the tip.
+        sensed_lever: e_s, what it sees per roll, m.
+        sensed_residual: what it sees beside the mode per force on the payload, m/N: 3 a_x s_x / (4 K L^2).
     """
 
     name: Name
@@ -58,6 +64,9 @@ class PlaneFigures:
     torsional_damping: fmpq
     polar_inertia: fmpq
     residual: fmpq
+    sensed_travel: fmpq
+    sensed_lever: fmpq
+    sensed_residual: fmpq
 
     @property
     def torsion(self) -> fmpq_poly:
@@ -81,7 +90,9 @@ def plane_figures(prototype: Prototype, name: Name, figures: ArmFigures | None =
     """The payload's part in one plane."""
     found = figures or arm_figures(prototype)
     x, y, z = (exact(value) for value in arm_of(prototype).offset_m)
+    sensed_x, sensed_y, sensed_z = (exact(value) for value in sensor_of(prototype))
     length = exact(found.length)
+    rest = fmpq(3, 4) / (exact(found.stiffness) * length**2)
     return PlaneFigures(
         name=name,
         travel=1 + 3 * x / (2 * length),
@@ -90,7 +101,10 @@ def plane_figures(prototype: Prototype, name: Name, figures: ArmFigures | None =
         torsional_stiffness=exact(found.torsional_stiffness),
         torsional_damping=exact(found.torsional_damping),
         polar_inertia=exact(found.polar_inertia),
-        residual=3 * x**2 / (4 * exact(found.stiffness) * length**2),
+        residual=rest * x**2,
+        sensed_travel=1 + 3 * sensed_x / (2 * length),
+        sensed_lever=sensed_y if name == "z" else -sensed_z,
+        sensed_residual=rest * x * sensed_x,
     )
 
 
@@ -185,10 +199,14 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
 
     assert single.demanded is not None  # the loop of a prototype knows its controller
-    opened, returned = joined(single.opened), joined(single.returned)
-    # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
-    load = figures.travel**2 * single.disturbance * t + e**2 * single.characteristic.constant
+    fed, seen, seen_roll = single.returned.constant, figures.sensed_travel, figures.sensed_lever
+    opened = joined(single.opened)
+    returned = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll))
     characteristic = _sum(opened, returned)
+    # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
+    load = figures.travel**2 * single.disturbance * t + e**2 * single.opened.constant
+    load += e * (seen * e - figures.travel * seen_roll) * fed - figures.sensed_residual * figures.travel * fed * t
+    roll = Affine(e * (single.opened.constant + seen * fed), _S2 * fed * e * figures.travel * figures.sensed_residual)
     return PlaneLoop(
         figures,
         opened,
@@ -196,5 +214,5 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         joined(single.demanded),
         joined(Affine(single.disturbance, zero)),
         Affine(load + figures.residual * characteristic.constant, figures.residual * characteristic.slope),
-        Affine(e * single.characteristic.constant, zero),
+        roll,
     )

@@ -49,7 +49,12 @@ class Remaining:
 
 
 def remaining(
-    figures: ArmFigures, force_N: Vector, payload: Vector, tool: Vector, closed: tuple[float, float] | None
+    figures: ArmFigures,
+    force_N: Vector,
+    payload: Vector,
+    tool: Vector,
+    closed: tuple[float, float] | None,
+    sensor: Vector = (0.0, 0.0, 0.0),
 ) -> Remaining:
     """Work out the motions under a force on the payload's centre.
 
@@ -59,11 +64,12 @@ def remaining(
         payload: its centre from the tip, m.
         tool: the point that counts, m.
         closed: static compliance of the closed loops in y and z, m/N; None without servos.
+        sensor: where the servos measure, from the tip, m.
     """
     load = carried(payload) @ np.array([*force_N, 0.0, 0.0, 0.0])
     compliance, actuators = tip_compliance(figures), np.zeros(2)
     if closed is not None:
-        servo = held(compliance, closed)
+        servo = held(compliance, closed, sensor)
         compliance, actuators = servo.compliance, servo.actuators @ load
     motion = compliance @ load
     tip, turn = motion[:3], motion[3:]

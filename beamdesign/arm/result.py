@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 
 from beamdesign.arm.both import BothPlanes, both_planes, couples_both
 from beamdesign.arm.certificate import PlaneCertificate, certify_plane
-from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of
+from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
 from beamdesign.arm.plane import PLANES
 from beamdesign.arm.remaining import Remaining, Vector, remaining
 from beamdesign.arm.statics import at_point, held, tip_compliance
@@ -112,7 +112,7 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
         y, z = (loop.at(0.0).static_compliance() for loop in model.loops)
         closed = y, z
     tip = tip_compliance(figures)
-    servo = None if closed is None else held(tip, closed).compliance
+    servo = None if closed is None else held(tip, closed, sensor_of(prototype)).compliance
     payload, tool = arm.offset_m, arm.tool_m or arm.offset_m
     return ArmResult(
         figures=figures,
@@ -126,7 +126,7 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
         tip_passive=tip,
         tip_active=servo,
         without=remaining(figures, force_N, payload, tool, None),
-        with_servo=None if closed is None else remaining(figures, force_N, payload, tool, closed),
+        with_servo=None if closed is None else remaining(figures, force_N, payload, tool, closed, sensor_of(prototype)),
         frequencies=tuple(frequencies(prototype, mass) for mass in dict.fromkeys(masses)),
     )
 

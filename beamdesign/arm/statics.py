@@ -63,15 +63,19 @@ class Held:
     actuators: np.ndarray
 
 
-def held(compliance: np.ndarray, closed: tuple[float, float]) -> Held:
-    """Add the servos in y and z, each a spring at the tip as stiff as its loop is at rest.
+def held(
+    compliance: np.ndarray, closed: tuple[float, float], sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Held:
+    """Add the servos in y and z: forces on the tip against the displacement that they measure.
 
     Args:
         compliance: (6, 6) of the tip without servos.
-        closed: static compliance x / F_d of the closed loop in y and z, m/N; zero holds the tip still.
+        closed: static compliance x / F_d of the loop in y and z that is closed at the tip, m/N; zero holds it still.
+        sensor: where they measure, from the tip, m. Anywhere else the compliance is no longer symmetric.
     """
     own = np.array([compliance[i, i] for i in _ACTUATED])
     spring = np.array(closed) * own / (own - np.array(closed))  # the servo's own compliance, beside the beam's
     chosen = compliance[:, list(_ACTUATED)]
-    actuators = -np.linalg.solve(chosen[list(_ACTUATED)] + np.diag(spring), chosen.T)
+    measured = carried(sensor).T[list(_ACTUATED)]
+    actuators = -np.linalg.solve(measured @ chosen + np.diag(spring), measured @ compliance)
     return Held(compliance + chosen @ actuators, actuators)

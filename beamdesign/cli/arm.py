@@ -40,6 +40,10 @@ def arm(
         str | None,
         typer.Option("--offset-m", metavar="X,Y,Z", help="Payload's centre from the tip; else that of [arm]."),
     ] = None,
+    sensor_m: Annotated[
+        str | None,
+        typer.Option("--sensor-m", metavar="X,Y,Z", help="Where the servos measure, from the tip; else as in [arm]."),
+    ] = None,
     outer_end_mass: RangeOption = None,
     force_N: Annotated[
         str | None,
@@ -75,7 +79,7 @@ def arm(
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
     from beamdesign.arm.anywhere import prove_anywhere
-    from beamdesign.arm.figures import arm_of
+    from beamdesign.arm.figures import arm_of, sensor_of
     from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.arm.result import work_out
     from beamdesign.prototype import read_prototype
@@ -87,6 +91,8 @@ def arm(
     given = arm_of(record)
     if offset_m is not None:
         given = given.but(offset_m=_three(offset_m, "--offset-m", "m"))
+    if sensor_m is not None:
+        given = given.but(sensor_m=_three(sensor_m, "--sensor-m", "m"))
     record = record.but(arm=given)
     within = None if within_m is None else _three(within_m, "--within-m", "m")
     if within is not None and min(within) < 0:
@@ -106,7 +112,11 @@ def arm(
         say_travel(travel)
     most = offset_for_goal_m(record)
     goal = record.goal.compliance_m_per_N
-    say(f"twist alone moves the payload by the goal's {goal:.4g} m/N at {most:.4g} m off the axis, whatever the servo")
+    if any(sensor_of(record)):
+        say("the servos hold the point that they measure, twist or not; how the end turns, they do not see")
+    else:
+        say(f"twist alone moves the payload by the goal's {goal:.4g} m/N at {most:.4g} m off the axis, and servos that")
+        say("  measure at the tip do nothing about it; --sensor-m proves and works out others")
     remedy = None
     if allowed_mm is not None:
         remedy = twist_remedy(record, force, allowed_mm * 1e-3, masses[1])

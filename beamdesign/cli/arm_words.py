@@ -13,11 +13,14 @@ if TYPE_CHECKING:
 
 def say_figures(record: "Prototype", found: "ArmResult") -> None:
     """Where the payload is, what stands for what, natural frequencies."""
-    from beamdesign.arm.figures import arm_of
+    from beamdesign.arm.figures import arm_of, sensor_of
 
     offset = arm_of(record).offset_m
     place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", offset, strict=True))
     say(f"{record.name}: payload's centre at {place} m from the tip (x along the beam, y sideways, z upwards)")
+    if any(sensor := sensor_of(record)):
+        place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", sensor, strict=True))
+        say(f"  servos measure at {place} m from the tip")
     for note in found.figures.notes:
         say(f"  {note}")
     rows = [

@@ -78,6 +78,9 @@ class Plane:
         self.along, self.lever = (turning * y, -z) if arm["plane"] == "y" else (turning * z, y)
         if self.along != 0 and self.lever != 0:
             raise Malformed("a payload that stands off to both sides couples both planes")
+        sensed = [rational(value) for value in arm["sensor_m"]]
+        self.seen = 1 + turning * sensed[0]
+        self.seen_roll = -sensed[2] if arm["plane"] == "y" else sensed[1]
         names = ("torsional_stiffness_N_m_per_rad", "torsional_damping_N_m_s_per_rad", "polar_inertia_kg_m2")
         self.twist = fmpq_poly([rational(arm[name]) for name in names])
         if self.lever == 0:
@@ -89,11 +92,12 @@ class Plane:
         stiffness = rational(table["rig"]["outer_stiffness_N_per_m"])
         # The end is held and turns under the moment F x: x^2 L / 4 E I, with E I = K L^3 / 3.
         self.rest = 3 * x * x / (4 * stiffness * length * length)
+        self.seen_rest = 3 * x * sensed[0] / (4 * stiffness * length * length)
 
-        opened = self.base["p0"] - self.base["returned"]
-        self.characteristic = self._over(lambda m: self._determinant(self.base["p0"], m))
-        self.opened = self._over(lambda m: self._determinant(opened, m))
-        self.returned = self._over(lambda m: self.base["returned"] * self._twisted(m))
+        self.beam, fed = self.base["p0"] - self.base["returned"], self.base["returned"]
+        self.characteristic = self._over(lambda m: self._determinant(fed, m))
+        self.opened = self._over(lambda m: self._determinant(0 * fed, m))
+        self.returned = self._over(lambda m: fed * (self.seen * self._twisted(m) - self.seen_roll * self._both(m)))
         self.tip = self._over(lambda m: self.base["disturbance"] * self._twisted(m))
         self.load = self._over(self._load)
 
@@ -107,22 +111,27 @@ class Plane:
     def _twisted(self, m: fmpq) -> fmpq_poly:
         return self.twist + m * self.lever**2 * S * S
 
-    def _determinant(self, beam: fmpq_poly, m: fmpq) -> fmpq_poly:
-        """Of tip and twist, times the tip's own denominator."""
+    def _both(self, m: fmpq) -> fmpq_poly:
+        return m * self.travel * self.lever * S * S
+
+    def _first(self, fed: fmpq_poly, m: fmpq) -> Polynomials:
+        """The row of the tip, times its own denominator: what tip and twist do in it, the servo's feeding back."""
         compliance = self.base["disturbance"]
-        tip = beam + m * (self.travel**2 + self.along**2) * S * S * compliance
-        both = m * self.travel * self.lever * S * S
-        return tip * self._twisted(m) - both * both * compliance
+        tip = self.beam + self.seen * fed + m * (self.travel**2 + self.along**2) * S * S * compliance
+        return tip, self._both(m) * compliance + self.seen_roll * fed
+
+    def _determinant(self, fed: fmpq_poly, m: fmpq) -> fmpq_poly:
+        tip, twist = self._first(fed, m)
+        return tip * self._twisted(m) - twist * self._both(m)
 
     def _load(self, m: fmpq) -> fmpq_poly:
         """Motion of the payload in the plane under a force there: Cramer's rule for tip and twist."""
-        compliance = self.base["disturbance"]
-        tip = self.base["p0"] + m * (self.travel**2 + self.along**2) * S * S * compliance
-        both = m * self.travel * self.lever * S * S
-        moved = self.travel * self._twisted(m) - self.lever * both
-        turned = self.lever * tip - self.travel * both * compliance
-        motion = self.travel * compliance * moved + self.lever * turned
-        return motion + self.rest * self._determinant(self.base["p0"], m)
+        fed = self.base["returned"]
+        tip, twist = self._first(fed, m)
+        pushed = self.travel * self.base["disturbance"] - self.seen_rest * fed
+        moved = pushed * self._twisted(m) - self.lever * twist
+        turned = self.lever * tip - pushed * self._both(m)
+        return self.travel * moved + self.lever * turned + self.rest * self._determinant(fed, m)
 
     def ratio(self, kind: str) -> tuple[Polynomials, Polynomials]:
         """Denominator and numerator of what a claim bounds."""

@@ -46,13 +46,12 @@ class Curves:
 def compliance_curves(model: BothPlanes, found: ArmResult) -> Curves:
     """Compliance at the payload's centre at both ends of the range; with the servos only where they are stable."""
     frequency = np.geomspace(0.1, 500.0, 600)
-    rest = float(model.z.residual.p) / float(model.z.residual.q)
     magnitude = {}
     for servo in (False, True) if found.stable else (False,):
         for mass in dict.fromkeys(found.outer_end_mass_kg):
             response = model.response(mass, frequency, servo)
             for direction, i in (("y", 1), ("z", 2)):
-                magnitude[direction, servo, mass] = np.abs(response[:, i, i] + rest)
+                magnitude[direction, servo, mass] = np.abs(response[:, i, i])
     return Curves(frequency, magnitude)
 
 
