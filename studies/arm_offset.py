@@ -47,17 +47,17 @@ def draw_error(axes: Axes, prototype: Prototype, force_N: float) -> None:
     tip, turning, twist, error = 1e3 * np.array(rows).T
     axes.plot(offsets, 1e3 * np.array(alone), color="0.5", linewidth=2.2, label="outer beam alone, all together")
     axes.plot(offsets, error, color="#2a78b8", linewidth=2.2, label="with servos, all together")
+    axes.plot(offsets, twist, color="black", label="of it: end twists, T L / G J")
+    axes.plot(offsets, tip, color="black", linestyle="--", label="of it: tip moves, finite gain")
+    axes.plot(offsets, turning, color="black", linestyle=":", label="of it: end turns, M L / 4 E I")
     axes.plot(
         offsets,
         1e3 * np.array(there),
         color="#2a78b8",
         linewidth=1.4,
         linestyle="-.",
-        label="servos measuring at the payload",
+        label="servos that measure at the payload",
     )
-    axes.plot(offsets, twist, color="black", label="of it: end twists, T L / G J")
-    axes.plot(offsets, tip, color="black", linestyle="--", label="of it: tip moves, finite gain")
-    axes.plot(offsets, turning, color="black", linestyle=":", label="of it: end turns, M L / 4 E I")
     most = offset_for_goal_m(prototype)
     goal = 1e3 * prototype.goal.compliance_m_per_N * force_N
     small = {"textcoords": "offset points", "fontsize": 7}
