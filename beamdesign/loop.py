@@ -29,8 +29,9 @@ class Loop:
         opened: denominator of L, the plant's times the controller's.
         returned: numerator of L; free of m where the displacement alone is fed back.
         disturbance: numerator of the closed-loop compliance x / F_d, free of m.
-        demanded: numerator of C S, current over command volts or over noise of the displacement sensor, C being what
-            the controller makes of that sensor; of the same denominator as S. None where it is not known.
+        demanded: numerator of C S, current over noise of the displacement sensor and, but for the sign and a law's own
+            `b_command`, over command volts; C is what the controller makes of that sensor. Of the same denominator as
+            S; None where it is not known.
     """
 
     opened: Affine
