@@ -5,17 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from beamdesign.design import observer_tuning, weight_search
 from beamdesign.design.fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
 from beamdesign.design.hinf import hinf_norm, synthesise
 from beamdesign.design.lqg import feedback_gain, lqg
 from beamdesign.design.observer_polish import ObserverPolish
+from beamdesign.design.observer_record import as_observer, rounded
 from beamdesign.design.observer_slacks import BlockLaw, block_law, observer_slacks
-from beamdesign.design.observer_tuning import rounded, tune_observer
+from beamdesign.design.observer_tuning import tune_observer
 from beamdesign.design.order_reduction import residualised
 from beamdesign.design.sensed_samples import sensed_model, sensed_samples
-from beamdesign.design.sensor_value import as_observer
+from beamdesign.design.sensor_value import SensorRow
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
 from beamdesign.linear import linear_rig
@@ -24,6 +27,7 @@ from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer
 from beamdesign.proof.certificate import certify
 from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.report.sensor_value import payload_text, plot_sensor_value
 
 PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
 
@@ -293,3 +297,22 @@ def test_ranges_of_gain_with_added_sensors_are_refused(shipped: Prototype) -> No
 
 def test_rounding_keeps_nine_digits() -> None:
     np.testing.assert_array_equal(rounded(np.array([pi * 1e3, -1 / 3])), [3141.59265, -0.333333333])
+
+
+def test_picture_of_what_sensors_buy(shipped: Prototype) -> None:
+    """A bar for every set of sensors and payload, as high as what was proved; the bound of each payload beside."""
+    rows = [
+        SensorRow(sensors, payload, found)
+        for payload in ((0.0, 6.8), (6.8, 6.8))
+        for sensors, found in ((SENSED[:1], 16.4), (SENSED, 0.0))
+    ]
+    limits = fundamental_limits(shipped, (0.0, 6.8))
+    figure = plot_sensor_value(Figure(), rows, (47.0, 48.0), limits)
+    heights = sorted(patch.get_bbox().height for patch in figure.axes[0].patches if isinstance(patch, Rectangle))
+    assert heights == pytest.approx([0.0, 0.0, 16.4, 16.4])
+    assert [text.get_text() for text in figure.axes[0].get_xticklabels()] == [
+        "displacement",
+        "displacement\n+ inner tip\n+ pressure",
+    ]
+    assert payload_text((0.0, 6.8)) == "0 to 6.8 kg"
+    assert payload_text((6.8, 6.8)) == "6.8 kg, known"

@@ -17,6 +17,7 @@ from beamdesign.design.bandwidth_climb import climb
 from beamdesign.design.loop_set import LOOSER_PEAK, ends, loop_set
 from beamdesign.design.lqg import lqg
 from beamdesign.design.observer_polish import ObserverPolish
+from beamdesign.design.observer_record import DIGITS, rounded
 from beamdesign.design.observer_slacks import BlockLaw, block_law, observer_slacks
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.design.sampled_loops import Slacks, sampled_bandwidth
@@ -49,16 +50,13 @@ OBSERVERS = ("lqg", "hinf")
 BLOCKS = 4
 """Pairs of poles that are realised: order 8."""
 
-DIGITS = 9
-"""To which the entries of the record are rounded."""
-
-CLIMBS = 2
+CLIMBS = 3
 """How many proposals are climbed from; the best is polished."""
 
 _SEARCH, _LMI_SEARCH, _LMI_STARTS = 150, 6, 3
 """Evaluations of the search for weights, with Riccati equations and with matrix inequalities."""
 
-_STEPS, _ROUNDS = 80, 12
+_STEPS, _ROUNDS = 80, 20
 """Of the climb and the polish."""
 
 _NEARLY = 0.01
@@ -139,11 +137,6 @@ class _Task:
         )
 
 
-def rounded(values: np.ndarray, digits: int = DIGITS) -> np.ndarray:
-    """Values to so many significant digits."""
-    return np.vectorize(lambda value: float(f"{value:.{digits}g}"), otypes=[float])(values)
-
-
 def tune_observer(
     rig: LinearRig,
     members: Sequence[Member],
@@ -171,8 +164,14 @@ def tune_observer(
     task = _Task(rig, members, goal, masses_kg, largest_inner, tuple(sensors))
     if reason := _cannot(task):
         return TunedObserver(None, 0.0, (), 0, reason)
+    if len(sensors) > 1 and kind and not starts:
+        # What the displacement alone reaches is where an added sensor begins.
+        alone = tune_observer(rig, members, goal, masses_kg, largest_inner, kind, sensors[:1], _half(told))
+        if alone.proved is not None and isinstance(alone.proved.controller, Observer):
+            starts = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]
     proposals = _proposals(task, kind, told) if kind else []
-    laws = [(_extended(task, one), inner) for one, inner in starts]
+    laws = [(_extended(task, one), inner) for one, inner in starts if one.order <= 2 * BLOCKS]
+    laws = [(law, inner) for law, inner in laws if law.stable]
     laws += [(one.law, one.inner_end_mass) for one in proposals[:CLIMBS]]
     if not laws:
         return TunedObserver(None, 0.0, (), 0, "no weights led to a stable controller with a stable loop")
@@ -185,12 +184,14 @@ def tune_observer(
     synthesised = max((one.bandwidth_Hz for one in proposals), default=0.0)
     form, variables, _ = climbed[0]
     polish = ObserverPolish(points, goal, form, largest_inner)
-    bandwidth = 0.0
+    bandwidth, reach = 0.0, 0.5
     for k in range(_ROUNDS // 2):
         told(0.5 + 0.35 * 2 * k / _ROUNDS, f"polishing: {climbed[0][2] if not k else bandwidth:.3g} Hz on samples")
         before = bandwidth
-        variables, bandwidth = polish(variables, rounds=2)
-        if bandwidth < before * 1.002:
+        variables, bandwidth = polish(variables, rounds=2, reach=reach)
+        if bandwidth < before * 1.003:
+            reach /= 4
+        if reach < 0.02:
             break
     reached = (bandwidth, *(found[2] for found in climbed[1:]))
     if bandwidth <= 0:
@@ -200,6 +201,11 @@ def tune_observer(
     told(0.85, f"proving {bandwidth:.3g} Hz")
     proved, proofs, reason = _proved(task, polish, variables, bandwidth)
     return TunedObserver(proved, synthesised, reached, proofs, "" if proved else reason)
+
+
+def _half(told: Callable[[float, str], None]) -> Callable[[float, str], None]:
+    """Progress of work that comes before all else, on a scale of its own below zero."""
+    return lambda share, text: told(0.0, f"displacement alone, {100 * share:.0f} %: {text}")
 
 
 def _cannot(task: _Task) -> str:

@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import pi
 
-import numpy as np
-
-from beamdesign.design.observer_tuning import TunedObserver, rounded, tune_observer
+from beamdesign.design.observer_record import as_observer
+from beamdesign.design.observer_tuning import tune_observer
+from beamdesign.design.refinement import Proved
 from beamdesign.linear import linear_rig
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer, Sensed
-from beamdesign.prototype import Prototype, Structured
+from beamdesign.proof.certificate import Asked, certify, goal_claims
+from beamdesign.prototype import Prototype
 
 SETS: tuple[tuple[Sensed, ...], ...] = (SENSED[:1], SENSED[:2], (SENSED[0], SENSED[2]), SENSED)
 """The displacement alone, with the inner tip's displacement, with the load pressure, with both."""
@@ -23,17 +23,32 @@ class SensorRow:
     Attributes:
         sensors: what the controller reads.
         outer_end_mass_kg: range of the payload.
-        found: the tuning, with what was proved.
+        bandwidth_Hz: proved, within all limits of the goal; 0 where nothing was.
+        prototype: with the controller; None where nothing was proved.
+        reason: why not, empty where it was.
     """
 
     sensors: tuple[Sensed, ...]
     outer_end_mass_kg: tuple[float, float]
-    found: TunedObserver
+    bandwidth_Hz: float
+    prototype: Prototype | None = None
+    reason: str = ""
 
-    @property
-    def bandwidth_Hz(self) -> float:
-        """Proved; 0 where nothing was."""
-        return self.found.proved.bandwidth_Hz if self.found.proved else 0.0
+
+def certified_row(prototype: Prototype) -> SensorRow:
+    """The row of a prototype with an observer, whose limits and bandwidth are proved here.
+
+    Raises:
+        ValueError: for a prototype without an observer, or without a range of payloads.
+    """
+    law, masses = prototype.controller, prototype.payload.outer_end_mass_kg
+    if not isinstance(law, Observer) or masses is None:
+        raise ValueError(f"{prototype.name} has no observer, or no payload range")
+    limits = (Asked("peak_sensitivity", prototype.goal.peak_sensitivity), *goal_claims(prototype.goal))
+    found = certify(prototype, *masses, claims=limits)
+    if not found.holds or found.guaranteed is None:
+        return SensorRow(law.sensors, masses, 0.0, None, found.reason)
+    return SensorRow(law.sensors, masses, found.guaranteed.bandwidth_Hz, prototype)
 
 
 def sensor_rows(
@@ -43,67 +58,38 @@ def sensor_rows(
     sets: Sequence[tuple[Sensed, ...]] = SETS,
     largest_inner_end_mass_kg: float = 6.0,
     told: Callable[[float, str], None] = lambda share, text: None,
+    starts: Sequence[Prototype] = (),
 ) -> Iterator[SensorRow]:
     """Tune for each set of sensors in turn, from what the smaller sets reached.
 
     Args:
-        prototype: its own controller, where it is structured or an observer, is one more start.
+        prototype: the rig; its controller, where it is structured or an observer, is a start.
         outer_end_mass_kg: range of the guarantee.
         kind: of synthesis, to start from that as well; None for the starts alone.
         sets: of sensors, each after those that it contains.
         largest_inner_end_mass_kg: kg.
         told: the share done and what is being done, for each set anew.
+        starts: prototypes whose controllers are further starts.
     """
     rig = linear_rig(prototype.but(effects={}))
     members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
-    reached: list[SensorRow] = []
-    own = [] if prototype.controller is None else as_observer(prototype)
+    reached: list[Proved] = []
+    own = [start for one in (prototype, *starts) for start in as_observer(one)]
     for sensors in sets:
-        starts = [(one, inner) for one, inner in own if set(one.sensors) <= set(sensors)]
-        for row in reached:
-            if row.found.proved is not None and set(row.sensors) <= set(sensors):
-                known = row.found.proved.controller
-                assert isinstance(known, Observer)
-                starts.append((known, row.found.proved.inner_end_mass_kg))
-        best = starts[-2:]
-        found = tune_observer(
-            rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, best
+        grown = [
+            (proved.controller, proved.inner_end_mass_kg)
+            for proved in sorted(reached, key=lambda proved: -proved.bandwidth_Hz)
+            if isinstance(proved.controller, Observer) and set(proved.controller.sensors) <= set(sensors)
+        ]
+        first = [(one, inner) for one, inner in own if set(one.sensors) == set(sensors)]
+        asked = (outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, [*grown[:2], *first])
+        found = tune_observer(rig, members, prototype.goal, *asked)
+        if found.proved is None:
+            yield SensorRow(sensors, outer_end_mass_kg, 0.0, None, found.reason)
+            continue
+        reached.append(found.proved)
+        payload = prototype.payload.but(
+            outer_end_mass_kg=outer_end_mass_kg, inner_end_mass_kg=found.proved.inner_end_mass_kg
         )
-        reached.append(SensorRow(sensors, outer_end_mass_kg, found))
-        yield reached[-1]
-
-
-def as_observer(prototype: Prototype) -> list[tuple[Observer, float]]:
-    """The prototype's controller with its mass inside as a start, where it can be written as an observer."""
-    law, inner = prototype.controller, prototype.payload.inner_end_mass_kg
-    if isinstance(law, Observer):
-        return [(law, inner)]
-    if not isinstance(law, Structured):
-        return []
-    a, b, c, d = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[1.0]])
-    lag = _lag_matrices(2 * pi * law.zero_Hz, 2 * pi * law.pole_Hz)
-    parts = [lag] + [
-        _section_matrices(2 * pi * one.zero_Hz, one.zero_damping_ratio, 2 * pi * one.pole_Hz, one.pole_damping_ratio)
-        for one in law.section
-    ]
-    for a2, b2, c2, d2 in parts:
-        a = np.block([[a, np.zeros((len(a), len(a2)))], [b2 @ c, a2]])
-        b, c, d = np.vstack([b, b2 @ d]), np.hstack([d2 @ c, c2]), d2 @ d
-    return [(Observer.of(law.gain_A_per_V, SENSED[:1], rounded(a), rounded(b), rounded(c[0]), rounded(d[0])), inner)]
-
-
-Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-def _lag_matrices(zero: float, pole: float) -> Matrices:
-    """(1 + s / zero) / (1 + s / pole)."""
-    return np.array([[-pole]]), np.array([[pole]]), np.array([[1 - pole / zero]]), np.array([[pole / zero]])
-
-
-def _section_matrices(zero: float, zero_damping: float, pole: float, pole_damping: float) -> Matrices:
-    """(1 + 2 d s/z + (s/z)^2) / (1 + 2 e s/p + (s/p)^2)."""
-    through = (pole / zero) ** 2
-    a = np.array([[0.0, pole], [-pole, -2 * pole_damping * pole]])
-    # Numerator less the direct gain's share: (1 - through) + s (2 d / z - 2 e through / p).
-    c = np.array([[1 - through, pole * (2 * zero_damping / zero - 2 * pole_damping * through / pole)]])
-    return a, np.array([[0.0], [pole]]), c, np.array([[through]])
+        tuned = prototype.but(controller=found.proved.controller, payload=payload, guarantee=None)
+        yield SensorRow(sensors, outer_end_mass_kg, found.proved.bandwidth_Hz, tuned)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from beamdesign.design.controller_forms import FORMS, ControllerForm
+from beamdesign.design.observer_record import as_observer
 from beamdesign.design.observer_tuning import OBSERVERS, tune_observer
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Proved, Refinement, refine
 from beamdesign.design.starts import best_starts
@@ -105,7 +106,8 @@ def tune(
     Args:
         prototype: the rig; its goal sets the limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
-        kind: controller kind, a key of `beamdesign.design.controller_forms.FORMS`, `structured`, or one of `OBSERVERS`.
+        kind: controller kind, a key of `beamdesign.design.controller_forms.FORMS`, `structured`, or one of `OBSERVERS`;
+            these polish the prototype's own controller as well, where it is structured or an observer.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
         sections: second-order sections of a structured controller.
@@ -129,9 +131,9 @@ def tune(
         found = tuned(prototype, grown.proved, outer_end_mass_kg)
         return Tuning(found, outer_end_mass_kg, grown.proved, grown.sampled, (), grown.certificates)
     if kind in OBSERVERS:
-        seen = tune_observer(
-            rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told
-        )
+        own = [start for start in as_observer(prototype) if set(start[0].sensors) <= set(sensors)]
+        asked = (outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, own)
+        seen = tune_observer(rig, members, prototype.goal, *asked)
         if seen.proved is None or seen.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
             why = no_answer(kind, prototype.goal, outer_end_mass_kg, seen.reason)
             return Tuning(prototype, outer_end_mass_kg, None, seen.sampled, (seen.reason,), seen.certificates, why)

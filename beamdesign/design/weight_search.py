@@ -111,11 +111,22 @@ class WeightSearch:
         rows = int(self.points.row.max()) + 1
         s = 2j * pi * self.points.frequency_Hz[: len(self.points.frequency_Hz) // rows]
         left = slacks_of(self.points, self.goal, np.tile(law.responses(s)[:, 0].T, (1, rows)), inner)
-        if not left.settled:
+        if not left.settled or not self._stable(law, inner):
             return Proposal(law, inner, _UNSTABLE, 0.0, variables)
         aimed = left.compliance[self.points.frequency_Hz <= AIM_HZ]
         reached = sampled_bandwidth(self.points, left.compliance) if left.violation < 1e-3 else 0.0
         return Proposal(law, inner, _PENALTY * left.violation - float(aimed.min()), reached, variables)
+
+    def _stable(self, law: StateSpace, inner: float) -> bool:
+        """Whether the loops of the rig that is designed on are stable at the ends and in the middle of the range."""
+        for mass in np.unique(np.linspace(*self.masses_kg, 3)):
+            plant = sensed_model(self.rig, float(mass), inner, self.sensors)
+            current, sensed = plant.b[:, 1:], plant.c[1:]
+            whole = np.block([[plant.a - current @ law.d @ sensed, current @ law.c], [-law.b @ sensed, law.a]])
+            # The mean pressure of the chambers and the like neither are driven nor show; they are stable by themselves.
+            if np.linalg.eigvals(whole).real.max() >= 0:
+                return False
+        return True
 
     def sampled(self) -> list[Proposal]:
         """Regulators of weights that fill their bounds evenly, the best first; only those with stable loops."""
