@@ -376,6 +376,11 @@ def test_a_payload_off_to_both_sides_is_proved_in_ball_arithmetic(link: Prototyp
     verdict = both_planes(rig).prove(0.0, 6.8)
     assert verdict.stable
     assert replay_text(verdict.certificate).valid
+    near = work_out(at(link, 0.0, 0.03, -0.03), (5.0, 6.8), (0.0, 0.0, -100.0))
+    assert near.stable
+    assert near.sampled_load_Hz is not None
+    response = np.abs(both_planes(at(link, 0.0, 0.03, -0.03)).response(6.8, np.array([0.99 * near.sampled_load_Hz[1]])))
+    assert 0.9 * link.goal.compliance_m_per_N < response[0, 2, 2] <= link.goal.compliance_m_per_N
     far = work_out(at(link, 0.0, 0.5, 0.5), (0.0, 6.8), (0.0, 0.0, -100.0))
     assert far.stable is False
     assert far.with_servo is None
@@ -544,6 +549,26 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     anywhere = run(path, "--offset-m", "0,0.1,0", "--within-m", "0,0.5,0")
     assert anywhere.exit_code == 1
     assert "plane z, for every payload and every place of its centre asked for: NOT stable" in anywhere.output
+
+
+def test_a_sweep_tells_what_the_command_tells(link: Prototype):
+    from beamdesign.study.tasks import ArmOptions
+    from beamdesign.study.tasks.arm import compute
+
+    rig = at(link, 0.0, 0.1, 0.0)
+    answer = compute(rig, ArmOptions(force_N=500.0))
+    expected = work_out(rig, (0.0, 6.8), (0.0, 0.0, -500.0))
+    assert expected.with_servo is not None
+    sure = [plane.guaranteed for plane in expected.planes]
+    assert answer.outputs["error_m"] == expected.with_servo.size_m
+    assert answer.outputs["error_by_twist_m"] == pytest.approx(500 * 0.1**2 / expected.figures.torsional_stiffness)
+    assert answer.outputs["peak_sensitivity"] == max(plane.peak_sensitivity for plane in sure if plane is not None)
+    assert answer.outputs["load_bandwidth_Hz"] == 0.0
+    refused = compute(at(link, 0.0, 0.5, 0.0), ArmOptions())
+    assert refused.outputs["stable"] is False
+    assert "plane z" in refused.reason
+    assert "error_m" not in refused.outputs
+    assert refused.outputs["force_N"] == pytest.approx(6.8 * 9.80665)
 
 
 def test_the_shipped_study_draws_what_it_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):

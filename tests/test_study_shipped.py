@@ -136,3 +136,14 @@ def test_sim_to_real(rows):
     assert row["gap_after"] < row["gap_before"]
     assert row["redesign_runs"] is True
     assert row["redesign_gain_margin"] > 1
+
+
+def test_arm_offset(rows):
+    """Twist grows with the square of the offset, T L / G J times the lever, and the servos leave all of it."""
+    found, _ = rows("arm_offset", 3)
+    first, middle, last = found
+    assert [row["arm.offset_m[1]"] for row in found] == pytest.approx([0.0, 0.15, 0.3])
+    assert first["error_by_twist_m"] == 0.0
+    assert last["error_by_twist_m"] == pytest.approx(4 * middle["error_by_twist_m"])
+    assert last["twist_rad"] * 0.3 == pytest.approx(-last["error_by_twist_m"])
+    assert all(row["stable"] and row["tip_bandwidth_Hz"] > 3.4 for row in found)

@@ -49,6 +49,8 @@ class ArmResult:
         planes: the proofs of both planes, y then z; none where the payload couples them.
         both: the proof of both planes together, where the payload couples them.
         sampled_stable: stability at single payloads where they are coupled, by mass in kg: (mass, stable).
+        sampled_load_Hz: where they are coupled and stable, up to which frequency a force in y, and one in z, moves the
+            payload's centre along itself by no more than the goal's compliance, at the payloads looked at.
         closed_m_per_N: static compliance x / F_d of the two closed loops at the tip, y and z; None where not stable.
         passive: (6, 6) compliance at the payload's centre without servos.
         active: the same with servos; None where not stable.
@@ -62,6 +64,7 @@ class ArmResult:
     planes: tuple[PlaneCertificate, ...]
     both: BoxVerdict | None
     sampled_stable: tuple[tuple[float, bool], ...]
+    sampled_load_Hz: tuple[float, float] | None
     closed_m_per_N: tuple[float, float] | None
     passive: np.ndarray
     active: np.ndarray | None
@@ -111,6 +114,7 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
     if stable:
         y, z = (loop.at(0.0).static_compliance() for loop in model.loops)
         closed = y, z
+    goal = prototype.goal.compliance_m_per_N
     tip = tip_compliance(figures)
     servo = None if closed is None else held(tip, closed, sensor_of(prototype)).compliance
     payload, tool = arm.offset_m, arm.tool_m or arm.offset_m
@@ -120,6 +124,7 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
         planes=planes,
         both=both,
         sampled_stable=sampled,
+        sampled_load_Hz=_load_Hz(model, masses, goal) if both is not None and stable else None,
         closed_m_per_N=closed,
         passive=at_point(tip, payload),
         active=None if servo is None else at_point(servo, payload),
@@ -134,6 +139,16 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
 def _sampled(model: BothPlanes, masses: tuple[float, float]) -> Iterator[tuple[float, bool]]:
     for mass in np.linspace(*masses, SAMPLES):
         yield float(mass), bool(model.poles(float(mass)).real.max() < 0)
+
+
+def _load_Hz(model: BothPlanes, masses: tuple[float, float], goal: float) -> tuple[float, float]:
+    grid = np.geomspace(1e-3, 1e3, 6000)
+    responses = [np.abs(model.response(float(mass), grid)) for mass in np.linspace(*masses, SAMPLES)]
+    kept = []
+    for i in (1, 2):
+        beyond = np.nonzero(np.max([response[:, i, i] for response in responses], axis=0) > goal)[0]
+        kept.append(inf if not len(beyond) else float(grid[beyond[0] - 1]) if beyond[0] else 0.0)
+    return kept[0], kept[1]
 
 
 def frequencies(prototype: Prototype, payload: float) -> Frequencies:

@@ -198,6 +198,7 @@ def _fields(found: "ArmResult", force: "Vector", most: float, remedy: "TwistReme
         ],
         "both_planes": None if both is None else {"stable": both.stable, "reason": both.reason, "pieces": both.pieces},
         "sampled_stable": found.sampled_stable,
+        "sampled_load_Hz": found.sampled_load_Hz,
         "compliance": {
             "payload_without_servo": found.passive.tolist(),
             "payload_with_servo": None if found.active is None else found.active.tolist(),

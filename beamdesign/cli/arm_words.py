@@ -38,6 +38,11 @@ def say_proof(record: "Prototype", found: "ArmResult") -> None:
         reason = f": {found.both.reason}" if found.both.reason else ""
         say(f"both planes, coupled by the payload: {verdict} from {low:g} to {high:g} kg{reason}")
         say("  method: zero exclusion in ball arithmetic over the payload; bandwidth and peaks are not proved")
+        if found.sampled_load_Hz is not None:
+            in_y, in_z = found.sampled_load_Hz
+            limit = record.goal.compliance_m_per_N
+            say(f"  sampled: a force on the payload moves it by at most {limit:.4g} m/N up to")
+            say(f"    {in_y:.4g} Hz in y and {in_z:.4g} Hz in z")
         for mass, stable in found.sampled_stable:
             say(f"  at {mass:g} kg: {'stable' if stable else 'not stable'} (poles, sampled)")
         return

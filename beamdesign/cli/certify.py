@@ -196,6 +196,8 @@ def _say(record: "Prototype", certificate: "Certificate") -> None:
     say(f"method: {certificate.method}")
     for line in certificate.scope:
         say(f"  {line}")
+    if record.arm is not None and (any(record.arm.offset_m) or any(record.arm.sensor_m or ())):
+        say("  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm")
 
 
 def _beyond_peak(found: "Guaranteed", goal: "Goal") -> list[str]:

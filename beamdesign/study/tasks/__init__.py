@@ -64,6 +64,14 @@ class SimToRealOptions(Record):
     seed: Annotated[int, Field(ge=0, description="of tolerances, effect and signals")] = 0
 
 
+class ArmOptions(Record):
+    """Options of `arm`."""
+
+    force_N: Annotated[
+        Positive | None, Field(description="downwards on the payload's centre; else its weight and largest_force_N")
+    ] = None
+
+
 @dataclass(frozen=True)
 class Task:
     """A task.
@@ -102,5 +110,6 @@ TASKS = {
         f"{_ROOM}.sim_to_real", "prototype", SimToRealOptions, "design, virtual rig, diagnosis, redesign"
     ),
     "at_mass": Task(f"{_ROOM}.at_mass", "prototype", AtMassOptions, "margins and figures of the loop at one mass"),
+    "arm": Task(f"{_ROOM}.arm", "prototype", ArmOptions, "both planes with torsion: proof, and what error remains"),
     "limits": Task(f"{_ROOM}.limits", "prototype", AtMassOptions, "what actuator and sensor can do at one mass"),
 }
