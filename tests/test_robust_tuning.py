@@ -15,7 +15,7 @@ from beamdesign.controller import control_model
 from beamdesign.design.loop_search import grid_plant
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread, rig_spread
-from beamdesign.design.robust_tuning import tune_robust
+from beamdesign.design.robust_tuning import tune_robust, worst_of
 from beamdesign.design.sampled_loops import Samples, samples, slacks
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.design.worst_samples import WorstSamples, worst_samples
@@ -24,12 +24,17 @@ from beamdesign.proof.certificate import certify
 from beamdesign.proof.replay import replay
 from beamdesign.prototype import Lag, Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
+from beamdesign.study.delivered import delivered, drawn
 from beamdesign.study.robust_proof import claims_of, draw_rigs, least_share
 
 LAW = Lag(gain_A_per_V=0.12, pole_Hz=1.2, zero_Hz=30.0)
 VARIABLES = np.array([log(0.12), log(1.2), log(30.0), 0.5])
 """The same lag, with mass inside."""
 
+SHIPPED = {"structured_robust_no_payload": 16.3, "structured_robust": 11.6}
+"""Designs with the bandwidth, Hz, that is proved of all of their worst rigs."""
+
+STUDIES = Path(__file__).parent.parent / "studies"
 MASSES_KG = (0.0, 1.0)
 SIGMAS = 1.5
 
@@ -37,7 +42,7 @@ SIGMAS = 1.5
 @pytest.fixture(scope="module")
 def rig() -> Prototype:
     """The published rig with tolerances of some per cent."""
-    record = read_prototype(Path(__file__).parent.parent / "studies/prototypes/paper_remedy.toml")
+    record = read_prototype(STUDIES / "prototypes/paper_remedy.toml")
     tolerance = Tolerance(
         stiffness=0.02,
         effective_mass=0.02,
@@ -200,6 +205,26 @@ def test_a_share_of_rigs_is_bounded_as_in_closed_form() -> None:
     """Clopper and Pearson: with all kept, the bound is the n-th root of 5 %; with none, it is zero."""
     assert least_share(32, 32) == pytest.approx(0.05 ** (1 / 32), rel=1e-9)
     assert least_share(0, 32) == 0.0
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_shipped_design_delivers_what_is_proved_on_nonlinear_rigs(name: str) -> None:
+    """Rigs drawn from its tolerances, with saturation, orifices, second mode and noise, one with a delay as well."""
+    rig = read_prototype(STUDIES / "prototypes" / f"{name}.toml")
+    masses = rig.payload.outer_end_mass_kg
+    assert masses is not None
+    spread = rig_spread(rig, masses[1], 2.0)
+    found = [certify(one, *masses).guaranteed for one in worst_of(spread, masses).rigs]
+    claim = min(0.0 if one is None else one.bandwidth_Hz for one in found)
+    assert claim > SHIPPED[name]
+    nonlinear = {"current_saturation": {"limit_A": 0.015}, "pressure_dependent_flow": {}}
+    assert rig.sensor.noise_V > 0
+    for k, one in enumerate(drawn(rig, spread.deviations, 4, seed=23)):
+        late = {"transport_delay": {"delay_s": 0.0003}} if k == 3 else {}
+        built = one.but(effects=nonlinear | late | one.effects)
+        reached = delivered(built, masses[k % 2], 40.0, seed=k)
+        assert reached.stable, reached.reason
+        assert reached.bandwidth_Hz > claim
 
 
 def test_tolerances_that_are_missing_or_reach_zero_are_refused(rig: Prototype) -> None:

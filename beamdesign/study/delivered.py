@@ -14,7 +14,8 @@ MEASURED_WITHIN = 0.1
 """Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""
 
 _NOISE_HZ = 900.0
-_SEGMENT_S, _SEGMENTS, _LOWEST_HZ, _HIGHEST_HZ = 2.0, 4, 1.0, 100.0
+_SEGMENT_S, _SEGMENTS, _LOWEST_HZ, _HIGHEST_HZ = 4.0, 3, 1.0, 100.0
+_STEP_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def delivered(prototype: Prototype, outer_end_mass: float, amplitude_N: float, s
         row = ScenarioRecord(name=name, input=signals, outer_end_mass_kg=outer_end_mass)
         return simulate(prototype, Scenario(name=name, duration_s=duration_s, record=(row,))).records[0]
 
-    step, answer = record("step", 1.0, Step(amplitude_N=amplitude_N)), record("force", long, force, *noise)
+    step, answer = record("step", _STEP_S, Step(amplitude_N=amplitude_N)), record("force", long, force, *noise)
     current = float(np.abs(answer.column("current_A")).max())
     if not step.stable:
         return Delivered(False, 0.0, current, step.reason)

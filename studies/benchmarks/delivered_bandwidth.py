@@ -104,7 +104,7 @@ def main() -> None:
         reached, promised = np.array([one.bandwidth_Hz for one in found]), claimed(record)
         stable = f"{sum(one.stable for one in found)} of {len(found)}"
         least, middle, most = reached.min(), np.median(reached), reached.max()
-        print(f"{path.stem:30} {promised:8.4g} {stable:>9}  {least:6.1f} {middle:6.1f} {most:7.1f}", flush=True)
+        print(f"{path.stem:30} {promised:8.4g} {stable:>9}  {least:6.2f} {middle:6.2f} {most:7.2f}", flush=True)
         kept = int((reached >= promised).sum())
         share = 100 * least_share(kept, len(found))
         print(f"    {kept} deliver what is claimed: at least {share:.0f} % of all rigs, at 95 % confidence")
