@@ -4,7 +4,8 @@ Usage, from the root of the project:
 
     python studies/apparent_stiffness.py studies/prototypes/tame_lag.toml studies/apparent_stiffness.svg
 
-Every law is searched and proved anew; one takes some five seconds.
+Every law is searched and proved anew for the nominal figures; one takes some five seconds. With --rigs 40 it has to
+suit so many rigs drawn from the tolerances as well.
 """
 
 import argparse
@@ -27,6 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("prototype", type=Path)
     parser.add_argument("picture", type=Path)
+    parser.add_argument("--rigs", type=int, default=0)
     given = parser.parse_args()
     prototype = read_prototype(given.prototype)
     masses = prototype.payload.outer_end_mass_kg
@@ -34,7 +36,7 @@ def main() -> None:
         raise SystemExit("the prototype needs a controller and a payload range")
     found = []
     for stiffness in STIFFNESSES_N_PER_M:
-        best = design(prototype, stiffness, masses, WALL).best
+        best = design(prototype, stiffness, masses, WALL, rigs=given.rigs).best
         if best is None:
             print(f"{stiffness:g} N/m: no law found", flush=True)
             continue

@@ -28,16 +28,19 @@ from beamdesign.design.end_stiffness import (
     softest_N_per_m,
     stable_compliances,
 )
+from beamdesign.design.stiffness_search import design
+from beamdesign.loop import loop
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proof.bouncing import popov_slack
 from beamdesign.proof.contact import Wall, prove_contact, stable_walls
 from beamdesign.proof.passivity import absorbed
 from beamdesign.proof.replay_contact import Malformed, replay
-from beamdesign.prototype import Lag, Prototype, Structured, read_prototype
+from beamdesign.prototype import Lag, Prototype, Structured, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.study.drawn_stiffness import drawn_rigs
 from beamdesign.study.stiffness_run import carried_out
 from beamdesign.tip import Tip, tip
 
@@ -459,6 +462,7 @@ def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
     out, answer = tmp_path / "out", tmp_path / "answer.json"
     source = str(PROTOTYPES / "tame_lag.toml")
     command = ["stiffness", source, "--end-stiffness-N-per-m", "1e6", "--contact", "none", "--keep-controller"]
+    command += ["--rigs", "0"]
     done = CliRunner().invoke(app, [*command, "--out", str(out), "--json", str(answer)])
     assert done.exit_code == 0, done.output
     assert "static stiffness of the end" in done.output
@@ -478,11 +482,11 @@ def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
         assert again.exit_code == 0, again.output
 
 
-def test_the_search_finds_a_passive_law(tmp_path: Path) -> None:
-    answer = tmp_path / "answer.json"
-    source = str(PROTOTYPES / "tame_lag.toml")
-    command = ["tune", source, "--controller", "compliance", "--end-stiffness-N-per-m", "2e5", "--json", str(answer)]
-    done = CliRunner().invoke(app, command)
+def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:
+    answer, source = tmp_path / "answer.json", tmp_path / "rig.toml"
+    write_prototype(rig.but(tolerance={}), source)
+    command = ["tune", str(source), "--controller", "compliance", "--end-stiffness-N-per-m", "2e5"]
+    done = CliRunner().invoke(app, [*command, "--json", str(answer)])
     assert done.exit_code == 0, done.output
     said = json.loads(answer.read_text())
     assert said["passive"]
@@ -490,6 +494,33 @@ def test_the_search_finds_a_passive_law(tmp_path: Path) -> None:
     assert said["stiffness_band_Hz"] > 1.0
     assert said["one_sided_wall_N_per_m"] == 1e9
     assert said["peak_sensitivity"] <= 2.0
+    assert said["drawn"] == []
+
+
+def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> None:
+    """The force filter alone is chosen; tolerances of nothing at all ask for nothing more."""
+    assert isinstance(SOFT.servo, Lag)
+    free, suited = (design(rig, 3e5, MASSES_KG, WALL, "passive", SOFT.servo, rigs=count).best for count in (0, 6))
+    assert free is not None
+    assert suited is None or suited.band_Hz <= free.band_Hz * 1.02
+    exactly = rig.but(tolerance={"flow_gain": 1e-9})
+    same = design(exactly, 3e5, MASSES_KG, WALL, "passive", SOFT.servo, rigs=2).best
+    assert same is not None
+    assert same.band_Hz == pytest.approx(free.band_Hz, rel=1e-3)
+
+
+def test_drawn_rigs_are_as_stiff_as_a_wrong_beam_lets_them(rig: Prototype) -> None:
+    """The estimate takes the outer beam for nominal: what it is stiffer, the end is, with a servo that is stiff."""
+    beam = figures(rig)["outer_stiffness"]
+    law = CompliantLaw(SOFT.servo.but(gain_A_per_V=5.0), 3e5, 366.2)
+    off = rig.but(controller=controller_of(rig, law))
+    stiffer = off.but(outer_beam=off.outer_beam.but(stiffness_N_per_m=1.03 * beam))
+    assert tip(loop(stiffer)).static_stiffness() == pytest.approx(3e5 + 0.03 * beam, rel=1e-3)
+    seen = drawn_rigs(rig.but(controller=controller_of(rig, SOFT)), MASSES_KG, WALL, 8)
+    assert len(seen) == 8
+    assert all(one.stable >= one.wall >= one.passive for one in seen)
+    assert 1.5e5 < min(one.static_N_per_m for one in seen) < 3e5 < max(one.static_N_per_m for one in seen)
+    assert drawn_rigs(rig.but(controller=controller_of(rig, SOFT), tolerance={}), MASSES_KG, WALL, 8) == ()
 
 
 def test_what_cannot_be_is_said_with_its_reason(tmp_path: Path) -> None:

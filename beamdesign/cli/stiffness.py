@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
 """Of the option, and what the design calls it."""
+RIGS = 40
+"""Drawn for a law to suit, and others to count what it does on them."""
 EVERY_WALL = ((0.0, 1e9), (0.0, 0.0))
 """Stiffness (N/m) and damping (N s/m) of the walls where nothing is said of them."""
 
@@ -53,6 +55,14 @@ def stiffness(
         bool,
         typer.Option("--keep-controller", help="Keep the prototype's controller; choose the force filter alone."),
     ] = False,
+    rigs: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1000,
+            help="Rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.",
+        ),
+    ] = RIGS,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -69,7 +79,8 @@ def stiffness(
     that of the outer beam's bending less the cylinder's, from the displacement and load-pressure sensors behind a
     low-pass filter. Lag and filter are searched for the widest band in which the end feels as commanded, within 10 %.
     Stability over the payload, passivity at the tip and contact with walls are proved or refuted in exact arithmetic,
-    for the linear loop. Exit status 1 if no law meets what contact has to be.
+    for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Exit status 1 if
+    no law meets what contact has to be.
     """
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -87,7 +98,8 @@ def stiffness(
         raise InputError("stiffness", problems)
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    give_stiffness(record, end_stiffness_N_per_m, masses, (ranges[0], ranges[1]), CONTACTS[contact], servo, out, json)
+    walls = ranges[0], ranges[1]
+    give_stiffness(record, end_stiffness_N_per_m, masses, walls, CONTACTS[contact], servo, rigs, out, json)
 
 
 def give_stiffness(
@@ -97,6 +109,7 @@ def give_stiffness(
     walls: tuple[tuple[float, float], tuple[float, float]] = EVERY_WALL,
     need: "Need" = "wall",
     servo: "Servo | None" = None,
+    rigs: int = RIGS,
     out: Path | None = None,
     json: Path | None = None,
 ) -> None:
@@ -113,6 +126,8 @@ def give_stiffness(
     from beamdesign.prototype import write_prototype
     from beamdesign.records import InputError
     from beamdesign.report.quantity import at_least, at_most, mass_range_text, quantity
+    from beamdesign.study.drawn_stiffness import drawn_rigs
+    from beamdesign.study.drawn_stiffness import in_words as drawn_in_words
     from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
 
     problems: list[tuple[str, str]] = []
@@ -122,7 +137,7 @@ def give_stiffness(
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall = Wall(stiffest, damping)
     with progress("end stiffness") as update:
-        found = design(record, end_stiffness, masses, wall, need, servo, update)
+        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update)
     if found.best is None:
         say(found.reason)
         write_json(json, {"controller": None, "met": None, "reason": found.reason})
@@ -147,6 +162,9 @@ def give_stiffness(
         say(f"{found.reason}; the next best is given")
     for line in in_words(best, wall):
         say(line)
+    others = drawn_rigs(done.prototype, masses, wall, RIGS)
+    if others:
+        say(drawn_in_words(others))
     paths: dict[str, Path] = {}
     if out is not None:
         paths = {
@@ -159,7 +177,7 @@ def give_stiffness(
         write_prototype(done.prototype, paths["prototype"])
     for kind, path in paths.items():
         say(f"{kind}: {path}")
-    write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, **paths})
+    write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **paths})
 
 
 def _check(end_stiffness: float, problems: list[tuple[str, str]]) -> None:

@@ -1,6 +1,7 @@
 """Search for the lag and the force filter that give the end a stiffness over the widest band.
 
-Sampled: curves at both ends of the payload, local search from many starts. Proved: whatever is taken, see `_admitted`.
+Sampled: curves at both ends of the payload, local search from many starts, rigs drawn from the tolerances. Proved:
+whatever is taken, on the nominal rig and on each of those.
 """
 
 from collections.abc import Callable
@@ -8,11 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.design.compliant_law import CompliantLaw, Servo, least_gain, servo_stiffness
-from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, closed_loop, judge, sensed
+from beamdesign.design.compliant_law import CompliantLaw, Servo, controller_of, least_gain, servo_stiffness
+from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, judge, sensed
+from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.tuning import Progress
 from beamdesign.linear import linear_rig
-from beamdesign.loop import Loop
+from beamdesign.loop import Loop, close_loop
+from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, decide, goal_claims
 from beamdesign.proof.contact import Wall, prove_contact
@@ -26,6 +29,10 @@ _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
 _KEPT_STARTS, _KEPT_STEPS = 40, 40
 _POLISH = 200
+_SEED_OF_RIGS = 1000
+_REACH = 1.5
+"""How many times as far off as the tolerances say the rigs are that a law has to suit."""
+
 _SERVO_OVER_BEAM = 10.0
 """Least stiffness of the servo over that of its outer beam: a command is followed at rest but for a tenth."""
 
@@ -57,6 +64,7 @@ def design(
     wall: Wall,
     need: Need = "wall",
     servo: Servo | None = None,
+    rigs: int = 0,
     progress: Progress | None = None,
 ) -> Design:
     """Find the law with the widest band of the commanded stiffness.
@@ -68,19 +76,20 @@ def design(
         wall: the walls that it may touch.
         need: the least that contact has to be; more, in the order of `NEEDS`, is taken where it can be had.
         servo: to be kept, so that the force filter alone is chosen; None to search a lag as well.
+        rigs: how many, drawn from the prototype's tolerances, have to be as asked as well; none without tolerances.
         progress: told the share done and what is being done.
 
     Raises:
         InputError: for a prototype with effects.
     """
     told = progress or (lambda fraction, text: None)
-    plant = sensed(prototype)
+    others = _plants_drawn(prototype, masses_kg[1], rigs)
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
         reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
         return Design(None, None, 0, reason)
     needs, tried, refused = NEEDS[: NEEDS.index(need) + 1], 0, ""
     for k, one in enumerate(needs):
-        search = _Search(prototype, plant, end_stiffness, masses_kg, wall, one, servo)
+        search = _Search(prototype, others, end_stiffness, masses_kg, wall, one, servo)
 
         def through(share: float, k: int = k, one: Need = one) -> None:
             told((k + share) / len(needs), f"laws that are {_WORDS[one]}")
@@ -90,8 +99,17 @@ def design(
         if law is not None:
             found = judge(prototype, law, masses_kg, wall)
             return Design(found, next(n for n in NEEDS if found.meets(n)), tried, refused)
-        refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}"
+        drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
+        refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
     return Design(None, None, tried, refused)
+
+
+def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[SensedPlant]:
+    """Plants of rigs somewhat further off than the tolerances of a prototype; none where it states none."""
+    if count == 0 or not any(prototype.tolerance.model_dump().values()):
+        return []
+    spread = rig_spread(prototype, largest_kg, 1.0)
+    return [sensed(spread.rig(_REACH * z)) for z in spread.drawn(count, _SEED_OF_RIGS)]
 
 
 _WORDS: dict[Need, str] = {
@@ -107,14 +125,15 @@ class _Search:
     def __init__(
         self,
         prototype: Prototype,
-        plant: SensedPlant,
+        others: list[SensedPlant],
         end_stiffness: float,
         masses_kg: tuple[float, float],
         wall: Wall,
         need: Need,
         servo: Servo | None,
     ):
-        self.prototype, self.plant, self.end_stiffness = prototype, plant, end_stiffness
+        self.prototype, self.others, self.end_stiffness = prototype, others, end_stiffness
+        self.plant = sensed(prototype)
         self.masses_kg, self.wall, self.need, self.servo = masses_kg, wall, need, servo
         self.masses = (exact(masses_kg[0]), exact(masses_kg[1]))
         self.tried = 0
@@ -157,11 +176,11 @@ class _Search:
             else:
                 reach = width * 0.1 ** ((k - starts) / steps)
                 here = np.clip(point + reach * random.standard_normal(len(point)), lowest, highest)
-            law = self._law(here)
-            closed = closed_loop(self.prototype, law, self.plant)
+            controller = controller_of(self.prototype, self._law(here))
+            closed = close_loop(self.plant, controller)
             self.tried += 1
             score = self._band(closed)
-            if score > top and self._admitted(closed):
+            if score > top and self._admitted(closed) and self._on_others(controller):
                 top, point = score, here
         return top, point
 
@@ -189,12 +208,22 @@ class _Search:
 
     def _admitted(self, closed: Loop) -> bool:
         """Whether stability, contact and the goal's limits are proved."""
-        port, goal = tip(closed), self.prototype.goal
+        goal = self.prototype.goal
+        asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+        return self._in_contact(closed) and all(decide(closed, one, *self.masses_kg).holds for one in asked)
+
+    def _in_contact(self, closed: Loop) -> bool:
+        port = tip(closed)
         if not is_stable_over(port.over_mass, *self.masses):
             return False
-        if self.need == "passive" and active_bands(port):
-            return False
-        if self.need == "wall" and not prove_contact(port, self.masses, self.wall).holds:
-            return False
-        asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
-        return all(decide(closed, one, *self.masses_kg).holds for one in asked)
+        if self.need == "passive":
+            return not active_bands(port)
+        return self.need != "wall" or prove_contact(port, self.masses, self.wall).holds
+
+    def _on_others(self, controller: Observer) -> bool:
+        """The same on the drawn rigs; one that refuses is asked first the next time."""
+        for k, plant in enumerate(self.others):
+            if not self._in_contact(close_loop(plant, controller)):
+                self.others.insert(0, self.others.pop(k))
+                return False
+        return True
