@@ -123,6 +123,17 @@ class WallAhead(Record):
     ] = 1e-7
 
 
+class PayloadChange(Record):
+    """A payload that is gripped, released or exchanged during a record."""
+
+    at_s: Annotated[Positive, Field(description="when")]
+    outer_end_mass_kg: Annotated[NonNegative, Field(description="mass on the outer tip from then on")]
+    joining: Annotated[
+        Literal["matched", "from_rest"],
+        Field(description="whether what joins has the tip's velocity, or is at rest and takes some of it"),
+    ] = "matched"
+
+
 class ScenarioRecord(Record):
     """One time record to be made."""
 
@@ -137,6 +148,9 @@ class ScenarioRecord(Record):
     controller: Annotated[Controller | None, Field(description="the law during this record; none: the prototype's")] = (
         None
     )
+    payload_change: Annotated[
+        PayloadChange | None, Field(description="scheduled controller: a payload that changes during the record")
+    ] = None
     start_m: Annotated[
         NonNegative | None, Field(description="actuator bench: where the piston starts; none: at the retracted stop")
     ] = None

@@ -80,9 +80,16 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
         scenario: what is done to it.
 
     Raises:
-        InputError: where the prototype has no controller or an effect that cannot be, or where no equilibrium is found
-            from which to start.
+        InputError: where the prototype has no controller or an effect that cannot be, where no equilibrium is found
+            from which to start, or for a payload that is to change.
     """
+    wrong = [
+        Problem(f"record.{row.name}.payload_change", "is for a scheduled controller")
+        for row in scenario.record
+        if row.payload_change is not None
+    ]
+    if wrong:
+        raise InputError(scenario.name, wrong)
     return Simulation(tuple(_simulated(prototype, scenario, row, k) for k, row in enumerate(scenario.record)))
 
 

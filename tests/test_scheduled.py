@@ -368,6 +368,40 @@ def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:
         assert told in str(done.exception)
 
 
+GRIPPING = """
+name = "gripping"
+duration_s = 0.5
+[[record]]
+name = "grip"
+[record.payload_change]
+at_s = 0.1
+outer_end_mass_kg = 6.8
+[[record.input]]
+kind = "step"
+amplitude_N = 40.0
+at_s = 0.2
+"""
+
+
+def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path: Path) -> None:
+    plan, answer = tmp_path / "plan.toml", tmp_path / "answer.json"
+    plan.write_text(GRIPPING, encoding="utf-8")
+    common = ["--scenario", str(plan), "--out", str(tmp_path / "out"), "--no-plots", "--json", str(answer)]
+    done = CliRunner().invoke(app, ["simulate", str(SHIPPED), *common])
+    assert done.exit_code == 0, done.output
+    assert "1 -> 3" in done.output
+    (record,) = json.loads(answer.read_text())["each"]
+    assert [change["stage"] for change in record["changes"]] == [3]
+    table = np.genfromtxt(tmp_path / "out" / "grip.csv", delimiter=",", names=True)
+    assert set(table["outer_end_mass_kg"]) == {0.0, 6.8}
+    lag = str(ROOT / "studies/prototypes/tame_lag.toml")
+    refused = CliRunner().invoke(app, ["simulate", lag, *common])
+    assert "record.grip.payload_change: is for a scheduled controller" in str(refused.exception)
+    plan.write_text(GRIPPING.replace("duration_s", "sample_s = 0.001\nduration_s"), encoding="utf-8")
+    refused = CliRunner().invoke(app, ["simulate", str(SHIPPED), *common])
+    assert "must be the period of the scheduled controller, 0.0005, is 0.001" in str(refused.exception)
+
+
 def test_certify_switching_takes_a_schedule(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # A narrow range is quickly proved.
     monkeypatch.chdir(tmp_path)

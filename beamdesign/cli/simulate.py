@@ -26,7 +26,8 @@ def simulate(
 ) -> None:
     """Simulate time records of a prototype.
 
-    A twin beam moves with its controller in the loop, an actuator bench without.
+    A twin beam moves with its controller in the loop, an actuator bench without. A scheduled controller is sampled,
+    and estimates its payload, which may change during a record.
 
     A loop that diverges is an answer: it is told when and at what frequency, its record ends there, and the exit status
     is 1.
@@ -36,7 +37,12 @@ def simulate(
     from beamdesign.records import InputError, Problem
     from beamdesign.rig.effects import problems
     from beamdesign.scenario import read_scenario
+    from beamdesign.scheduling.record import is_scheduled
 
+    if is_scheduled(prototype):
+        from beamdesign.cli.simulate_scheduled import simulate_scheduled_records
+
+        return simulate_scheduled_records(prototype, scenario, out, plots, json)
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
         return _simulate_bench(rig, prototype, scenario, out, plots, json)
@@ -63,7 +69,7 @@ def simulate(
         if not record.stable:
             say(f"{record.name}: {record.reason}")
     say(f"records: {len(paths)} files in {out}")
-    drawn = _drawn(rig, plan, [_plotted(record, plan, rig) for record in found.records], out) if plots else {}
+    drawn = drawn_records(rig, plan, [_plotted(record, plan, rig) for record in found.records], out) if plots else {}
     write_json(
         json,
         {
@@ -99,7 +105,9 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
         from beamdesign.report.record_plot import PlottedRecord
 
         tables = {name: dict(zip(BENCH_COLUMNS, table.T, strict=True)) for name, table in found.items()}
-        drawn = _drawn(rig, plan, [PlottedRecord(name, columns, "done") for name, columns in tables.items()], out)
+        drawn = drawn_records(
+            rig, plan, [PlottedRecord(name, columns, "done") for name, columns in tables.items()], out
+        )
     write_json(json, {"stable": True, "records": paths, "effects": list(rig.effects), **drawn})
 
 
@@ -119,7 +127,8 @@ def _plotted(record: Any, plan: Any, rig: Any) -> Any:
     return PlottedRecord(record.name, columns, verdict, record.stable, limits, record.diverged_at_s)
 
 
-def _drawn(rig: Any, plan: Any, records: list[Any], out: Path) -> dict[str, Any]:
+def drawn_records(rig: Any, plan: Any, records: list[Any], out: Path) -> dict[str, Any]:
+    """Draw records and the page that shows them all; gives their files for the answer."""
     from beamdesign.report.record_page import write_record_page
 
     with progress("drawing"):

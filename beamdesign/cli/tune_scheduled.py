@@ -39,6 +39,7 @@ def tune_scheduled(
     from beamdesign.proof.stage_document import in_words, stage_document
     from beamdesign.proof.stage_family import stage_families
     from beamdesign.proof.stage_switching import stage_switching
+    from beamdesign.prototype import Structured
     from beamdesign.records import InputError
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.scheduling.record import law_words, write_scheduled
@@ -50,6 +51,10 @@ def tune_scheduled(
     if record.effects:
         names = ", ".join(record.effects)
         problems.append(("effects", f"changes of stage are proved without effects ({names}); take them out"))
+    if isinstance(record.controller, Structured) and record.sensor.filter_Hz is None:
+        problems.append(
+            ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
+        )
     if problems:
         raise InputError("tune --controller scheduled", problems)
     try:

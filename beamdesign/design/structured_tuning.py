@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdesign.design.bandwidth_climb import climb
 from beamdesign.design.bandwidth_polish import STIFFER, WORTH, Polish
-from beamdesign.design.controller_forms import FORMS, STRUCTURED, ControllerForm, form_named
+from beamdesign.design.controller_forms import FORMS, SECTION_NAMES, STRUCTURED, ControllerForm, form_named
 from beamdesign.design.loop_set import LoopSet, loop_set
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.design.rig_samples import plants_of, rig_samples, sampled_masses
@@ -22,7 +22,7 @@ from beamdesign.design.sampled_loops import Samples, slacks
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs
 from beamdesign.linear import LinearRig
 from beamdesign.members import BilinearPlant, Member
-from beamdesign.prototype import Goal, Proportional
+from beamdesign.prototype import Goal, Proportional, Structured
 
 SECTION_HZ = (8.0, 25.0, 70.0, 200.0)
 """Where a new section begins."""
@@ -85,6 +85,7 @@ class _Task:
     points: Samples
     plants: Sequence[tuple[BilinearPlant, float, int]]
     proportional: bool = False
+    least_inner: float = 0.0
 
     def form(self, sections: int) -> ControllerForm:
         if self.proportional:
@@ -92,7 +93,7 @@ class _Task:
         return form_named(f"{STRUCTURED}{sections}" if sections else "lag")
 
     def bounds(self, sections: int) -> tuple[np.ndarray, np.ndarray]:
-        bounds = np.array([*self.form(sections).log_bounds, (0.0, self.largest_inner)])
+        bounds = np.array([*self.form(sections).log_bounds, (self.least_inner, self.largest_inner)])
         return bounds[:, 0], bounds[:, 1]
 
     def polish(self, sections: int) -> Polish:
@@ -171,6 +172,33 @@ def grow(
         if proved is not None and (best is None or proved.bandwidth_Hz > best.bandwidth_Hz):
             best, worst = proved, rigs
     return Grown(best, reached, certificates, "" if best else reason, worst)
+
+
+def grow_on(
+    rig: LinearRig,
+    members: Sequence[Member],
+    goal: Goal,
+    masses_kg: tuple[float, float],
+    controller: Structured,
+    inner_end_mass: float,
+) -> Grown:
+    """The largest guaranteed bandwidth near a controller that is given, with the mass inside as it is.
+
+    Args:
+        rig: without effects.
+        members: linear members that have to be served; none for the rig alone.
+        goal: limits of compliance, sensitivity, loop gain and effort.
+        masses_kg: range of outer end mass.
+        controller: to begin with; its number of sections stays.
+        inner_end_mass: kg, which stays too.
+    """
+    task = replace(_task(rig, members, goal, masses_kg, inner_end_mass), least_inner=inner_end_mass)
+    sections = len(controller.section)
+    figures = [controller.gain_A_per_V, controller.pole_Hz, controller.zero_Hz]
+    figures += [getattr(one, name) for one in controller.section for name in SECTION_NAMES]
+    variables, aimed = task.polish(sections)(np.append(np.log(figures), inner_end_mass))
+    proved, certificates, reason, _ = _proved(task, variables, sections, aimed)
+    return Grown(proved, (aimed,), certificates, "" if proved else reason)
 
 
 def _task(

@@ -48,6 +48,8 @@ _PANELS = (
     _Panel("force", (("disturbance_N", "force on the tip"),), ((1.0, "N"),)),
     _Panel("command", (("command_V", "command"),), ((1.0, "V"), (1e3, "mV"))),
     _DISPLACEMENT,
+    _Panel("payload", (("outer_end_mass_kg", "payload"), ("estimate_kg", "estimate")), ((1.0, "kg"),)),
+    _Panel("stage", (("stage", "stage"),), ((1.0, "no."),)),
     _Panel("inner tip", (("inner_displacement_m", "inner tip"),), _LENGTH),
     _Panel("current", (("current_A", "valve current"),), ((1.0, "A"), (1e3, "mA"), (1e6, "μA"))),
     _Panel(
