@@ -8,12 +8,11 @@ from beamdesign.scheduling.simulation import Course
 
 def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
     """What a record does to the rig: force, command, and payload with its change."""
-    inputs = inputs_of(row, scenario)
-    payload, joining = [(0.0, row.outer_end_mass_kg)], "matched"
-    if (change := row.payload_change) is not None:
-        payload.append((change.at_s, change.outer_end_mass_kg))
-        joining = change.joining
-    return Course(inputs[:, 0] + row.preload_N, tuple(payload), joining, inputs[:, 1])
+    inputs, begun = inputs_of(row, scenario), (0.0, row.outer_end_mass_kg)
+    force, command = inputs[:, 0] + row.preload_N, inputs[:, 1]
+    if (change := row.payload_change) is None:
+        return Course(force, (begun,), command_V=command)
+    return Course(force, (begun, (change.at_s, change.outer_end_mass_kg)), change.joining, command)
 
 
 def unfit(scenario: Scenario, schedule: Scheduled) -> list[Problem]:
