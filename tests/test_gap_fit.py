@@ -17,6 +17,7 @@ from beamdesign.gap.fitting.unknowns import Placement, tolerated
 from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.lumped import figures
 from beamdesign.records import InputError
+from beamdesign.rig.effects import library
 
 
 @pytest.fixture(scope="module")
@@ -148,6 +149,17 @@ def test_bounds_hold():
     found = fit(Hypothesis(("valve_deadband",)), placement, [Straight(h, h @ wanted)], np.zeros(len(h)), 60)
     assert found.z[at] == pytest.approx(low, abs=1e-9)
     np.testing.assert_allclose(np.delete(found.z, at), 0.5 * 100 / 101, rtol=2e-3)
+
+
+@pytest.mark.parametrize("effect", sorted(library()))
+def test_figures_at_their_bounds_make_a_rig(effect):
+    """Logarithm and exponential give a bound back within an ulp; on the wrong side of it no rig would take the figure."""
+    unknowns = [u for u in Hypothesis((effect,)).placement(believed()).unknowns if u.name.startswith(effect + ".")]
+    assert unknowns
+    for u in unknowns:
+        for bound, z in zip((u.low, u.high), u.bounds, strict=True):
+            if np.isfinite(z):
+                assert u.value(z) == bound
 
 
 def test_a_sensor_lag_is_found_with_the_figures_that_moved(lagged):

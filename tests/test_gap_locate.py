@@ -12,7 +12,7 @@ from beamdesign.gap.fitting.fit import Fit, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, together
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.where.conditions import lines_of, setting
-from beamdesign.gap.where.innovations import kalman, multiplicative, sampled
+from beamdesign.gap.where.innovations import Unsolved, kalman, multiplicative, sampled
 from beamdesign.gap.where.kind import kind_of_effect
 from beamdesign.gap.where.local_laws import stop
 from beamdesign.gap.where.locate import laws_of, locate
@@ -139,6 +139,12 @@ def test_filter_of_one_state_has_its_closed_form_and_white_innovations():
     for lag in range(1, 6):
         correlation = float(innovations[lag:] @ innovations[:-lag]) / float(innovations @ innovations)
         assert abs(correlation) < 4 / np.sqrt(count)
+
+
+def test_a_riccati_equation_without_a_solution_is_said():
+    """A growing state that is not seen has no steady-state filter (Anderson and Moore, chapter 4: not detectable)."""
+    with pytest.raises(Unsolved):
+        kalman(np.array([[2.0]]), np.eye(1), np.zeros(1), 1.0)
 
 
 def test_laws_of_the_valve_explain_a_deadband(deadband):

@@ -7,7 +7,7 @@ zero. So a z of 3 is three standard deviations off, whatever its unit.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import exp, log
+from math import exp, isclose, log
 
 import numpy as np
 
@@ -38,6 +38,9 @@ TOLERANCE_OF = {
 """Which key of `[tolerance]` vouches for a figure of the rig."""
 
 
+_ROUNDING = 1e-12
+
+
 @dataclass(frozen=True)
 class Unknown:
     """One number to be found.
@@ -63,8 +66,15 @@ class Unknown:
     tolerance: float = 0.0
 
     def value(self, z: float) -> float:
-        """SI value at z."""
-        return self.nominal + self.spread * z if self.linear else self.nominal * exp(self.spread * z)
+        """SI value at z.
+
+        At a bound it is the bound: what a power gives there may lie an ulp beyond it, where no rig takes the figure.
+        """
+        value = self.nominal + self.spread * z if self.linear else self.nominal * exp(self.spread * z)
+        for bound in (self.low, self.high):
+            if isclose(value, bound, rel_tol=_ROUNDING):
+                return bound
+        return value
 
     def slope(self, z: float) -> float:
         """Derivative of the value by z."""

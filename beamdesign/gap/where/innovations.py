@@ -6,6 +6,7 @@ and J. B. Moore, Optimal Filtering (1979), chapters 4 and 10.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -55,6 +56,10 @@ class Filter:
         return np.asarray(zpk2sos(zeros, poles, 1.0))
 
 
+class Unsolved(ArithmeticError):
+    """There is no filter: its Riccati equation was not solved."""
+
+
 def kalman(a: np.ndarray, noise: np.ndarray, c: np.ndarray, variance: float) -> Filter:
     """Steady-state filter of x+ = A x + w, y = c x + v.
 
@@ -63,10 +68,16 @@ def kalman(a: np.ndarray, noise: np.ndarray, c: np.ndarray, variance: float) -> 
         noise: (n, n) covariance of w.
         c: (n,).
         variance: of v.
+
+    Raises:
+        Unsolved: where the Riccati equation is too ill-conditioned to be solved.
     """
     from scipy.linalg import solve_discrete_are
 
-    p = solve_discrete_are(a.T, c[:, None], noise, np.array([[variance]]))
+    try:
+        p = solve_discrete_are(a.T, c[:, None], noise, np.array([[variance]]))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise Unsolved(str(error)) from error
     s = float(c @ p @ c + variance)
     return Filter(a, c, p @ c / s, s)
 
@@ -148,10 +159,14 @@ def likelihood(prototype: Prototype, z: np.ndarray, found: Sequence[Residual]) -
 def _filters(
     space: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], name: str, size: float, unit: float, step: float
 ) -> tuple[Filter, ...]:
-    """One filter per intensity."""
+    """One filter per intensity; an intensity whose filter cannot be had is passed over, as if it explained nothing."""
     a, b, c = driven(space, name)
     moved, noise = sampled(a, b * size * np.sqrt(2 / (2 * np.pi * _BAND_HZ)), step)
-    return tuple(kalman(moved, noise * intensity**2, c / unit, 1.0) for intensity in _INTENSITIES)
+    found = []
+    for intensity in _INTENSITIES:
+        with suppress(Unsolved):
+            found.append(kalman(moved, noise * intensity**2, c / unit, 1.0))
+    return tuple(found)
 
 
 def driven(space: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], entry: str) -> Matrices:
