@@ -153,7 +153,7 @@ def test_bounds_hold():
 
 @pytest.mark.parametrize("effect", sorted(library()))
 def test_figures_at_their_bounds_make_a_rig(effect):
-    """Logarithm and exponential give a bound back within an ulp; on the wrong side of it no rig would take the figure."""
+    """Logarithm and exponential give a bound back within an ulp; beyond it no rig would take the figure."""
     unknowns = [u for u in Hypothesis((effect,)).placement(believed()).unknowns if u.name.startswith(effect + ".")]
     assert unknowns
     for u in unknowns:
