@@ -23,6 +23,7 @@ from beamdesign.arm.result import frequencies, work_out
 from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.cli import app
 from beamdesign.loop import loop
+from beamdesign.observer import Observer
 from beamdesign.proof.certificate import certify
 from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Arm, Lag, Payload, Prototype, read_prototype, write_prototype
@@ -494,6 +495,22 @@ def test_certificates_are_proved_again_and_false_ones_refused(link: Prototype):
         assert old in text
         outcome = replay_text(resealed(text.replace(old, new, 1)))
         assert any(words in reason for reason in outcome.reasons), (old, outcome.reasons)
+
+
+def test_a_lag_written_as_an_observer_is_the_lag(link: Prototype):
+    rate, share = 2 * pi * 1.7, 1.7 / 20.0
+    same = Observer.of(0.05, ("displacement_m",), [[-rate]], [[rate]], [1 - share], [share])
+    rig = at(link, *OFFSET)
+    own, other = (certify_plane(arm, "z", 0.0, 6.8) for arm in (rig, rig.but(controller=same)))
+    assert own.guaranteed is not None
+    assert other.guaranteed is not None
+    assert other.guaranteed.tip_bandwidth_Hz == pytest.approx(own.guaranteed.tip_bandwidth_Hz, rel=1e-6)
+    assert other.guaranteed.peak_sensitivity == pytest.approx(own.guaranteed.peak_sensitivity, rel=2e-4)
+    outcome = replay_text(other.text)
+    assert outcome.valid, outcome.reasons
+    two = Observer.of(0.05, ("displacement_m", "load_pressure_Pa"), [[-rate]], [[rate, 0.0]], [1 - share], [share, 0.0])
+    with pytest.raises(InputError, match="arm"):
+        plane_loop(rig.but(controller=two), "z")
 
 
 # Input and command line.

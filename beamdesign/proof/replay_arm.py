@@ -87,7 +87,10 @@ class Plane:
             self.twist = fmpq_poly([1])  # it has no part in the loop
         elif not (self.twist[0] > 0 and self.twist[1] >= 0 and self.twist[2] > 0):
             raise Malformed("torsion needs stiffness and inertia, and no negative damping")
-        self.law = tuple(single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
+        above, below = single.law_of(table["controller"])
+        if len(above) != 1:
+            raise Malformed("an arm's controller senses displacement alone")
+        self.law = above["displacement_m"], below
         self.base = single._rebuilt(table)
         stiffness = rational(table["rig"]["outer_stiffness_N_per_m"])
         # The end is held and turns under the moment F x: x^2 L / 4 E I, with E I = K L^3 / 3.
