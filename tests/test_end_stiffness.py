@@ -509,6 +509,12 @@ def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> Non
     assert same.band_Hz == pytest.approx(free.band_Hz, rel=1e-3)
 
 
+def test_an_end_softer_than_its_beam_is_known_is_refused_with_the_reason(rig: Prototype) -> None:
+    found = design(rig, 1e4, MASSES_KG, WALL, "passive", SOFT.servo, rigs=10)
+    assert found.best is None
+    assert "rigs drawn from its tolerances; the outer beam is known to 1.46e+04 N/m" in found.reason
+
+
 def test_drawn_rigs_are_as_stiff_as_a_wrong_beam_lets_them(rig: Prototype) -> None:
     """The estimate takes the outer beam for nominal: what it is stiffer, the end is, with a servo that is stiff."""
     beam = figures(rig)["outer_stiffness"]

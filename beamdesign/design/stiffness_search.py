@@ -101,7 +101,18 @@ def design(
             return Design(found, next(n for n in NEEDS if found.meets(n)), tried, refused)
         drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
         refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
-    return Design(None, None, tried, refused)
+    return Design(None, None, tried, refused + _blurred(prototype, end_stiffness) if others else refused)
+
+
+def _blurred(prototype: Prototype, end_stiffness: float) -> str:
+    """What to change where the outer beam is not known well: the force is what bends it, less the cylinder's."""
+    deviation = prototype.tolerance.stiffness * linear_rig(prototype).figures["outer_stiffness"]
+    if end_stiffness > 4 * deviation:
+        return ""
+    return (
+        f"; the outer beam is known to {deviation:.3g} N/m (standard deviation), and the end is stiffer or softer by"
+        " as much: measure tolerance.stiffness better, or ask for more"
+    )
 
 
 def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[SensedPlant]:
