@@ -170,5 +170,7 @@ def draw_compliance(axes: Axes, curves: Curves, goal: float) -> Axes:
     axes.set_ylabel("m/N")
     axes.set_title("force and motion of the payload's centre, z", fontsize=9)
     axes.grid(which="major", color="0.85", linewidth=0.6)
-    axes.legend(fontsize=7, loc="best")
+    # Room for the legend below the curves.
+    axes.set_ylim(bottom=0.001 * min(goal, *(float(values[0]) for values in curves.magnitude.values())))
+    axes.legend(fontsize=7, loc="lower left")
     return axes
