@@ -50,13 +50,13 @@ OBSERVERS = ("lqg", "hinf")
 BLOCKS = 4
 """Pairs of poles that are realised: order 8."""
 
-CLIMBS = 3
-"""How many proposals are climbed from; the best is polished."""
+CLIMBS, POLISHED = 5, 2
+"""How many proposals are climbed from, and how many of these are polished, with one sensor; else the best alone."""
 
 _SEARCH, _LMI_SEARCH, _LMI_STARTS = 150, 6, 3
 """Evaluations of the search for weights, with Riccati equations and with matrix inequalities."""
 
-_STEPS, _ROUNDS = 80, 20
+_STEPS, _ROUNDS = 150, 20
 """Of the climb and the polish."""
 
 _NEARLY = 0.01
@@ -182,18 +182,13 @@ def tune_observer(
         climbed.append(_climbed(task, points, *block_law(law, BLOCKS, inner, _worth(points))))
     climbed.sort(key=lambda found: -found[2])
     synthesised = max((one.bandwidth_Hz for one in proposals), default=0.0)
-    form, variables, _ = climbed[0]
-    polish = ObserverPolish(points, goal, form, largest_inner)
-    bandwidth, reach = 0.0, 0.5
-    for k in range(_ROUNDS // 2):
-        told(0.5 + 0.35 * 2 * k / _ROUNDS, f"polishing: {climbed[0][2] if not k else bandwidth:.3g} Hz on samples")
-        before = bandwidth
-        variables, bandwidth = polish(variables, rounds=2, reach=reach)
-        if bandwidth < before * 1.003:
-            reach /= 4
-        if reach < 0.02:
-            break
-    reached = (bandwidth, *(found[2] for found in climbed[1:]))
+    bandwidth = 0.0
+    for k, (form, first, _) in enumerate(climbed[: POLISHED if len(sensors) == 1 else 1]):
+        candidate = ObserverPolish(points, goal, form, largest_inner)
+        better, reached_Hz = _polished(candidate, first, _part(told, 0.5 + 0.35 * k / POLISHED, 0.35 / POLISHED))
+        if reached_Hz > bandwidth or not k:
+            polish, variables, bandwidth = candidate, better, reached_Hz
+    reached = (bandwidth, *sorted((found[2] for found in climbed[1:]), reverse=True))
     if bandwidth <= 0:
         return TunedObserver(
             None, synthesised, reached, 0, "no start led to a stable loop within the limits on samples"
@@ -201,6 +196,27 @@ def tune_observer(
     told(0.85, f"proving {bandwidth:.3g} Hz")
     proved, proofs, reason = _proved(task, polish, variables, bandwidth)
     return TunedObserver(proved, synthesised, reached, proofs, "" if proved else reason)
+
+
+def _polished(
+    polish: ObserverPolish, variables: np.ndarray, told: Callable[[float, str], None]
+) -> tuple[np.ndarray, float]:
+    """Polish until smaller steps help no more."""
+    bandwidth, reach = 0.0, 0.5
+    for k in range(_ROUNDS // 2):
+        told(2 * k / _ROUNDS, f"polishing: {bandwidth:.3g} Hz on samples" if k else "polishing")
+        before = bandwidth
+        variables, bandwidth = polish(variables, rounds=2, reach=reach)
+        if bandwidth < before * 1.003:
+            reach /= 4
+        if reach < 0.02:
+            break
+    return variables, bandwidth
+
+
+def _part(told: Callable[[float, str], None], start: float, length: float) -> Callable[[float, str], None]:
+    """Progress of a part of the whole."""
+    return lambda share, text: told(start + length * share, text)
 
 
 def _half(told: Callable[[float, str], None]) -> Callable[[float, str], None]:

@@ -4,6 +4,7 @@ A regulator that is optimal by its weights knows nothing of limits on peaks; the
 payload that it is designed for are what a search can choose. Everything here is sampled and only proposes.
 """
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import log, pi
@@ -99,14 +100,16 @@ class WeightSearch:
         """The controller of some weights; None where there is none, or none that is stable."""
         weights, inner = Weights(*np.exp(variables[: len(_LOG_BOUNDS)])), float(variables[-2])
         try:
-            plant = scaled_plant(
-                sensed_model(self.rig, float(variables[-1]), inner, self.sensors), self.goal.compliance_m_per_N
-            )
-            found = solve(weighted(plant, weights))
-            if found is None:
-                return None
-            law = realised(plant, weights, found, self.order)
-        except (np.linalg.LinAlgError, ValueError):
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", RuntimeWarning)  # an equation that is all but singular is no design
+                plant = scaled_plant(
+                    sensed_model(self.rig, float(variables[-1]), inner, self.sensors), self.goal.compliance_m_per_N
+                )
+                found = solve(weighted(plant, weights))
+                if found is None:
+                    return None
+                law = realised(plant, weights, found, self.order)
+        except (np.linalg.LinAlgError, ValueError, RuntimeWarning):
             return None
         rows = int(self.points.row.max()) + 1
         s = 2j * pi * self.points.frequency_Hz[: len(self.points.frequency_Hz) // rows]
