@@ -15,11 +15,14 @@ def data():
     return measured(believed())
 
 
-def errors(before: float, tuned: float, after: float, noise: float = 0.01, name: str = "one") -> Errors:
+def errors(
+    before: float, tuned: float, after: float, noise: float = 0.01, name: str = "one", written: float | None = None
+) -> Errors:
     """White errors of given size on a record of four seconds."""
     random = np.random.default_rng(len(name))
     times = np.arange(8000) * 5e-4
     signals = [size * random.standard_normal(8000) for size in (before, tuned, after)]
+    signals.append(signals[-1] if written is None else signals[-1] * written / after)
     return Errors(name, times, np.sin(times), *signals, noise)
 
 
@@ -28,6 +31,13 @@ def test_closed_is_the_share_of_what_can_be_explained():
     assert found.before == pytest.approx(0.3, rel=0.03)
     assert found.closed == pytest.approx((0.09 - 0.01) / (0.09 - 0.0001), abs=0.02)
     assert found.closed_interval[0] < found.closed < found.closed_interval[1]
+
+
+def test_the_interval_holds_the_share_that_the_written_prototype_closes():
+    """Measured is by fits without the held-out records; what is written is fitted to all, and closes more."""
+    found = gap([errors(0.3, 0.2, 0.1, written=0.05)], ())
+    assert found.closed == gap([errors(0.3, 0.2, 0.1)], ()).closed
+    assert found.closed_interval[0] < found.closed < (0.09 - 0.0025) / (0.09 - 0.0001) < found.closed_interval[1]
 
 
 def test_only_records_that_no_fit_has_seen_count():

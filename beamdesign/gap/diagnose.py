@@ -77,10 +77,12 @@ def diagnose(
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     alone = record_evidence(data)
-    measured = gap([errors(piece, data.prototype, tuned, outside) for piece in alone], kept_out)
+    measured = gap([errors(piece, data.prototype, tuned, outside, best) for piece in alone], kept_out)
     # What cannot be predicted from rest neither confirms nor refutes.
     seen_again = (
-        gap([errors(followed(p), data.prototype, tuned, outside) for p in alone], kept_out) if hammers else measured
+        gap([errors(followed(p), data.prototype, tuned, outside, best) for p in alone], kept_out)
+        if hammers
+        else measured
     )
     verdict = verdict_of(judged, examined.limits_confidence or not confirmed(seen_again))
     progress(1.0, "where the gap lies")

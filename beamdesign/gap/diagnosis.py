@@ -85,7 +85,7 @@ class Gap:
         after: with the chosen causes.
         noise_floor: below which no model can go.
         closed: (before^2 - after^2) / (before^2 - noise_floor^2).
-        closed_interval: 90 % interval by block bootstrap.
+        closed_interval: 90 % interval by block bootstrap; it holds that of the written prototype as well.
         records: one by one, the fitted ones too.
         bands: by frequency.
     """

@@ -30,7 +30,8 @@ class Errors:
         measured: (N,) m.
         before: (N,) error of the believed prototype.
         tuned: (N,) with the tolerated figures fitted.
-        after: (N,) with the chosen causes.
+        after: (N,) with the chosen causes, by a fit without the held-out records.
+        written: (N,) with the chosen causes, by the fit to all records, as the written prototype has it.
         noise: noise of the sensor over the rms.
     """
 
@@ -40,13 +41,23 @@ class Errors:
     before: np.ndarray = field(repr=False)
     tuned: np.ndarray = field(repr=False)
     after: np.ndarray = field(repr=False)
+    written: np.ndarray = field(repr=False)
     noise: float
 
 
-def errors(piece: RecordEvidence | FollowedRecord, prototype: Prototype, null: Fit, chosen: Fit) -> Errors:
+def errors(
+    piece: RecordEvidence | FollowedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit | None = None
+) -> Errors:
     """Simulate a record with the believed, the tuned and the diagnosed model.
 
     Where a model's loop diverges its prediction is taken to be none: it counts as an error of the whole signal.
+
+    Args:
+        piece: the record.
+        prototype: that was believed.
+        null: fit of the tolerated figures alone, without the held-out records.
+        chosen: fit of the chosen causes, likewise.
+        written: fit of the chosen causes to all records; the same as `chosen` where left out.
     """
     column = piece.weight.channels.index(CHANNEL)
     measured = piece.measured[:, column]
@@ -57,13 +68,15 @@ def errors(piece: RecordEvidence | FollowedRecord, prototype: Prototype, null: F
         found = piece.predicted(placement, z)
         return (measured if found is None else measured - found[:, column]) / rms
 
+    after = error(chosen.hypothesis.placement(prototype), chosen.z)
     return Errors(
         piece.name,
         piece.record.times,
         measured,
         error(plain, np.zeros(len(null.z))),
         error(plain, null.z),
-        error(chosen.hypothesis.placement(prototype), chosen.z),
+        after,
+        after if written is None else error(written.hypothesis.placement(prototype), written.z),
         float(piece.weight.noise_std[column]) / rms,
     )
 
@@ -97,29 +110,37 @@ def _closed(before: float, after: float, floor: float) -> float:
 
 
 def _interval(counted: Sequence[Errors], floor: float, seed: int) -> tuple[float, float]:
-    """Blocks drawn with replacement within each record, so that each keeps its weight."""
+    """Blocks drawn with replacement within each record, so that each keeps its weight.
+
+    The interval spans that of the fits without the held-out records and that of the fit to all: the prototype that is
+    written is of the second, does better on anything new than the first, and no better than on what it has seen.
+    """
     random = np.random.default_rng(seed)
     powers = []
     for e in counted:
         length = max(1, round(_BLOCK_S / (e.times[1] - e.times[0])))
         count = max(1, len(e.times) // length)
         whole = slice(0, count * length)
-        powers.append([np.mean(signal[whole].reshape(count, length) ** 2, axis=1) for signal in (e.before, e.after)])
-    totals = np.zeros((_DRAWS, 2))
+        signals = (e.before, e.after, e.written)
+        powers.append([np.mean(signal[whole].reshape(count, length) ** 2, axis=1) for signal in signals])
+    totals = np.zeros((_DRAWS, 3))
     for blocks in powers:
         drawn = random.integers(0, len(blocks[0]), (_DRAWS, len(blocks[0])))
         for column, power in enumerate(blocks):
             totals[:, column] += power[drawn].mean(axis=1) / len(powers)
-    # The floor holds the sensor's noise alone. What the loop makes of that noise may double it (the peak sensitivity
-    # that loops are tuned to), which no model can predict either: the upper end allows for that.
-    noisy = np.clip(totals[:, 1], floor**2, (_AMPLIFIED * floor) ** 2)
-    low = np.quantile(_shares(totals, np.full(_DRAWS, floor**2)), 0.05)
-    return float(low), float(np.quantile(_shares(totals, noisy), 0.95))
+    ends = []
+    for left in (1, 2):
+        # The floor holds the sensor's noise alone. What the loop makes of that noise may double it (the peak
+        # sensitivity that loops are tuned to), which no model can predict either: the upper end allows for that.
+        noisy = np.clip(totals[:, left], floor**2, (_AMPLIFIED * floor) ** 2)
+        ends += [np.quantile(_shares(totals[:, 0], totals[:, left], np.full(_DRAWS, floor**2)), 0.05)]
+        ends += [np.quantile(_shares(totals[:, 0], totals[:, left], noisy), 0.95)]
+    return float(min(ends)), float(max(ends))
 
 
-def _shares(totals: np.ndarray, floors: np.ndarray) -> np.ndarray:
-    explainable = totals[:, 0] - floors
-    return np.where(explainable > 0, (totals[:, 0] - totals[:, 1]) / np.where(explainable > 0, explainable, 1.0), 0.0)
+def _shares(before: np.ndarray, after: np.ndarray, floors: np.ndarray) -> np.ndarray:
+    explainable = before - floors
+    return np.where(explainable > 0, (before - after) / np.where(explainable > 0, explainable, 1.0), 0.0)
 
 
 def _bands(counted: Sequence[Errors]) -> list[BandGap]:

@@ -153,7 +153,9 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     moved = f.stroke_on * min(max(stroke, -0.9 * f.chamber_length), 0.9 * f.chamber_length)
     d[_PA] = bulk_a * (into_a - f.area_a * speed) / (f.area_a * (f.chamber_length + moved))
     d[_PB] = bulk_b * (f.area_b * speed - from_b) / (f.area_b * (f.chamber_length - moved))
-    if f.orifice > 0.5 or f.air_share > 0.0:  # no tension in real oil
+    # No tension in real oil. Where there is air, the cavity is the air's own, so soft that the pressure hardly falls,
+    # and it has to be filled again; cut off, its volume would be forgotten.
+    if f.orifice > 0.5 and f.air_share == 0.0:
         if pressure_a < -0.9e5 and d[_PA] < 0.0:
             d[_PA] = 0.0
         if pressure_b < -0.9e5 and d[_PB] < 0.0:
