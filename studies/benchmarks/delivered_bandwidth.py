@@ -2,7 +2,7 @@
 
 Rigs are drawn from the tolerances of each prototype, or from those below where it states none, get the effects that the
 linear design leaves out, and are measured as on a bench: a step, then a random force, whose response is held against
-the goal. Claimed is what is proved of the nominal rig and, where tolerances are stated, of the worst rigs two standard
+the goal. Claimed is what is proved of the nominal rig and, where tolerances are stated, of the worst rigs some standard
 deviations off. Usage, from the root of the project:
 
     python studies/benchmarks/delivered_bandwidth.py PROTOTYPE... [--rigs 8] [--force-N 40] [--delay-s 0.0003]
@@ -16,28 +16,29 @@ import numpy as np
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.robust_tuning import worst_of
 from beamdesign.proof.certificate import certify
-from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.proof.tolerance_box import TOLERANCES
+from beamdesign.prototype import Prototype, Tolerance, read_prototype
+from beamdesign.specification.changed_figures import CHANGEABLE
 from beamdesign.study.delivered import Delivered, delivered, drawn
 from beamdesign.study.robust_proof import least_share
 
-DEVIATIONS = {
-    "outer_stiffness": 0.02,
-    "inner_stiffness": 0.02,
-    "outer_mass": 0.02,
-    "inner_mass": 0.02,
-    "outer_damping": 0.15,
-    "inner_damping": 0.15,
-    "oil_stiffness": 0.1,
-    "flow_gain": 0.05,
-    "valve_frequency": 0.05,
-    "valve_damping_ratio": 0.1,
-    "sensor_gain": 0.01,
-    "filter_frequency": 0.03,
-}
-"""Relative standard deviations of the rigs that are drawn."""
+TOLERANCE = Tolerance(
+    stiffness=0.02,
+    effective_mass=0.02,
+    beam_damping_ratio=0.15,
+    oil_stiffness=0.1,
+    flow_gain=0.05,
+    valve_natural_frequency=0.05,
+    valve_damping_ratio=0.1,
+    sensor_gain=0.01,
+    sensor_filter=0.03,
+)
+"""Of rigs whose prototype states none."""
 
-SIGMAS = 2.0
-"""How far the worst rigs are off of which a claim is proved."""
+DEVIATIONS = {
+    name: size for name in CHANGEABLE if name in TOLERANCES and (size := getattr(TOLERANCE, TOLERANCES[name]))
+}
+"""The same by figure."""
 
 EFFECTS: dict[str, dict[str, float]] = {
     "current_saturation": {},
@@ -71,12 +72,12 @@ def measured(prototype: Prototype, rigs: int, force_N: float, seed: int = 1) -> 
     ]
 
 
-def claimed(prototype: Prototype) -> float:
+def claimed(prototype: Prototype, sigmas: float) -> float:
     """Least bandwidth that is proved of the nominal rig and of the worst ones; 0 if none. Hz."""
     masses = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
     rigs = [prototype]
     if any(prototype.tolerance.model_dump().values()):
-        rigs += worst_of(rig_spread(prototype, masses[1], SIGMAS), masses).rigs
+        rigs += worst_of(rig_spread(prototype, masses[1], sigmas), masses).rigs
     found = [certify(rig, *masses).guaranteed for rig in rigs]
     return min(0.0 if one is None else one.bandwidth_Hz for one in found)
 
@@ -91,6 +92,7 @@ def main() -> None:
     parser.add_argument("--mode-damping", type=float, default=0.02, help="damping ratio of the second beam mode")
     parser.add_argument("--lag-Hz", type=float, help="a further first-order lag in the loop, such as a valve's")
     parser.add_argument("--seed", type=int, default=1, help="of the draws")
+    parser.add_argument("--sigmas", type=float, default=2.0, help="how far the worst rigs are off of a robust claim")
     given = parser.parse_args()
     EFFECTS["second_beam_mode"]["damping_ratio"] = given.mode_damping
     if given.delay_s:
@@ -101,7 +103,7 @@ def main() -> None:
     for path in given.prototypes:
         record = read_prototype(path)
         found = measured(record, given.rigs, given.force_N, given.seed)
-        reached, promised = np.array([one.bandwidth_Hz for one in found]), claimed(record)
+        reached, promised = np.array([one.bandwidth_Hz for one in found]), claimed(record, given.sigmas)
         stable = f"{sum(one.stable for one in found)} of {len(found)}"
         least, middle, most = reached.min(), np.median(reached), reached.max()
         print(f"{path.stem:30} {promised:8.4g} {stable:>9}  {least:6.2f} {middle:6.2f} {most:7.2f}", flush=True)
