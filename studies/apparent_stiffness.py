@@ -37,7 +37,7 @@ def main() -> None:
     found = []
     for stiffness in STIFFNESSES_N_PER_M:
         best = design(prototype, stiffness, masses, WALL, rigs=given.rigs).best
-        if best is None:
+        if best is None or best.law is None:
             print(f"{stiffness:g} N/m: no law found", flush=True)
             continue
         found.append(best)

@@ -144,12 +144,16 @@ def test_the_exact_loop_is_that_of_the_impedances(rig: Prototype, brisk: Complia
 
 
 def closed(rig: Prototype, law: CompliantLaw, mass: float) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """The same with a compliant law."""
+    return parts_of(rig.but(controller=controller_of(rig, law)), mass)
+
+
+def parts_of(prototype: Prototype, mass: float) -> tuple[np.ndarray, np.ndarray, int, int]:
     """A and the column of the tip force of the closed loop from the models in floats; places of x and of its rate."""
-    prototype = rig.but(controller=controller_of(rig, law))
     system = state_space(prototype, mass, loop="closed")
     names = list(system.state_labels)
     x, rate = names.index("displacement_m"), names.index("velocity_m_per_s")
-    return np.asarray(system.A), np.asarray(system.B)[:, 0], x, rate
+    return np.array(system.A), np.asarray(system.B)[:, 0], x, rate
 
 
 def growth(rig: Prototype, law: CompliantLaw, mass: float, stiffness: float = 0.0, damping: float = 0.0) -> float:
@@ -304,7 +308,7 @@ def test_bands_are_where_the_stiffness_and_the_command_are_kept(
     for found in judged.values():
         frequencies = np.linspace(found.band_Hz / 500, found.band_Hz, 500)
         masses = np.linspace(*MASSES_KG, 5)
-        error = [np.abs(apparent(rig, found.law, m, frequencies) / found.law.end_stiffness_N_per_m - 1) for m in masses]
+        error = [np.abs(apparent(rig, found.law, m, frequencies) / found.end_stiffness_N_per_m - 1) for m in masses]
         assert np.max(error) < 0.1 + 1e-9
         assert np.max(error, axis=0)[-1] == pytest.approx(0.1, abs=1e-5)
         reached = np.array([0.0, found.command_Hz])
@@ -480,6 +484,26 @@ def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
     for name in ("certificate.toml", "certificate.contact.toml"):
         again = CliRunner().invoke(app, ["certify", "--replay", str(out / name), str(out / "prototype.toml")])
         assert again.exit_code == 0, again.output
+
+
+def test_a_servo_is_judged_as_it_is(rig: Prototype, tmp_path: Path) -> None:
+    """Stiff by lagging: it gives off work at low frequency, where nothing but a load of many kilograms moves it."""
+    answer, source = tmp_path / "answer.json", str(PROTOTYPES / "tame_lag.toml")
+    command = ["stiffness", source, "--out", str(tmp_path), "--json", str(answer)]
+    done = CliRunner().invoke(app, [*command, "--contact", "passive"])
+    assert done.exit_code == 1, done.output
+    assert "Refuted: passive at the tip; work comes out of the tip below 30.53 Hz" in done.output
+    said = json.loads(answer.read_text())
+    assert said["static_stiffness_N_per_m"] == pytest.approx(servo_stiffness(rig, rig.controller), rel=1e-9)  # type: ignore[arg-type]
+    other = said["destabilised_by"]
+    carried = rig.but(payload=rig.payload.but(outer_end_mass_kg=None))
+    a, force, x, rate = parts_of(carried, other["mass_kg"])
+    a[:, x] -= other["stiffness_N_per_m"] * force
+    a[:, rate] -= other["damping_N_s_per_m"] * force
+    assert np.linalg.eigvals(a).real.max() > 0
+    assert replay((tmp_path / "certificate.contact.toml").read_text()).valid
+    missing = CliRunner().invoke(app, ["stiffness", source, "--keep-controller"])
+    assert "is for --end-stiffness-N-per-m" in str(missing.exception)
 
 
 def test_the_search_finds_a_passive_law(rig: Prototype, tmp_path: Path) -> None:

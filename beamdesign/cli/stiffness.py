@@ -35,8 +35,12 @@ EVERY_WALL = ((0.0, 1e9), (0.0, 0.0))
 def stiffness(
     prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml of the rig.")],
     end_stiffness_N_per_m: Annotated[
-        float, typer.Option("--end-stiffness-N-per-m", help="Static stiffness that the end is to have.")
-    ],
+        float | None,
+        typer.Option(
+            "--end-stiffness-N-per-m",
+            help="Static stiffness that the end is to have; without it the controller is judged as it is.",
+        ),
+    ] = None,
     outer_end_mass: RangeOption = None,
     wall_N_per_m: Annotated[
         str, typer.Option("--wall-N-per-m", metavar="LO:HI", help="Stiffness of the walls that it may touch.")
@@ -79,8 +83,8 @@ def stiffness(
     that of the outer beam's bending less the cylinder's, from the displacement and load-pressure sensors behind a
     low-pass filter. Lag and filter are searched for the widest band in which the end feels as commanded, within 10 %.
     Stability over the payload, passivity at the tip and contact with walls are proved or refuted in exact arithmetic,
-    for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Exit status 1 if
-    no law meets what contact has to be.
+    for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Without a
+    stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to be.
     """
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -93,12 +97,18 @@ def stiffness(
         _range(option, words, problems)
         for option, words in (("--wall-N-per-m", wall_N_per_m), ("--wall-damping-N-s-per-m", wall_damping_N_s_per_m))
     ]
-    _check(end_stiffness_N_per_m, problems)
+    if end_stiffness_N_per_m is not None:
+        _check(end_stiffness_N_per_m, problems)
+    elif keep_controller:
+        problems.append(("--keep-controller", "is for --end-stiffness-N-per-m; without it no other controller is made"))
     if problems:
         raise InputError("stiffness", problems)
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     walls = ranges[0], ranges[1]
+    if end_stiffness_N_per_m is None:
+        _judge(record, prototype, masses, walls, CONTACTS[contact], out, json)
+        return
     give_stiffness(record, end_stiffness_N_per_m, masses, walls, CONTACTS[contact], servo, rigs, out, json)
 
 
@@ -119,13 +129,13 @@ def give_stiffness(
         InputError: for a stiffness that is none, or effects.
         Exit: with status 1 where no law meets what contact has to be.
     """
-    from beamdesign.design.end_stiffness import SHARE, softest_N_per_m
+    from beamdesign.design.end_stiffness import softest_N_per_m
     from beamdesign.design.stiffness_search import design
     from beamdesign.polynomial import exact
     from beamdesign.proof.contact import Wall
     from beamdesign.prototype import write_prototype
     from beamdesign.records import InputError
-    from beamdesign.report.quantity import at_least, at_most, mass_range_text, quantity
+    from beamdesign.report.quantity import mass_range_text, quantity
     from beamdesign.study.drawn_stiffness import drawn_rigs
     from beamdesign.study.drawn_stiffness import in_words as drawn_in_words
     from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
@@ -143,16 +153,13 @@ def give_stiffness(
         write_json(json, {"controller": None, "met": None, "reason": found.reason})
         raise typer.Exit(1)
     best = found.best
+    assert best.law is not None  # it was searched
     done = carried_out(record, best, masses, wall)
     softest = softest_N_per_m(record, best.law.servo, best.law.force_filter_Hz, masses)
     rows = [
         *_figures(best.law.servo),
         ("force filter", quantity(best.law.force_filter_Hz, "Hz")),
-        ("static stiffness of the end", quantity(best.static_N_per_m, "N/m")),
-        (f"apparent stiffness within {SHARE:.0%} of it", f"up to {at_least(best.band_Hz, 'Hz')}"),
-        ("free end follows its command, 0.707 or more", f"up to {at_least(best.command_Hz, 'Hz')}"),
-        ("command followed at rest, share of it", best.command_at_rest),
-        ("guaranteed peak sensitivity", at_most(best.peak_sensitivity, "1")),
+        *_kept(best),
         ("softest with this lag and filter, at either end of the payload", quantity(softest, "N/m")),
         ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
         ("for every outer end mass", mass_range_text(masses)),
@@ -178,6 +185,60 @@ def give_stiffness(
     for kind, path in paths.items():
         say(f"{kind}: {path}")
     write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **paths})
+
+
+def _judge(
+    record: "Prototype",
+    source: Path,
+    masses: tuple[float, float],
+    walls: tuple[tuple[float, float], tuple[float, float]],
+    need: "Need",
+    out: Path | None,
+    json: Path | None,
+) -> None:
+    """Say what the end of a prototype is like with its own controller; exit status 1 where it is not as asked."""
+    from beamdesign.design.end_stiffness import judge_as_it_is
+    from beamdesign.polynomial import exact
+    from beamdesign.proof.contact import Wall
+    from beamdesign.records import InputError
+    from beamdesign.report.quantity import mass_range_text
+    from beamdesign.study.stiffness_run import CONTACT_NAME, contact_text, in_words
+
+    stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
+    wall = Wall(stiffest, damping)
+    try:
+        found = judge_as_it_is(record, masses, wall)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(source, [("controller", str(error))]) from error
+    rows = [*_kept(found), ("for every outer end mass", mass_range_text(masses))]
+    say_table(f"{record.name}: its end, with the controller as it is", ("figure", "value"), rows)
+    for line in in_words(found, wall):
+        say(line)
+    paths: dict[str, Path] = {}
+    if out is not None:
+        paths["certificate_contact"] = out / CONTACT_NAME
+        write_whole(paths["certificate_contact"], contact_text(record, found, masses, wall))
+        say(f"certificate_contact: {paths['certificate_contact']}")
+    met = next((one for one in CONTACTS.values() if found.meets(one)), None)
+    write_json(json, _fields(found, walls[0]) | {"met": met, "reason": "", **paths})
+    if not found.meets(need):
+        raise typer.Exit(1)
+
+
+def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
+    """Rows of what is proved of stiffness, command and sensitivity."""
+    from beamdesign.design.end_stiffness import SHARE
+    from beamdesign.report.quantity import at_least, at_most, quantity
+
+    return [
+        ("static stiffness of the end", quantity(found.static_N_per_m, "N/m")),
+        (f"apparent stiffness within {SHARE:.0%} of it", f"up to {at_least(found.band_Hz, 'Hz')}"),
+        ("free end follows its command, 0.707 or more", f"up to {at_least(found.command_Hz, 'Hz')}"),
+        ("command followed at rest, share of it", found.command_at_rest),
+        ("guaranteed peak sensitivity", at_most(found.peak_sensitivity, "1")),
+    ]
 
 
 def _check(end_stiffness: float, problems: list[tuple[str, str]]) -> None:
@@ -233,9 +294,9 @@ def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
         return None if found is None else {name: float(getattr(found, key)) for name, key in names.items()}
 
     return {
-        "servo": best.law.servo.model_dump(),
-        "force_filter_Hz": best.law.force_filter_Hz,
-        "end_stiffness_N_per_m": best.law.end_stiffness_N_per_m,
+        "servo": None if best.law is None else best.law.servo.model_dump(),
+        "force_filter_Hz": None if best.law is None else best.law.force_filter_Hz,
+        "end_stiffness_N_per_m": best.end_stiffness_N_per_m,
         "static_stiffness_N_per_m": best.static_N_per_m,
         "servo_stiffness_N_per_m": best.servo_N_per_m,
         "stiffness_band_Hz": best.band_Hz,

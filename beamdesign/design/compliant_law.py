@@ -19,7 +19,7 @@ from flint import fmpq_poly
 from beamdesign.controller import sensed_law
 from beamdesign.lumped import figures
 from beamdesign.observer import Observer, Sensed
-from beamdesign.prototype import Lag, Proportional, Prototype, Structured
+from beamdesign.prototype import Controller, Lag, Proportional, Prototype, Structured
 
 SENSORS: tuple[Sensed, ...] = ("displacement_m", "load_pressure_Pa")
 Servo = Proportional | Lag | Structured
@@ -94,10 +94,10 @@ def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
     return Observer.of(servo.gain_A_per_V, SENSORS, whole, inputs, [*c, d], [d, 0.0], commanded)
 
 
-def command_numerator(controller: Observer) -> fmpq_poly:
+def command_numerator(controller: Controller) -> fmpq_poly:
     """Numerator of current over command, A/V, with the denominator of the controller's law, exact."""
     through_error = sensed_law(controller).numerators[0]
-    if not controller.b_command:
+    if not isinstance(controller, Observer) or not controller.b_command:
         return through_error
     rows = tuple((more, *row[1:]) for row, more in zip(controller.b, controller.b_command, strict=True))
     return through_error + sensed_law(controller.but(b=rows, d=(0.0, *controller.d[1:]))).numerators[0]

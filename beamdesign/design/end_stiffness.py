@@ -5,8 +5,9 @@ from math import inf
 from typing import Literal
 
 import numpy as np
-from flint import fmpq, fmpq_poly
+from flint import fmpq
 
+from beamdesign.controller import sensed_law
 from beamdesign.design.compliant_law import (
     SENSORS,
     CompliantLaw,
@@ -18,7 +19,6 @@ from beamdesign.design.compliant_law import (
 )
 from beamdesign.linear import linear_rig
 from beamdesign.loop import Loop, close_loop
-from beamdesign.observer import Observer
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.bouncing import Bouncing, bouncing
 from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
@@ -27,7 +27,7 @@ from beamdesign.proof.performance import peak_sensitivity_where_stable
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Controller, Prototype
 from beamdesign.sensed_plant import SensedPlant, sensed_plant
 from beamdesign.tip import tip
 
@@ -47,7 +47,8 @@ class EndStiffness:
     """What is proved of a law for every end mass of a range.
 
     Attributes:
-        law: what the controller stands for.
+        law: what the controller stands for; None where it is judged as it is.
+        end_stiffness_N_per_m: that is commanded; of a controller that commands none, its own static one.
         stable: whether every end mass is stable without a wall.
         static_N_per_m: F / x at rest, from the exact polynomials.
         servo_N_per_m: static stiffness of the servo alone, the most that can be commanded.
@@ -62,7 +63,8 @@ class EndStiffness:
         bouncing: one-sided walls that it may touch and leave.
     """
 
-    law: CompliantLaw
+    law: CompliantLaw | None
+    end_stiffness_N_per_m: float
     stable: bool
     static_N_per_m: float
     servo_N_per_m: float
@@ -107,19 +109,44 @@ def judge(prototype: Prototype, law: CompliantLaw, masses_kg: tuple[float, float
         ValueError: where the servo alone is not as stiff as the end is to be.
         InputError: for a prototype with effects.
     """
-    controller, plant = controller_of(prototype, law), sensed(prototype)
+    return _judged(prototype, controller_of(prototype, law), masses_kg, wall, law)
+
+
+def judge_as_it_is(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
+    """Prove what can be said of the end of a prototype with its own controller, whatever that is.
+
+    Raises:
+        ValueError: without a controller, or where the servo integrates, so that no force moves its end at rest.
+        InputError: for a prototype with effects.
+    """
+    if prototype.controller is None:
+        raise ValueError("the prototype has no [controller]")
+    return _judged(prototype, prototype.controller, masses_kg, wall, None)
+
+
+def _judged(
+    prototype: Prototype, controller: Controller, masses_kg: tuple[float, float], wall: Wall, law: CompliantLaw | None
+) -> EndStiffness:
+    heard = sensed_law(controller).sensors
+    plant = sensed_plant(linear_rig(prototype), heard, prototype.payload.inner_end_mass_kg)
     closed = close_loop(plant, controller)
     port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
+    static = port.static_stiffness()
+    if static == inf:
+        raise ValueError("no force moves the end at rest: without leakage the servo integrates")
     stable = is_stable_over(port.over_mass, low, high)
     passive = passivity(port, low, high)
     contact = prove_contact(port, (low, high), wall)
-    commanded = commanded_numerator(prototype, controller, plant)
+    commanded = plant.displaced * command_numerator(controller) * exact(prototype.sensor.gain_V_per_m)
+    stiffness = static if law is None else law.end_stiffness_N_per_m
+    alone = static if law is None else servo_stiffness(prototype, law.servo)
     return EndStiffness(
         law,
+        stiffness,
         stable,
-        port.static_stiffness(),
-        servo_stiffness(prototype, law.servo),
-        guaranteed_stiffness_band(port, exact(law.end_stiffness_N_per_m), exact(SHARE), low, high),
+        static,
+        alone,
+        guaranteed_stiffness_band(port, exact(stiffness), exact(SHARE), low, high),
         nearest(commanded(fmpq(0)) / port.bare(fmpq(0))),
         guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
         peak_sensitivity_where_stable(closed, low, high) if stable else inf,
@@ -176,8 +203,3 @@ def stiffness_curves(
     """(len(masses), N) apparent stiffness F / x in N/m, complex, end mass included."""
     port = tip(closed_loop(prototype, law))
     return np.array([port.stiffness_response(frequency_Hz, mass) for mass in masses_kg])
-
-
-def commanded_numerator(prototype: Prototype, controller: Observer, plant: SensedPlant) -> fmpq_poly:
-    """Numerator of x F_s / command over the characteristic polynomial, free of the mass."""
-    return plant.displaced * command_numerator(controller) * exact(prototype.sensor.gain_V_per_m)

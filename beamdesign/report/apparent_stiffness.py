@@ -38,12 +38,14 @@ def _curves(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> 
     axes.loglog(FREQUENCIES_HZ, servo, color="0.55", linestyle="--", label="servo alone, its own lag")
     axes.loglog(FREQUENCIES_HZ, beam, color="0.55", linestyle=":", linewidth=2.0, label="outer beam alone")
     for one in found:
+        if one.law is None:  # judged as it is: the servo
+            continue
         curve = np.abs(stiffness_curves(prototype, one.law, FREQUENCIES_HZ, (0.0,))[0])
         axes.loglog(FREQUENCIES_HZ, curve, color="black", linewidth=1.0)
         end = np.interp(one.band_Hz, FREQUENCIES_HZ, curve)
         axes.plot(one.band_Hz, end, marker="o", color="black", markerfacecolor=_fill(one), markersize=5)
         axes.annotate(
-            quantity(one.law.end_stiffness_N_per_m, "N/m"), (FREQUENCIES_HZ[0], one.law.end_stiffness_N_per_m),
+            quantity(one.end_stiffness_N_per_m, "N/m"), (FREQUENCIES_HZ[0], one.end_stiffness_N_per_m),
             xytext=(3, 3), textcoords="offset points", fontsize=7,
         )  # fmt: skip
     axes.set_xlim(FREQUENCIES_HZ[0], FREQUENCIES_HZ[-1])
@@ -60,14 +62,14 @@ def _bands(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> N
         (True, "passive at the tip, proved"),
         (False, "stable against every wall, proved; not passive"),
     ):
-        points = [(one.law.end_stiffness_N_per_m, one.band_Hz) for one in found if one.passivity.holds is passive]
+        points = [(one.end_stiffness_N_per_m, one.band_Hz) for one in found if one.passivity.holds is passive]
         if points:
             axes.loglog(
                 *zip(*points, strict=True), linestyle="none", marker="o", color="black",
                 markerfacecolor="black" if passive else "white", label=label,
             )  # fmt: skip
     masses = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
-    stiffnesses = np.geomspace(found[0].law.end_stiffness_N_per_m, found[-1].law.end_stiffness_N_per_m, 50)
+    stiffnesses = np.geomspace(found[0].end_stiffness_N_per_m, found[-1].end_stiffness_N_per_m, 50)
     moving = figures(prototype)["outer_mass"] + masses[1]
     inertia = np.sqrt(SHARE * stiffnesses / moving) / (2 * pi)
     axes.loglog(stiffnesses, inertia, color="0.55", linestyle="--", label=f"inertia of {moving:.3g} kg alone")

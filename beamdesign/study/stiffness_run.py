@@ -4,7 +4,8 @@ import hashlib
 from dataclasses import dataclass
 
 from beamdesign.design.compliant_law import controller_of
-from beamdesign.design.end_stiffness import SHARE, EndStiffness, closed_loop
+from beamdesign.design.end_stiffness import SHARE, EndStiffness
+from beamdesign.loop import loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
 from beamdesign.proof.contact import Wall
@@ -34,8 +35,14 @@ class CompliantPrototype:
 def carried_out(
     prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall
 ) -> CompliantPrototype:
-    """Write the controller of a law into its prototype, and the proofs."""
+    """Write the controller of a law into its prototype, and the proofs.
+
+    Raises:
+        ValueError: for a controller that was judged as it is.
+    """
     law = found.law
+    if law is None:
+        raise ValueError("a controller that was judged as it is has no law to be carried out")
     rig = prototype.but(
         controller=controller_of(prototype, law),
         compliance=Compliance(
@@ -52,6 +59,11 @@ def carried_out(
         certificate=CERTIFICATE_NAME,
         certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
     )
+    return CompliantPrototype(rig.but(guarantee=guarantee), certificate, contact_text(rig, found, masses_kg, wall))
+
+
+def contact_text(prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall) -> str:
+    """The certificate of the tip of a prototype with its controller."""
     stated = Statements(
         (exact(masses_kg[0]), exact(masses_kg[1])),
         found.stable,
@@ -60,7 +72,7 @@ def carried_out(
         wall,
         found.contact,
         found.bouncing,
-        law.end_stiffness_N_per_m,
+        found.end_stiffness_N_per_m,
         SHARE,
         found.band_Hz,
     )
@@ -70,9 +82,7 @@ def carried_out(
             *in_words(found, wall),
         ]
     )
-    return CompliantPrototype(
-        rig.but(guarantee=guarantee), certificate, document(rig, tip(closed_loop(prototype, law)), stated, summary)
-    )
+    return document(prototype, tip(loop(prototype)), stated, summary)
 
 
 def in_words(found: EndStiffness, wall: Wall) -> list[str]:
