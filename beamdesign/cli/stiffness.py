@@ -208,8 +208,6 @@ def _judge(
     wall = Wall(stiffest, damping)
     try:
         found = judge_as_it_is(record, masses, wall)
-    except InputError:
-        raise
     except ValueError as error:
         raise InputError(source, [("controller", str(error))]) from error
     rows = [*_kept(found), ("for every outer end mass", mass_range_text(masses))]
