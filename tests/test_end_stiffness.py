@@ -24,6 +24,7 @@ from beamdesign.design.end_stiffness import (
     EndStiffness,
     closed_loop,
     judge,
+    judge_as_it_is,
     over_compliance,
     softest_N_per_m,
     stable_compliances,
@@ -460,6 +461,29 @@ def test_a_wall_ahead_is_a_spring_on_one_side(rig: Prototype) -> None:
     near, far = simulate(rig.but(controller=controller_of(rig, SOFT)), given).records
     assert near.column("displacement_m")[-1] == pytest.approx(120.0 / 3e5, rel=1e-5)
     assert far.column("displacement_m")[-1] == pytest.approx((600.0 + 2e6 * 5e-4) / (3e5 + 2e6), rel=1e-6)
+
+
+def test_the_structured_servo_comes_to_rest_at_the_walls_that_are_proved_and_not_at_stiffer_ones() -> None:
+    """Proved to 0.26 MN/m, leaning as well as striking; at 1 MN/m, which refutes it, the simulated tip runs away."""
+    rig = read_prototype(PROTOTYPES / "structured.toml")
+    found = judge_as_it_is(rig, MASSES_KG, WALL)
+    assert 2e5 < found.bouncing.stiffness_N_per_m <= found.stiffest_wall_N_per_m < 1e6
+    nudge, strike = Step(amplitude_N=20.0, at_s=0.05, length_s=0.02), Step(amplitude_N=150.0, at_s=0.05, length_s=0.5)
+    given = Scenario(
+        name="walls",
+        duration_s=1.5,
+        record=tuple(
+            ScenarioRecord(
+                name=f"{name}{wall:.0f}",
+                preload_N=preload,
+                input=(signal,),
+                wall=WallAhead(at_m=at, stiffness_N_per_m=wall),
+            )
+            for wall in (2e5, 1e6)
+            for name, preload, signal, at in (("lean", 300.0, nudge, -1e-3), ("strike", 0.0, strike, 2e-6))
+        ),
+    )
+    assert [record.stable for record in simulate(rig, given).records] == [True, True, False, False]
 
 
 def test_the_command_designs_proves_and_writes(tmp_path: Path) -> None:
