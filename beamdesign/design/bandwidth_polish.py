@@ -7,7 +7,7 @@ and the worst points of a fine one, chosen anew in every round.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import log, pi
+from math import inf, log, pi
 
 import casadi as ca
 import numpy as np
@@ -32,6 +32,10 @@ _SPOILT = 2e-3
 
 WORTH = 10.0
 """Share of the bandwidth that may be given up to mend a violation, over that violation."""
+
+_MENDED, _MENDED_A_LITTLE = 0.5, 0.9
+"""Share of a violation that a mended one has at most; and where nothing else leads on: as worst rigs change about, the
+violation may have to be mended in several steps."""
 
 STIFFER = 3e-3
 """By how much (logarithm) the compliance is kept with something to spare at shares of the bandwidth."""
@@ -91,13 +95,14 @@ class Polish:
         now = slacks(self.points, self.goal, best, slopes=False)
         reached = sampled_bandwidth(self.points, now.compliance)
         spoilt = now.violation_inside(inside)
+        least = _MENDED if worth < inf else _MENDED_A_LITTLE
         while rounds > 0 and reach > 0.01:
             rounds -= 1
             tried = self._solved(best, now, max(reached, 0.5), (inside, stiffer), reach)
             then = slacks(self.points, self.goal, tried, slopes=False)
             wider = sampled_bandwidth(self.points, then.compliance)
             spoils = then.violation_inside(inside)
-            mended = spoils < min(spoilt - 1e-7, spoilt / 2) and wider >= reached * (1 - worth * spoilt)
+            mended = spoils < min(spoilt - 1e-7, least * spoilt) and wider >= reached * (1 - worth * spoilt)
             better = mended or wider > reached * (1 + _SETTLED)
             if not (then.settled and spoils < max(spoilt, _SPOILT) * 1.01 and better):
                 reach /= 3
