@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from beamdesign.design import observer_tuning, weight_search
+from beamdesign.design.convex_limit import convex_limit
 from beamdesign.design.fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
 from beamdesign.design.hinf import hinf_norm, synthesise
 from beamdesign.design.lqg import feedback_gain, lqg
@@ -242,6 +243,19 @@ def test_limits_tighten_with_the_goal(shipped: Prototype) -> None:
     assert bode_bound_Hz(plant, shipped.goal.but(controller_effort_A_per_V=None)) == np.inf
 
 
+def test_convex_limit_stands_between_the_designs_and_bode(shipped: Prototype) -> None:
+    """A design that is proved refutes a limit below it, Bode's bound one above; a looser goal is reached further."""
+    plant = sensed_model(family(shipped).rest.rig, 0.0, 0.0)
+    found = convex_limit(plant, shipped.goal, 25.65, 40.0)
+    assert found.functions == 68
+    assert 25.65 < found.bandwidth_Hz < bode_bound_Hz(plant, shipped.goal)
+    further = 1.05 * found.bandwidth_Hz
+    looser = shipped.goal.but(peak_sensitivity=3.0)
+    assert convex_limit(plant, shipped.goal, further, 1.01 * further).bandwidth_Hz == 0.0
+    assert convex_limit(plant, looser, further, 1.01 * further).bandwidth_Hz > 0
+    assert convex_limit(plant, shipped.goal.but(controller_effort_A_per_V=1e-6)).bandwidth_Hz == 0.0
+
+
 def test_second_mode_is_found_and_costs_gain(shipped: Prototype) -> None:
     mode = shipped.but(effects={"second_beam_mode": {"frequency_Hz": 327.0, "damping_ratio": 0.02}})
     found = fundamental_limits(mode, (0.0, 6.8))
@@ -307,7 +321,7 @@ def test_picture_of_what_sensors_buy(shipped: Prototype) -> None:
         for sensors, found in ((SENSED[:1], 16.4), (SENSED, 0.0))
     ]
     limits = fundamental_limits(shipped, (0.0, 6.8))
-    figure = plot_sensor_value(Figure(), rows, (47.0, 48.0), limits)
+    figure = plot_sensor_value(Figure(), rows, ((47.0, 30.0), (48.0, 31.0)), limits)
     heights = sorted(patch.get_bbox().height for patch in figure.axes[0].patches if isinstance(patch, Rectangle))
     assert heights == pytest.approx([0.0, 0.0, 16.4, 16.4])
     assert [text.get_text() for text in figure.axes[0].get_xticklabels()] == [

@@ -35,6 +35,9 @@ _SPOILT = 2e-3
 _WORTH = 10.0
 """Share of the bandwidth that may be given up to mend a violation, over that violation."""
 
+TOUCH = 5e-4
+"""By how much (logarithm) compliance is kept to spare where it is enforced, so that it is kept between as well."""
+
 _NEARLY = 0.02
 """By how much (logarithm) the compliance may miss its limit where a round begins."""
 
@@ -71,7 +74,7 @@ class ObserverPolish:
         return observer_slacks(self.points, self.goal, self.law, variables, slopes=False)
 
     def __call__(
-        self, start: np.ndarray, inside: float = 0.0, stiffer: float = 0.0, rounds: int = 12, reach: float = 0.5
+        self, start: np.ndarray, inside: float = 0.0, stiffer: float = TOUCH, rounds: int = 12, reach: float = 0.5
     ) -> tuple[np.ndarray, float]:
         """Variables and sampled bandwidth of the best loop found, the start's own where none is better.
 
@@ -87,12 +90,15 @@ class ObserverPolish:
         now = self.measured(best)
         if not now.settled:
             return best, 0.0
-        reached, spoilt = sampled_bandwidth(self.points, now.compliance - stiffer), now.violation_inside(inside)
+        reached, spoilt = sampled_bandwidth(self.points, now.compliance - stiffer + TOUCH), now.violation_inside(inside)
         while rounds > 0 and reach > 0.005:
             rounds -= 1
             tried = self._solved(best, now, reached, (inside, stiffer), reach)
             then = self.measured(tried)
-            wider, spoils = sampled_bandwidth(self.points, then.compliance - stiffer), then.violation_inside(inside)
+            wider, spoils = (
+                sampled_bandwidth(self.points, then.compliance - stiffer + TOUCH),
+                then.violation_inside(inside),
+            )
             mended = spoils < min(spoilt - 1e-7, spoilt / 2) and wider >= reached * (1 - _WORTH * spoilt)
             better = mended or wider > reached * (1 + _SETTLED)
             if not (then.settled and spoils < max(spoilt, _SPOILT) * 1.01 and better):

@@ -16,7 +16,7 @@ import numpy as np
 from beamdesign.design.bandwidth_climb import climb
 from beamdesign.design.loop_set import LOOSER_PEAK, ends, loop_set
 from beamdesign.design.lqg import lqg
-from beamdesign.design.observer_polish import ObserverPolish
+from beamdesign.design.observer_polish import TOUCH, ObserverPolish
 from beamdesign.design.observer_record import DIGITS, rounded
 from beamdesign.design.observer_slacks import BlockLaw, block_law, observer_slacks
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
@@ -297,7 +297,7 @@ def _climbed(
 
 def _proved(task: _Task, polish: ObserverPolish, variables: np.ndarray, aimed: float) -> tuple[Proved | None, int, str]:
     """The best loop proved at the variables or a little inside the limits; how many proofs that took; or why none."""
-    inside, stiffer, reason = 0.0, 0.0, ""
+    inside, stiffer, reason = 0.0, TOUCH, ""
     best: Proved | None = None
     for proofs in range(1, PROOFS + 1):
         controller, inner = task.observer(polish.law, variables), round(float(variables[-1]), 6)
@@ -325,7 +325,7 @@ def _proved(task: _Task, polish: ObserverPolish, variables: np.ndarray, aimed: f
                 best = Proved(controller, inner, bandwidth, peak, kept)
             if bandwidth > _ENOUGH * aimed:
                 break
-            stiffer = max(3 * stiffer, 1e-3)
+            stiffer *= 3
         if not inside < inf:
             break
         before = variables

@@ -18,8 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign.design.convex_limit import convex_limit
 from beamdesign.design.fundamental_limits import PHASE_AT_HZ, Limits, fundamental_limits
+from beamdesign.design.sensed_samples import sensed_model
 from beamdesign.design.sensor_value import SETS, SensorRow, certified_row, sensor_rows
+from beamdesign.members import family
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.report.sensor_value import NAMES, payload_text, plot_sensor_value, sensors_text
@@ -61,6 +64,19 @@ def bound_Hz(prototype: Prototype, masses: tuple[float, float]) -> float:
     payloads = np.unique(np.linspace(*masses, 5)).tolist()
     inside = np.linspace(0.0, LARGEST_INNER_KG, 25)
     return max(fundamental_limits(prototype, payloads, float(inner)).bandwidth_Hz for inner in inside)
+
+
+def any_order_Hz(prototype: Prototype, masses: tuple[float, float]) -> float:
+    """What displacement feedback of any order reaches on samples, each payload known.
+
+    It is the largest over masses inside, of the least over the payloads.
+    """
+    rig, payloads = family(prototype, masses[1]).rest.rig, np.unique(np.linspace(*masses, 3))
+    reached = [
+        min(convex_limit(sensed_model(rig, mass, inner), prototype.goal, 15.0, 60.0).bandwidth_Hz for mass in payloads)
+        for inner in (0.0, 1.0, 2.0, 4.0)
+    ]
+    return max(reached)
 
 
 def tell(limits: Limits) -> None:
@@ -105,9 +121,10 @@ def main() -> None:
     rows = [kept(path) for path in wanted if path.exists()]
     for row in rows:
         print(told(row))
-    bounds = [bound_Hz(prototype, payload) for payload in payloads]
-    for payload, bound in zip(payloads, bounds, strict=True):
-        print(f"{payload_text(payload):14} no displacement feedback beyond {bound:.3g} Hz")
+    bounds = [(bound_Hz(prototype, payload), any_order_Hz(prototype, payload)) for payload in payloads]
+    for payload, (bound, reached) in zip(payloads, bounds, strict=True):
+        print(f"{payload_text(payload):14} no displacement feedback beyond {bound:.3g} Hz (Bode)", end="; ")
+        print(f"any order, each payload known, on samples: {reached:.3g} Hz")
     limits = fundamental_limits(prototype, np.unique([*whole, sum(whole) / 2]).tolist())
     tell(limits)
     mode = {"second_beam_mode": {"frequency_Hz": 327.0}}
