@@ -12,6 +12,7 @@ from scipy.signal import cont2discrete
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.cli.tune_scheduled import kept_apart
 from beamdesign.design.schedule import stage_members, stage_ranges
 from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
@@ -181,6 +182,21 @@ def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dw
     again = verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), found.decay_per_s)
     assert again == (found.dwell_s, found.factor)
     assert verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), 4 * found.decay_per_s) is None
+
+
+def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: ScheduledRig, proved: StageSwitching) -> None:
+    assert kept_apart(rig, proved) is rig
+    slow = kept_apart(rig, replace(proved, kind="dwell", dwell_s=fmpq(2934, 10000)))
+    assert slow.schedule.dwell_s == 0.3
+    structured = read_scheduled(SHIPPED.with_name("structured.toml"))
+    assert [len(stage.section) for stage in structured.schedule.stage] == [3, 3, 3]
+    bandwidths = [
+        min(loop(stage).at(mass).bandwidth_Hz() for mass in stage.payload.outer_end_mass_kg or ())
+        for stage in structured.stages
+    ]
+    assert bandwidths[0] > 16.7
+    assert bandwidths[1] > 17.9
+    assert bandwidths[2] > 19.8
 
 
 def test_a_stage_that_is_unstable_by_itself_refutes_all() -> None:

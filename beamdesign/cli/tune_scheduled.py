@@ -1,5 +1,7 @@
 """`beamdesign tune --controller scheduled`: a law for each part of the payload's range, and the switch between them."""
 
+from dataclasses import replace
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +11,9 @@ from beamdesign.cli.output import progress, say, say_table, write_json
 from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from beamdesign.proof.stage_switching import StageSwitching
     from beamdesign.prototype import Prototype
+    from beamdesign.scheduling.record import ScheduledRig
 
 
 def tune_scheduled(
@@ -69,6 +73,7 @@ def tune_scheduled(
     rig, low, high = found.rig, exact(masses[0]), exact(masses[1])
     with progress("changes of stage") as update:
         switching = stage_switching(stage_families(rig), low, high, update)
+    rig = kept_apart(rig, switching)
     words = in_words(switching, rig.schedule.dwell_s)
     each = [
         certified(stage, proved, stage.payload.outer_end_mass_kg or masses, f"stage_{k}.certificate.toml")
@@ -118,6 +123,16 @@ def tune_scheduled(
     write_json(json, answer)
     if not kept:
         raise typer.Exit(1)
+
+
+def kept_apart(rig: "ScheduledRig", found: "StageSwitching") -> "ScheduledRig":
+    """The rig with changes of stage at least so far apart as is proved to be enough."""
+    from beamdesign.proof.rational import nearest
+
+    if found.status != "proved" or found.suffices(rig.schedule.dwell_s):
+        return rig
+    needed = ceil(100 * nearest(found.dwell_s)) / 100
+    return replace(rig, schedule=rig.schedule.but(dwell_s=needed))
 
 
 def switching_fields(found: Any) -> dict[str, Any]:
