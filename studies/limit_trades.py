@@ -9,6 +9,7 @@ for the worst rigs within the tolerances as well, which takes several times as l
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -22,23 +23,30 @@ FACTORS = (0.5, 0.7, 1.0, 1.5, 2.5)
 """Of each limit's own value."""
 
 
-def trade(prototype: Prototype, limit: Limit, sections: int, sigmas: float = 0.0) -> Trade:
-    """Tune at multiples of a limit's own value, over the prototype's payload."""
-    own, masses = limit.own(prototype), prototype.payload.outer_end_mass_kg
-    if own is None or masses is None:
-        raise SystemExit(f"the prototype needs a payload range and a figure for: {limit.name}")
-    values = tuple(float(f"{factor * own:.3g}") for factor in FACTORS)
+def reached(prototype: Prototype, sections: int, sigmas: float) -> float | None:
+    """Bandwidth that is proved of a prototype tuned over its payload, Hz; None where nothing is."""
+    masses = prototype.payload.outer_end_mass_kg
+    assert masses is not None
+    if sigmas > 0:
+        best = tune_robust(prototype, masses, sigmas, "structured", sections=sections).tuning.best
+    else:
+        best = tune(prototype, masses, "structured", sections=sections).best
+    return None if best is None else best.bandwidth_Hz
+
+
+def trade(
+    prototype: Prototype, limit: Limit, at_hand: float | None, factors: Sequence[float], sections: int, sigmas: float
+) -> Trade:
+    """Tune at multiples of a limit's own value, at which the bandwidth is at hand."""
+    own = limit.own(prototype)
+    if own is None:
+        raise SystemExit(f"the prototype needs a figure for: {limit.name}")
+    values = tuple(float(f"{factor * own:.3g}") for factor in factors)
     found = []
-    for value in values:
-        changed = limit.at(prototype, value)
-        if sigmas > 0:
-            best = tune_robust(changed, masses, sigmas, "structured", sections=sections).tuning.best
-        else:
-            best = tune(changed, masses, "structured", sections=sections).best
-        found.append(None if best is None else best.bandwidth_Hz)
-        print(
-            f"{limit.name} {value:g}: {'nothing proved' if best is None else f'{best.bandwidth_Hz:.4g} Hz'}", flush=True
-        )
+    for factor, value in zip(factors, values, strict=True):
+        best = at_hand if factor == 1 else reached(limit.at(prototype, value), sections, sigmas)
+        found.append(best)
+        print(f"{limit.name} {value:g}: {'nothing proved' if best is None else f'{best:.4g} Hz'}", flush=True)
     return Trade(limit, values, tuple(found))
 
 
@@ -48,11 +56,15 @@ def main() -> None:
     parser.add_argument("prototype", type=Path)
     parser.add_argument("picture", type=Path)
     parser.add_argument("--sections", type=int, default=1, choices=(1, 2, 3))
+    parser.add_argument("--factors", type=float, nargs="+", default=FACTORS, help="of each limit's own value")
     parser.add_argument("--robust", type=float, default=0.0, metavar="SIGMAS")
     given = parser.parse_args()
     prototype = read_prototype(given.prototype)
-    trades = [trade(prototype, limit, given.sections, given.robust) for limit in LIMITS]
-    low, high = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
+    if prototype.payload.outer_end_mass_kg is None:
+        raise SystemExit("the prototype needs a payload range")
+    own = reached(prototype, given.sections, given.robust)
+    trades = [trade(prototype, limit, own, given.factors, given.sections, given.robust) for limit in LIMITS]
+    low, high = prototype.payload.outer_end_mass_kg
     kept = f", worst rigs within {given.robust:g} standard deviations" if given.robust else ""
     law = f"Lag with {given.sections} section{'s' * (given.sections > 1)}"
     title = f"{law}, {low:g} to {high:g} kg{kept}; dashed: as it is"
