@@ -66,17 +66,19 @@ def bound_Hz(prototype: Prototype, masses: tuple[float, float]) -> float:
     return max(fundamental_limits(prototype, payloads, float(inner)).bandwidth_Hz for inner in inside)
 
 
-def any_order_Hz(prototype: Prototype, masses: tuple[float, float]) -> float:
-    """What displacement feedback of any order reaches on samples, each payload known.
+def any_order_Hz(prototype: Prototype, ranges: list[tuple[float, float]]) -> list[float]:
+    """What displacement feedback of any order reaches on samples, each payload of a range known, from 15 to 60 Hz.
 
     It is the largest over masses inside, of the least over the payloads.
     """
-    rig, payloads = family(prototype, masses[1]).rest.rig, np.unique(np.linspace(*masses, 3))
-    reached = [
-        min(convex_limit(sensed_model(rig, mass, inner), prototype.goal, 15.0, 60.0).bandwidth_Hz for mass in payloads)
-        for inner in (0.0, 1.0, 2.0, 4.0)
-    ]
-    return max(reached)
+    rig, inside = family(prototype, ranges[0][1]).rest.rig, (0.0, 1.0, 2.0, 4.0)
+    payloads = [np.unique(np.linspace(*masses, 3)).tolist() for masses in ranges]
+    reached = {
+        (mass, inner): convex_limit(sensed_model(rig, mass, inner), prototype.goal, 15.0, 60.0).bandwidth_Hz
+        for mass in {mass for some in payloads for mass in some}
+        for inner in inside
+    }
+    return [max(min(reached[mass, inner] for mass in some) for inner in inside) for some in payloads]
 
 
 def tell(limits: Limits) -> None:
@@ -121,7 +123,7 @@ def main() -> None:
     rows = [kept(path) for path in wanted if path.exists()]
     for row in rows:
         print(told(row))
-    bounds = [(bound_Hz(prototype, payload), any_order_Hz(prototype, payload)) for payload in payloads]
+    bounds = list(zip([bound_Hz(prototype, one) for one in payloads], any_order_Hz(prototype, payloads), strict=True))
     for payload, (bound, reached) in zip(payloads, bounds, strict=True):
         print(f"{payload_text(payload):14} no displacement feedback beyond {bound:.3g} Hz (Bode)", end="; ")
         print(f"any order, each payload known, on samples: {reached:.3g} Hz")
