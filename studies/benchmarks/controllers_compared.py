@@ -114,7 +114,7 @@ def plot(figure: Figure, rows: Sequence[Row], goal: Goal, masses: Range) -> Figu
             axes.annotate(
                 words, (max(one.reached_Hz.max(), one.proved_Hz), k), (6, 0), textcoords="offset points", va="center"
             )
-    axes.legend([bar, ticks, dot], ["proved", "delivered by each rig drawn", "their median"], loc="lower right")
+    axes.legend([bar, ticks, dot], ["proved", "delivered by each rig drawn", "their median"], loc="upper right")
     axes.set_yticks(range(len(rows)), [one.name for one in rows])
     axes.invert_yaxis()
     axes.set_xlim(-0.3, 1.45 * max(max(one.proved_Hz, one.reached_Hz.max()) for one in rows))
