@@ -183,7 +183,8 @@ _LISTED = (
         "entrained_air", "oil", _draws(exponent=_between(1.0, 1.4), saturation=_log(1e8, 1e9), supply=_log(5e6, 15e6)),
         lambda s, q, v: {
             "air_share": 0.05 * v, "air_exponent": q["exponent"], "air_saturation": q["saturation"],
-            "supply": q["supply"],
+            # A bench does not load a cylinder beyond its stall.
+            "supply": max(q["supply"], 1.2 * s.force / s.figures["area_a"]),
         },
         (0.05, 6),
         lambda f: {
