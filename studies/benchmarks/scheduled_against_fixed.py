@@ -27,6 +27,8 @@ NOISE_V = 0.002
 LOADED_S, RISE_S = 0.1, 0.005
 PAYLOADS_KG = (0.0, 2.3, 4.5, 6.8)
 COMMAND_V = 0.05
+DRAWN = 4
+"""One sample in so many is drawn."""
 
 
 def fixed_beside(rig: ScheduledRig) -> ScheduledRig:
@@ -167,18 +169,19 @@ def draw(fixed: ScheduledRecord, scheduled: ScheduledRecord, rig: ScheduledRig, 
     figure = new_figure(190, 120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for record, words, style in ((fixed, "fixed lag", STYLES[1]), (scheduled, "scheduled", STYLES[0])):
-        above.plot(record.column("t_s"), 1e6 * record.column("displacement_m"), label=words, lw=0.9, **style)
+        moved = 1e6 * record.column("displacement_m")[::DRAWN]
+        above.plot(record.column("t_s")[::DRAWN], moved, label=words, lw=0.9, **style)
     above.set_ylabel("tip of the outer beam, µm")
     above.legend(loc="upper left", frameon=False)
-    times, stage = scheduled.column("t_s"), scheduled.column("stage")
+    times, stage = scheduled.column("t_s")[::DRAWN], scheduled.column("stage")[::DRAWN]
     ranges = np.array([one.outer_end_mass_kg for one in rig.schedule.stage])[stage.astype(int) - 1]
     below.fill_between(
         times, ranges[:, 0], ranges[:, 1], color="0.88", lw=0, step="post", label="range of the stage that acts"
     )
-    below.plot(times, scheduled.column("outer_end_mass_kg"), label="payload", **STYLES[3])
+    below.plot(times, scheduled.column("outer_end_mass_kg")[::DRAWN], label="payload", **STYLES[3])
     known = scheduled.column("estimate_std_kg") <= rig.schedule.estimator.largest_std_kg
     estimate = np.where(known, scheduled.column("estimate_kg"), np.nan)
-    below.plot(times, estimate, label="estimate", lw=1.2, **STYLES[0])
+    below.plot(times, estimate[::DRAWN], label="estimate", lw=1.2, **STYLES[0])
     below.set(ylabel="payload, kg", xlabel="time, s", xlim=(0, times[-1]), ylim=(-0.6, 8.4))
     below.legend(loc="upper left", frameon=False, ncols=3)
     return save(figure, path.with_suffix(""), ("svg",))[0]
