@@ -51,6 +51,10 @@ class Replay:
     claims: tuple[str, ...]
 
 
+Statements = Iterator[tuple[bool, str]]
+"""Of a certificate: whether each was proved, and it or its failure in words."""
+
+
 def replay(source: str | Path) -> Replay:
     """Prove a certificate again.
 
@@ -60,20 +64,43 @@ def replay(source: str | Path) -> Replay:
     Raises:
         Malformed: where it cannot be read as a certificate.
     """
+    return proved_again(source, KIND, VERSION, _statements)
+
+
+def proved_again(
+    source: str | Path, kind: str, version: int, statements: Callable[[dict[str, Any]], Statements]
+) -> Replay:
+    """Prove the statements of a certificate of some kind again, and that its text is as it was written.
+
+    Args:
+        source: path of the certificate, or its text.
+        kind: that it has to state.
+        version: likewise.
+        statements: proves all that a certificate's table states.
+
+    Raises:
+        Malformed: where it cannot be read as a certificate.
+    """
     text = _text(source)
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise Malformed(f"not valid TOML: {error}") from error
-    if table.get("kind") != KIND or table.get("version") != VERSION:
-        raise Malformed(f"kind and version must be {KIND!r} and {VERSION}")
+    if table.get("kind") != kind or table.get("version") != version:
+        raise Malformed(f"kind and version must be {kind!r} and {version}")
     try:
         with ctx.workprec(256):
-            results = list(_statements(table, text))
+            results = [_untouched(table, text), *statements(table)]
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise Malformed(f"an entry is missing or of the wrong kind: {error}") from error
     reasons = tuple(words for proved, words in results if not proved)
     return Replay(not reasons, reasons, tuple(words for proved, words in results if proved))
+
+
+def _untouched(table: dict[str, Any], text: str) -> tuple[bool, str]:
+    checksum = f'sha256 = "{table["sha256"]}"\n'
+    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
+    return intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
 
 
 def _text(source: str | Path) -> str:
@@ -109,11 +136,8 @@ def stated_polynomials(table: dict[str, Any]) -> dict[str, fmpq_poly]:
     }
 
 
-def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
+def _statements(table: dict[str, Any]) -> Statements:
     """Every statement of the certificate: whether it was proved, and it or its failure in words."""
-    checksum = f'sha256 = "{table["sha256"]}"\n'
-    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
-    yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
     low, high = rational(table["low"]), rational(table["high"])
     if low > high:
         raise Malformed("the range of masses is empty")
@@ -829,13 +853,19 @@ def _short(value: fmpq) -> str:
     return f"{int(value.p) / int(value.q):.7g}"
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Replay one certificate, and say what was proved and what was not."""
+def told(prove: Callable[[Path], Replay], how: str, arguments: Sequence[str]) -> int:
+    """Replay one certificate, and say what was proved and what was not; the exit status.
+
+    Args:
+        prove: replays the certificate at a path.
+        how: it is run, for the word on its use.
+        arguments: of the command line, the path alone.
+    """
     if len(arguments) != 1:
-        print("usage: python replay.py CERTIFICATE", file=sys.stderr)
+        print(f"usage: {how} CERTIFICATE", file=sys.stderr)
         return 2
     try:
-        outcome = replay(Path(arguments[0]))
+        outcome = prove(Path(arguments[0]))
     except Malformed as error:
         print(f"{arguments[0]}: {error}", file=sys.stderr)
         return 2
@@ -845,6 +875,11 @@ def main(arguments: Sequence[str]) -> int:
         print(f"FAILED: {words}")
     print("valid" if outcome.valid else "not valid")
     return 0 if outcome.valid else 1
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Replay the certificate named on the command line; the exit status."""
+    return told(replay, "python replay.py", arguments)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,12 @@ Run as `python -m beamdesign.proof.replay_arm CERTIFICATE`; exit status 0 if it 
 be read.
 """
 
-import hashlib
 import sys
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from flint import arb, ctx, fmpq, fmpq_poly
+from flint import arb, fmpq, fmpq_poly
 
 from beamdesign.proof import replay as single
 from beamdesign.proof.replay import Malformed, Polynomials, Replay, S, rational
@@ -33,26 +31,10 @@ def replay(source: str | Path) -> Replay:
     Raises:
         Malformed: where it cannot be read as a certificate.
     """
-    text = single._text(source)
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise Malformed(f"not valid TOML: {error}") from error
-    if table.get("kind") != KIND or table.get("version") != VERSION:
-        raise Malformed(f"kind and version must be {KIND!r} and {VERSION}")
-    try:
-        with ctx.workprec(256):
-            results = list(_statements(table, text))
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise Malformed(f"an entry is missing or of the wrong kind: {error}") from error
-    reasons = tuple(words for proved, words in results if not proved)
-    return Replay(not reasons, reasons, tuple(words for proved, words in results if proved))
+    return single.proved_again(source, KIND, VERSION, _statements)
 
 
-def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
-    checksum = f'sha256 = "{table["sha256"]}"\n'
-    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
-    yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
+def _statements(table: dict[str, Any]) -> single.Statements:
     low, high = rational(table["low"]), rational(table["high"])
     if low > high or low < 0:
         raise Malformed("the range of payloads is empty, or negative")
@@ -178,21 +160,8 @@ def _square(hertz: str) -> single.Pair:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Replay one certificate, and say what was proved and what was not."""
-    if len(arguments) != 1:
-        print("usage: python -m beamdesign.proof.replay_arm CERTIFICATE", file=sys.stderr)
-        return 2
-    try:
-        outcome = replay(Path(arguments[0]))
-    except Malformed as error:
-        print(f"{arguments[0]}: {error}", file=sys.stderr)
-        return 2
-    for words in outcome.claims:
-        print(f"checked: {words}")
-    for words in outcome.reasons:
-        print(f"FAILED: {words}")
-    print("valid" if outcome.valid else "not valid")
-    return 0 if outcome.valid else 1
+    """Replay the certificate named on the command line; the exit status."""
+    return single.told(replay, "python -m beamdesign.proof.replay_arm", arguments)
 
 
 if __name__ == "__main__":

@@ -8,15 +8,13 @@ Run as `python -m beamdesign.proof.replay_contact CERTIFICATE`; exit status 0 if
 cannot be read.
 """
 
-import hashlib
 import sys
-import tomllib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
-from flint import ctx, fmpq, fmpq_poly
+from flint import fmpq, fmpq_poly
 
 from beamdesign.proof import replay as single
 from beamdesign.proof.replay import Family, Malformed, Pair, Replay, S, rational
@@ -35,27 +33,11 @@ def replay(source: str | Path) -> Replay:
     Raises:
         Malformed: where it cannot be read as a certificate.
     """
-    text = single._text(source)
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise Malformed(f"not valid TOML: {error}") from error
-    if table.get("kind") != KIND or table.get("version") != VERSION:
-        raise Malformed(f"kind and version must be {KIND!r} and {VERSION}")
-    try:
-        with ctx.workprec(256):
-            results = list(_statements(table, text))
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise Malformed(f"an entry is missing or of the wrong kind: {error}") from error
-    reasons = tuple(words for proved, words in results if not proved)
-    return Replay(not reasons, reasons, tuple(words for proved, words in results if proved))
+    return single.proved_again(source, KIND, VERSION, _statements)
 
 
-def _statements(table: dict[str, Any], text: str) -> Iterator[tuple[bool, str]]:
+def _statements(table: dict[str, Any]) -> single.Statements:
     """Every statement of the certificate: whether it was proved, and it or its failure in words."""
-    checksum = f'sha256 = "{table["sha256"]}"\n'
-    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
-    yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
     masses = rational(table["low"]), rational(table["high"])
     if not 0 <= masses[0] <= masses[1]:
         raise Malformed("the range of masses is empty or negative")
@@ -213,21 +195,8 @@ def _stiffness(table: dict[str, Any], bare: fmpq_poly, moved: fmpq_poly, masses:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Replay one certificate, and say what was proved and what was not."""
-    if len(arguments) != 1:
-        print("usage: python -m beamdesign.proof.replay_contact CERTIFICATE", file=sys.stderr)
-        return 2
-    try:
-        outcome = replay(Path(arguments[0]))
-    except Malformed as error:
-        print(f"{arguments[0]}: {error}", file=sys.stderr)
-        return 2
-    for words in outcome.claims:
-        print(f"checked: {words}")
-    for words in outcome.reasons:
-        print(f"FAILED: {words}")
-    print("valid" if outcome.valid else "not valid")
-    return 0 if outcome.valid else 1
+    """Replay the certificate named on the command line; the exit status."""
+    return single.told(replay, "python -m beamdesign.proof.replay_contact", arguments)
 
 
 if __name__ == "__main__":

@@ -72,22 +72,45 @@ def replay(source: str | Path) -> Replay:
     Raises:
         Malformed: where it cannot be read as a certificate.
     """
+    return proved_again(source, KIND, VERSION, _statements)
+
+
+def proved_again(
+    source: str | Path, kind: str, version: int, statements: Callable[[dict[str, Any]], Iterator[Result]]
+) -> Replay:
+    """Prove the statements of a certificate of some kind again, and that its text is as it was written.
+
+    Args:
+        source: path of the certificate, or its text.
+        kind: that it has to state.
+        version: likewise.
+        statements: proves all that a certificate's table states.
+
+    Raises:
+        Malformed: where it cannot be read as a certificate.
+    """
     try:
         text = source if isinstance(source, str) and "\n" in source else Path(source).read_text(encoding="utf-8")
         table = tomllib.loads(text)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise Malformed(f"cannot be read: {error}") from error
-    if table.get("kind") != KIND or table.get("version") != VERSION:
-        raise Malformed(f"kind and version must be {KIND!r} and {VERSION}")
+    if table.get("kind") != kind or table.get("version") != version:
+        raise Malformed(f"kind and version must be {kind!r} and {version}")
     try:
         with ctx.workprec(512):
-            results = list(_statements(table, text))
+            results = [_untouched(table, text), *statements(table)]
     except Malformed:
         raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, ZeroDivisionError) as error:
         raise Malformed(f"an entry is missing or of the wrong kind: {error!r}") from error
     reasons = tuple(words for proved, words in results if not proved)
     return Replay(not reasons, reasons, tuple(words for proved, words in results if proved))
+
+
+def _untouched(table: dict[str, Any], text: str) -> Result:
+    checksum = f'sha256 = "{table["sha256"]}"\n'
+    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
+    return intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
 
 
 def rational(text: str) -> fmpq:
@@ -102,10 +125,7 @@ def rational(text: str) -> fmpq:
         raise Malformed(f"not a number: {text!r}") from error
 
 
-def _statements(table: dict[str, Any], text: str) -> Iterator[Result]:
-    checksum = f'sha256 = "{table["sha256"]}"\n'
-    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
-    yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
+def _statements(table: dict[str, Any]) -> Iterator[Result]:
     low, high = rational(table["low"]), rational(table["high"])
     if not 0 <= low < high:
         raise Malformed("the range of masses is empty or negative")
@@ -441,13 +461,19 @@ def _power(matrix: arb_mat, exponent: int) -> arb_mat:
 COUNTEREXAMPLES: dict[str, Callable[[Loop, dict[str, Any], fmpq, fmpq], Result]] = {"frozen": _frozen, "cycle": _cycle}
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Replay the certificate named on the command line; the exit status."""
+def told(prove: Callable[[Path], Replay], how: str, arguments: Sequence[str]) -> int:
+    """Replay the certificate named on the command line, and say what was proved; the exit status.
+
+    Args:
+        prove: replays the certificate at a path.
+        how: it is run, for the word on its use.
+        arguments: of the command line, the path alone.
+    """
     if len(arguments) != 1:
-        print("usage: python replay_lyapunov.py CERTIFICATE", file=sys.stderr)
+        print(f"usage: {how} CERTIFICATE", file=sys.stderr)
         return 2
     try:
-        outcome = replay(Path(arguments[0]))
+        outcome = prove(Path(arguments[0]))
     except Malformed as error:
         print(f"{arguments[0]}: {error}", file=sys.stderr)
         return 2
@@ -457,6 +483,11 @@ def main(arguments: Sequence[str]) -> int:
         print(f"FAILED: {words}")
     print("valid" if outcome.valid else "NOT valid")
     return 0 if outcome.valid else 1
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Replay the certificate named on the command line; the exit status."""
+    return told(replay, "python replay_lyapunov.py", arguments)
 
 
 if __name__ == "__main__":

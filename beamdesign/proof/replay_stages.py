@@ -16,14 +16,12 @@ What a claim says, V = x' P(m) x:
 Run as `python -m beamdesign.proof.replay_stages CERTIFICATE`; exit status 0 if it holds, 1 if not, 2 if unreadable.
 """
 
-import hashlib
 import sys
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
+from flint import arb, arb_mat, fmpq, fmpq_mat
 
 from beamdesign.proof.replay_lyapunov import (
     CLAIMS,
@@ -36,7 +34,9 @@ from beamdesign.proof.replay_lyapunov import (
     Result,
     pivots_positive,
     positive_between,
+    proved_again,
     rational,
+    told,
 )
 
 KIND = "beamdesign.stages"
@@ -129,28 +129,10 @@ def replay(source: str | Path) -> Replay:
     Raises:
         Malformed: where it cannot be read as a certificate.
     """
-    try:
-        text = source if isinstance(source, str) and "\n" in source else Path(source).read_text(encoding="utf-8")
-        table = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise Malformed(f"cannot be read: {error}") from error
-    if table.get("kind") != KIND or table.get("version") != VERSION:
-        raise Malformed(f"kind and version must be {KIND!r} and {VERSION}")
-    try:
-        with ctx.workprec(512):
-            results = list(_statements(table, text))
-    except Malformed:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ZeroDivisionError) as error:
-        raise Malformed(f"an entry is missing or of the wrong kind: {error!r}") from error
-    reasons = tuple(words for proved, words in results if not proved)
-    return Replay(not reasons, reasons, tuple(words for proved, words in results if proved))
+    return proved_again(source, KIND, VERSION, _statements)
 
 
-def _statements(table: dict[str, Any], text: str) -> Iterator[Result]:
-    checksum = f'sha256 = "{table["sha256"]}"\n'
-    intact = hashlib.sha256(text.replace(checksum, "", 1).encode()).hexdigest() == table["sha256"]
-    yield intact, "the text is as it was written" if intact else "the text was altered after it was written (sha256)"
+def _statements(table: dict[str, Any]) -> Iterator[Result]:
     low, high = rational(table["low"]), rational(table["high"])
     if not 0 <= low < high:
         raise Malformed("the range of masses is empty or negative")
@@ -245,22 +227,9 @@ def _short(value: fmpq) -> str:
     return f"{int(value.p) / int(value.q):.7g}"
 
 
-def main(arguments: Sequence[str], say: Callable[[str], None] = print) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Replay the certificate named on the command line; the exit status."""
-    if len(arguments) != 1:
-        print("usage: python -m beamdesign.proof.replay_stages CERTIFICATE", file=sys.stderr)
-        return 2
-    try:
-        outcome = replay(Path(arguments[0]))
-    except Malformed as error:
-        print(f"{arguments[0]}: {error}", file=sys.stderr)
-        return 2
-    for words in outcome.claims:
-        say(f"checked: {words}")
-    for words in outcome.reasons:
-        say(f"FAILED: {words}")
-    say("valid" if outcome.valid else "NOT valid")
-    return 0 if outcome.valid else 1
+    return told(replay, "python -m beamdesign.proof.replay_stages", arguments)
 
 
 if __name__ == "__main__":
