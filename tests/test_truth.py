@@ -420,3 +420,13 @@ def test_larger_side_drives_faster_through_orifices_and_slower_where_the_inflow_
 def test_the_same_case_without_background_is_another_rig():
     assert replace(NULL, background=()).runs == NULL.runs
     assert any(KINDS[d.name] for d in NULL.background)
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_a_cylinder_is_not_loaded_beyond_the_stall_of_its_supply(seed):
+    """Beyond stall, supply pressure times piston area, no cylinder holds a load, and a chamber would run empty."""
+    case = draw_case(seed, "single", short=True, names=("entrained_air",))
+    for run in case.runs:
+        figures = run_figures(case, run)
+        assert figures["supply"] > 900 * case.believed["outer_beam"]["stiffness_N_per_m"] / 486800 / figures["area_a"]
+        assert np.abs(take(case, run).load_pressure).max() < figures["supply"]

@@ -1,6 +1,5 @@
 """What is proved of one plane of the arm over a range of payloads: stable masses, guaranteed figures, and the text."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, isinf
@@ -13,7 +12,7 @@ from beamdesign.arm.figures import arm_of, sensor_of
 from beamdesign.arm.plane import Name, PlaneFigures, PlaneLoop, in_plane, plane_loop
 from beamdesign.crossing import Crossing
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.document import controller_lines, quoted, rig_lines, stability_lines
+from beamdesign.proof.document import controller_lines, quoted, rig_lines, sealed, stability_lines
 from beamdesign.proof.estimates import sampled_masses
 from beamdesign.proof.performance import kept_up_to_Hz, least_proved
 from beamdesign.proof.quadratic import quadratic_nonnegative
@@ -213,8 +212,7 @@ def _document(prototype: Prototype, figures: PlaneFigures, stability: StabilityM
         *stability_lines(stability),
         *(line for claim in claims for line in _claim_lines(claim)),
     ]
-    head, body = "\n".join(above), "\n".join(below)
-    return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
+    return sealed(above, below)
 
 
 def _arm_lines(prototype: Prototype, figures: PlaneFigures) -> Iterator[str]:

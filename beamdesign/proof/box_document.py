@@ -1,12 +1,12 @@
 """The text of a certificate over a box of parameters; `beamdesign.proof.replay_box` proves it again."""
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
 
 import tomli_w
 from flint import fmpq
 
+from beamdesign.proof.document import sealed
 from beamdesign.proof.rational import nearest, text
 from beamdesign.proof.replay_box import KIND, VERSION, Statement
 from beamdesign.proof.rig_family import Family
@@ -41,9 +41,7 @@ def box_document(family: Family, statement: Statement, member: Mapping[str, fmpq
         f"version = {VERSION}",
         "",
     ]
-    below = "\n".join(_body(family, statement, member, tree))
-    head = "\n".join(above)
-    return f'{head}sha256 = "{hashlib.sha256((head + below).encode()).hexdigest()}"\n{below}'
+    return sealed(above, list(_body(family, statement, member, tree)))
 
 
 def _body(

@@ -1,6 +1,5 @@
 """The text of a certificate about the tip as a port, which `beamdesign.proof.replay_contact` proves again."""
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isinf
@@ -10,7 +9,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.polynomial import exact
 from beamdesign.proof.bouncing import Bouncing
 from beamdesign.proof.contact import Contact, Wall
-from beamdesign.proof.document import controller_lines, quoted, rig_lines
+from beamdesign.proof.document import controller_lines, quoted, rig_lines, sealed
 from beamdesign.proof.passivity import Band, Environment, Passivity
 from beamdesign.proof.rational import text
 from beamdesign.prototype import Prototype
@@ -79,8 +78,7 @@ def document(prototype: Prototype, tip: Tip, stated: Statements, summary: str) -
         *_bouncing(stated),
         *_stiffness(stated),
     ]
-    head, body = "\n".join(above), "\n".join(below)
-    return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
+    return sealed(above, below)
 
 
 def _polynomials(tip: Tip) -> Iterator[str]:

@@ -74,6 +74,11 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         *stability_lines(stability),
         *(line for claim in claims for line in claim_lines(claim)),
     ]
+    return sealed(above, below)
+
+
+def sealed(above: Sequence[str], below: Sequence[str]) -> str:
+    """The text of a certificate, with the checksum of its lines between those above and those below it."""
     head, body = "\n".join(above), "\n".join(below)
     return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
 

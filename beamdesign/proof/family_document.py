@@ -1,6 +1,5 @@
 """The text of a certificate over the linear members of a prototype, which `beamdesign.proof.replay_members` reads."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -8,7 +7,7 @@ from flint import fmpq
 
 from beamdesign.members import TWO_PI, Family, Member
 from beamdesign.polynomial import exact
-from beamdesign.proof.document import claim_lines, controller_lines, polynomial_lines, quoted, rig_lines
+from beamdesign.proof.document import claim_lines, controller_lines, polynomial_lines, quoted, rig_lines, sealed
 from beamdesign.proof.performance import Claim
 from beamdesign.proof.rational import shortened, simple_between, text
 from beamdesign.proof.rectangle import Rectangle
@@ -73,8 +72,7 @@ def document(
         *_stability(stability),
         *(line for claim in claims for line in claim_lines(claim)),
     ]
-    head, body = "\n".join(above), "\n".join(below)
-    return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
+    return sealed(above, below)
 
 
 def effect_lines(prototype: Prototype) -> Iterator[str]:

@@ -1,11 +1,10 @@
 """The text of a certificate for a loop whose law is changed while it runs, which `replay_stages` proves again."""
 
-import hashlib
 from collections.abc import Iterator
 from math import pi
 
 from beamdesign.polynomial import exact
-from beamdesign.proof.document import quoted, rig_lines
+from beamdesign.proof.document import quoted, rig_lines, sealed
 from beamdesign.proof.rational import text
 from beamdesign.proof.stage_switching import StageSwitching
 from beamdesign.proof.switching_document import matrix_lines
@@ -45,8 +44,7 @@ def stage_document(rig: ScheduledRig, found: StageSwitching, summary: str) -> st
         *(line for stage in rig.schedule.stage for line in _stage_lines(stage)),
         *_claims(found, low, high),
     ]
-    above, below = "\n".join(head), "\n".join(body)
-    return f'{above}sha256 = "{hashlib.sha256((above + below).encode()).hexdigest()}"\n{below}'
+    return sealed(head, body)
 
 
 def _stage_lines(stage: Stage) -> Iterator[str]:

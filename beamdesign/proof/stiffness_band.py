@@ -3,14 +3,11 @@
 Both are inequalities quadratic in the end mass, decided as in `beamdesign.proof.performance`.
 """
 
-from math import inf
-
 from flint import fmpq, fmpq_poly
 
 from beamdesign.polynomial import Affine
-from beamdesign.proof.quadratic import quadratic_nonnegative
-from beamdesign.proof.rational import nearest, shortened
-from beamdesign.proof.statements import Coefficients, frequency_below, magnitude_slack, squared_frequency_above
+from beamdesign.proof.performance import kept_up_to_Hz
+from beamdesign.proof.statements import Coefficients, magnitude_slack
 from beamdesign.tip import Tip
 
 _S = fmpq_poly([0, 1])
@@ -30,7 +27,7 @@ def guaranteed_stiffness_band(tip: Tip, stiffness: fmpq, share: fmpq, low: fmpq,
     Rounded down; 0 where it is not even at rest, infinite where it is at every frequency. It says nothing about
     stability.
     """
-    return _reached(stiffness_slack(tip, stiffness, share), low, high)
+    return kept_up_to_Hz(stiffness_slack(tip, stiffness, share), low, high)
 
 
 def guaranteed_command_band(tip: Tip, commanded: fmpq_poly, low: fmpq, high: fmpq) -> float:
@@ -42,17 +39,4 @@ def guaranteed_command_band(tip: Tip, commanded: fmpq_poly, low: fmpq, high: fmp
         low: least end mass, kg.
         high: largest.
     """
-    return _reached(magnitude_slack(_ROOT_OF_TWO, Affine(commanded, _NONE), tip.over_mass), low, high)
-
-
-def _reached(slack: Coefficients, low: fmpq, high: fmpq) -> float:
-    verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
-    if verdict.holds_to is None:
-        return inf
-    reached = frequency_below(verdict.holds_to)
-    if reached <= 0:
-        return 0.0
-    band = shortened(reached, 7)
-    if squared_frequency_above(band) > verdict.holds_to:  # only where rounding ate nothing
-        band = shortened(reached * (1 - fmpq(1, 10**7)), 7)
-    return nearest(band)
+    return kept_up_to_Hz(magnitude_slack(_ROOT_OF_TWO, Affine(commanded, _NONE), tip.over_mass), low, high)

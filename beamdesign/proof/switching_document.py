@@ -1,13 +1,12 @@
 """The text of a certificate for a payload that changes in motion, which `replay_lyapunov` proves again."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from math import isinf
 
 from flint import fmpq_mat
 
 from beamdesign.polynomial import exact
-from beamdesign.proof.document import controller_lines, quoted, rig_lines
+from beamdesign.proof.document import controller_lines, quoted, rig_lines, sealed
 from beamdesign.proof.lyapunov import Switching
 from beamdesign.proof.rational import text
 from beamdesign.prototype import Prototype
@@ -48,8 +47,7 @@ def switching_document(prototype: Prototype, found: Switching, summary: str) -> 
         *_claims(found),
         *_counterexamples(found),
     ]
-    above, below = "\n".join(head), "\n".join(body)
-    return f'{above}sha256 = "{hashlib.sha256((above + below).encode()).hexdigest()}"\n{below}'
+    return sealed(head, body)
 
 
 def _claims(found: Switching) -> Iterator[str]:
