@@ -366,6 +366,7 @@ FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
 def checked(tmp_path_factory):
     """Twelve short cases, drawn, sealed and diagnosed with few candidates."""
     from beamdesign.gap import diagnose as diagnosing
+    from beamdesign.gap import second_look as looking
     from beamdesign.gap.blind.diagnosis import diagnose_blind, program
     from beamdesign.gap.fitting import search as searching
     from beamdesign.gap.fitting.hypothesis import Hypothesis
@@ -376,7 +377,7 @@ def checked(tmp_path_factory):
         patch.setattr(blindcheck, "_processes", _here)
         seal = blindcheck.draw_and_seal(check, 1)
         patch.setattr(searching, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
-        patch.setattr(diagnosing, "hammering", lambda *given: None)  # play is none of the few
+        patch.setattr(looking, "hammering", lambda *given: None)  # play is none of the few
         patch.setattr(diagnosing, "next_experiment", lambda *given: None)  # has tests of its own, and takes longest
         now = program()
         assert all(diagnose_blind(check.place(key), now) for key in seal.sets)

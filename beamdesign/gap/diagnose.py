@@ -1,5 +1,6 @@
 """The diagnosis of a data set: where its gap lies, what causes it, how far it closes."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from beamdesign.gap.amended import amended
@@ -10,22 +11,18 @@ from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.followed import PLAY, followed
-from beamdesign.gap.fitting.hammering import hammering, refit_hammering
+from beamdesign.gap.fitting.followed import followed
 from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
 from beamdesign.gap.gains.classes import explain_gains
 from beamdesign.gap.judgement import Judgement, judge
+from beamdesign.gap.second_look import SecondLook, second_look
 from beamdesign.gap.separability import indistinguishable
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.where.locate import locate
 from beamdesign.gap.wording import sentences
 
-HAMMERS = (
-    "a joint hammers in its play, so that the motion of small records cannot be repeated: fits follow the records, and "
-    "prediction errors from rest stay larger than the model is wrong"
-)
 CONFIDENT = 0.7
 """Probability of the best hypothesis from which the verdict is not called ambiguous."""
 _WORSE = 1.1  # times the error of re-tuned tolerances: what held-out conditions speak against
@@ -60,37 +57,30 @@ def diagnose(
         return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
     kept_out = held_out(data.records)
     seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
-    found = search(data, workers, progress, kept)
+    found = search(data, workers, lambda share, doing: progress(0.7 * share, doing), kept)
     judged, words, plain = judge(found), examined.words, found.null
-    again = _with_play(data, found, progress) if judged.unknown > 0.5 else None
-    hammers = again is not None
+    again = None
+    if judged.unknown > 0.5:
+        again = second_look(data, found, workers, lambda share, doing: progress(0.7 + 0.26 * share, doing), kept)
     if again is not None:
-        found, judged = again
-        words = (*words, HAMMERS)
+        found, judged, words = again.search, again.judged, (*words, again.warning)
     best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
     progress(0.96, "what the data can tell")
     told = indistinguishable(data, evidence_of(data))
     progress(0.97, "records held out")
-    tuned, outside = refit(seen, plain if hammers else best, workers, kept) if kept_out else (plain, best)
-    if hammers:
-        outside = refit_hammering(seen, best)
+    tuned, outside = plain, best
+    if kept_out:
+        tuned, outside = again.refit(seen, plain, best, workers, kept) if again else refit(seen, best, workers, kept)
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    alone = record_evidence(data)
-    measured = gap([errors(piece, data.prototype, tuned, outside, best) for piece in alone], kept_out)
-    # What cannot be predicted from rest neither confirms nor refutes.
-    seen_again = (
-        gap([errors(followed(p), data.prototype, tuned, outside, best) for p in alone], kept_out)
-        if hammers
-        else measured
-    )
-    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(seen_again))
+    measured, in_step = _measured(data, (tuned, outside, best), kept_out, again)
+    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(in_step))
     progress(1.0, "where the gap lies")
     where = locate(data, found, best, evidence_of(data), [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
-        sentences(verdict, ranked, chosen, measured, where),
+        sentences(verdict, ranked, chosen, measured, where, in_step=again is not None and again.oscillates),
         ranked,
         chosen,
         judged.unknown,
@@ -106,13 +96,19 @@ def diagnose(
     )
 
 
-def _with_play(data: Dataset, found: Search, progress: Progress) -> tuple[Search, Judgement] | None:
-    """The second search where it explains what the first has not, by play; by anything else it is not believed."""
-    again = hammering(data, found, lambda share, doing: progress(0.9 + 0.06 * share, doing))
+def _measured(
+    data: Dataset, fits: tuple[Fit, Fit, Fit], kept_out: Sequence[int], again: SecondLook | None
+) -> tuple[Gap, Gap]:
+    """The gap that is told, and that by which held-out conditions confirm what is chosen.
+
+    They are the same but for a second look: what cannot be predicted from rest neither confirms nor refutes.
+    """
+    alone = record_evidence(data)
+    from_rest = gap([errors(piece, data.prototype, *fits) for piece in alone], kept_out)
     if again is None:
-        return None
-    judged = judge(again)
-    return (again, judged) if judged.unknown <= 0.5 and PLAY in judged.best.hypothesis.causes else None
+        return from_rest, from_rest
+    in_step = gap([errors(followed(piece), data.prototype, *fits) for piece in alone], kept_out)
+    return (in_step if again.oscillates else from_rest), in_step
 
 
 def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:

@@ -5,10 +5,22 @@ from collections.abc import Sequence
 from beamdesign.gap.diagnosis import Cause, Gap, Verdict, Where
 
 
-def sentences(verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where) -> str:
-    """The verdict for people: what it is, and how far the gap closes."""
+def sentences(
+    verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where, in_step: bool = False
+) -> str:
+    """The verdict for people: what it is, and how far the gap closes.
+
+    Args:
+        verdict: in a word.
+        causes: most probable first.
+        chosen: names of those that are held responsible.
+        gap: as measured.
+        where: it lies.
+        in_step: whether errors are those of models that follow the records.
+    """
     errors = (
-        "On records left out of the fits that measure it, the prediction error falls from "
+        f"On records left out of the fits that measure it, the {'error in step' if in_step else 'prediction error'} "
+        "falls from "
         f"{gap.before:.1%} of the signal "
         f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
         f"the sensor's noise alone is {gap.noise_floor:.1%}."

@@ -61,17 +61,17 @@ class RecordEvidence:
 
     def error(self, residual: np.ndarray) -> float:
         """Mean square of the displacement's error over that of the displacement, at the frequencies that count."""
-        return float(np.sum(np.abs(self._lines(residual)) ** 2) / self._power)
+        return float(np.sum(np.abs(self.displacement(residual)) ** 2) / self._power)
 
     @cached_property
     def _power(self) -> float:
-        return max(float(np.sum(np.abs(self._lines(self.weight(self.measured))) ** 2)), 1e-300)
+        return max(float(np.sum(np.abs(self.displacement(self.weight(self.measured))) ** 2)), 1e-300)
 
     @property
     def _displacement(self) -> int:
         return self.weight.channels.index(DISPLACEMENT)
 
-    def _lines(self, residual: np.ndarray) -> np.ndarray:
+    def displacement(self, residual: np.ndarray) -> np.ndarray:
         """(F,) spectrum of the displacement in what is weighed, m."""
         column = self._displacement
         real, imaginary = residual.reshape(2, -1, len(self.weight.channels))[:, :, column]

@@ -15,8 +15,9 @@ from functools import cache
 
 import numpy as np
 
-from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.gap.fitting.evidence import RecordEvidence
+from beamdesign.gap.data.dataset import Dataset, TimeRecord
+from beamdesign.gap.fitting.evidence import RecordEvidence, evidence_of
+from beamdesign.gap.fitting.fit import Evidence
 from beamdesign.gap.fitting.replay import Replay
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
 from beamdesign.gap.fitting.weighting import Weighting, banded, blurred
@@ -136,6 +137,11 @@ def followed(taken: RecordEvidence) -> FollowedRecord:
     inputs = record.inputs.copy()
     inputs[:, 1] -= (1 - HEARD) * rig.sensor.gain_V_per_m * record.measured["displacement_m"]
     return FollowedRecord(taken, _driven(taken, inputs))
+
+
+def followed_evidence(data: Dataset) -> tuple[Evidence, ...]:
+    """Everything in a data set, its time records as ones that a model follows."""
+    return tuple(followed(piece) if isinstance(piece, RecordEvidence) else piece for piece in evidence_of(data))
 
 
 def spread(piece: FollowedRecord, placement: Placement, z: np.ndarray) -> np.ndarray | None:

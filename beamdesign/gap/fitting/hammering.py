@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.fitting.evidence import RecordEvidence, evidence_of
 from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
-from beamdesign.gap.fitting.followed import PLAY, FollowedRecord, followed
+from beamdesign.gap.fitting.followed import PLAY, FollowedRecord, followed_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, TOLERANCE_OF, WRONG, Hypothesis, singles, together
 from beamdesign.gap.fitting.search import Progress, Search
 from beamdesign.gap.fitting.starts import starts
@@ -46,7 +45,7 @@ def hammering(data: Dataset, before: Search, progress: Progress = lambda share, 
     Returns:
         None where play explains less than half of what the tolerances leave.
     """
-    evidence = _followed(data)
+    evidence = followed_evidence(data)
     rig = data.prototype
     progress(0.0, "play, looked for")
     null = fit(NOTHING, NOTHING.placement(rig), evidence, before.null.z)
@@ -104,13 +103,9 @@ def refit_hammering(data: Dataset, best: Fit) -> Fit:
         best: the fit.
     """
     placement = best.hypothesis.placement(data.prototype)
-    seen = _blurred(_followed(data), placement, best.z)
+    seen = _blurred(followed_evidence(data), placement, best.z)
     again = fit(best.hypothesis, placement, seen, best.z, _LOOK) if seen is not None else best
     return best if again.reason else again
-
-
-def _followed(data: Dataset) -> list[Evidence]:
-    return [followed(e) if isinstance(e, RecordEvidence) else e for e in evidence_of(data)]
 
 
 def _looked_for(evidence: Sequence[Evidence], placement: Placement, rig: Prototype, null: Fit) -> np.ndarray | None:

@@ -11,6 +11,7 @@ import numpy as np
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import evidence_of
 from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit
+from beamdesign.gap.fitting.followed import followed_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.starts import resonances, starts
@@ -86,6 +87,8 @@ def search(
     workers: int = 1,
     progress: Progress = lambda share, words: None,
     kept: KeptFits | None = None,
+    in_step: bool = False,
+    worth: float = np.inf,
 ) -> Search:
     """Fit all hypotheses to a data set.
 
@@ -94,11 +97,13 @@ def search(
         workers: processes.
         progress: told the share done and what is being fitted.
         kept: fits of an earlier run, where those of this one are kept as well.
+        in_step: whether models follow the records, see `followed`, instead of predicting them from rest.
+        worth: share of the excess misfit that the best single cause has to stay below for pairs to be tried.
 
     Raises:
         InputError: where the believed prototype's own loop is unstable as the records were taken.
     """
-    with _Fitters(data, workers, kept) as fitters:
+    with _Fitters(data, workers, kept, in_step) as fitters:
         progress(0.0, "tolerances")
         (null,) = fitters([_Task(NOTHING, {})])
         if null.reason:
@@ -119,7 +124,7 @@ def search(
             sum(e.floor for e in fitters.evidence),
             tuple(e.condition for e in fitters.evidence),
         )
-        if null.misfit > _SMALL * expected and state.excess(state.fits[0]) > _DONE:
+        if null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
             values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
             tried = _promising(state)
             hardest = _hardest(state.fits[0])
@@ -134,7 +139,9 @@ def search(
         return replace(state, fits=tuple(_sorted(found)))
 
 
-def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None) -> tuple[Fit, Fit]:
+def refit(
+    data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None, in_step: bool = False
+) -> tuple[Fit, Fit]:
     """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
 
     Args:
@@ -142,10 +149,11 @@ def refit(data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = No
         best: the fit; another one begins with its figures, so that it ends at the same optimum where there are several.
         workers: processes.
         kept: fits of an earlier run.
+        in_step: whether models follow the records.
     """
     # The same task to fewer data is another fit, and must not be taken from those to all of them.
     kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
-    with _Fitters(data, workers, kept) as fitters:
+    with _Fitters(data, workers, kept, in_step) as fitters:
         (null,) = fitters([_Task(NOTHING, {})])
         if best.hypothesis == NOTHING:
             return null, null
@@ -209,10 +217,12 @@ def _sorted(fits: Iterable[Fit]) -> list[Fit]:
 class _Fitters:
     """Processes that make fits, or this one where one worker is enough."""
 
-    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None):
-        self.data, self.evidence, self._kept = data, evidence_of(data), kept
+    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None, in_step: bool = False):
+        self.data, self.evidence = data, _evidence(data, in_step)
+        # The same task to records that are followed is another fit.
+        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and in_step else kept
         self._others = active_children()
-        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data,)) if workers > 1 else None
+        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data, in_step)) if workers > 1 else None
 
     def __enter__(self) -> "_Fitters":
         return self
@@ -253,10 +263,14 @@ class _Fitters:
 _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 
 
-def _begin(data: Dataset) -> None:
+def _begin(data: Dataset, in_step: bool) -> None:
     global _here
     signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
-    _here = data.prototype, evidence_of(data)
+    _here = data.prototype, _evidence(data, in_step)
+
+
+def _evidence(data: Dataset, in_step: bool) -> tuple[Evidence, ...]:
+    return followed_evidence(data) if in_step else evidence_of(data)
 
 
 def _fitted_here(task: _Task) -> Fit:

@@ -8,6 +8,7 @@ from scipy.stats import qmc
 
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Evidence, misfit_at
+from beamdesign.gap.fitting.followed import FollowedRecord
 from beamdesign.gap.fitting.hypothesis import NOTHING
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
 from beamdesign.prototype import Prototype
@@ -111,7 +112,10 @@ def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mappin
     z = np.array([_at(u, known) for u in placement.unknowns])
     frequencies, power = [], []
     for piece in evidence:
-        if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
+        if (
+            isinstance(piece, RecordEvidence | FollowedRecord)
+            and (residual := piece.residual(placement, z)) is not None
+        ):
             lines = residual.reshape(2, -1, len(piece.weight.channels))
             frequencies.append(piece.weight.frequencies_Hz)
             power.append(np.sum(lines**2, axis=(0, 2)))
