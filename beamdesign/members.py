@@ -37,11 +37,15 @@ class BilinearPlant:
         denominator: [i][j] multiplies m^i n^j.
         control: [j] multiplies n^j; from current (A) to measured voltage (V).
         disturbance: likewise; from tip force (N) to displacement (m).
+        riding: where the sensor rides on the mount, two pairs, else none. The first adds to `control`, [j] multiplying
+            m n^j. The second, [j] multiplying n^j, is what the force shows by way of the controller: (disturbance
+            control - displaced force) / denominator, see `beamdesign.sensed_plant.SensedPlant.crossed`.
     """
 
     denominator: tuple[tuple[fmpq_poly, fmpq_poly], tuple[fmpq_poly, fmpq_poly]]
     control: tuple[fmpq_poly, fmpq_poly]
     disturbance: tuple[fmpq_poly, fmpq_poly]
+    riding: tuple[tuple[fmpq_poly, fmpq_poly], tuple[fmpq_poly, fmpq_poly]] | None = None
 
 
 @dataclass(frozen=True)
@@ -140,9 +144,11 @@ class MemberRig:
         """The plant over both end masses; each enters with rank one, which a fifth pair of masses confirms.
 
         Raises:
-            ArithmeticError: where it does not, or where a numerator depends on the outer end mass.
+            ArithmeticError: where it does not, or where a numerator that should not depends on the outer end mass.
         """
         wanted = ((1, 1), (0, 0))  # current to measured voltage, force to displacement
+        if self.sensor_rides:
+            return self._riding(wanted)
         at = {(m, n): self.transfers(fmpq(m), fmpq(n), wanted) for m, n in ((0, 0), (1, 0), (0, 1), (1, 1), (2, 3))}
         bare, outer, inner, both = (at[masses] for masses in ((0, 0), (1, 0), (0, 1), (1, 1)))
         slope = inner[0] - bare[0]
@@ -160,8 +166,32 @@ class MemberRig:
             raise ArithmeticError("an end mass enters this rig with more than rank one")
         return plant
 
+    def _riding(self, wanted: tuple[tuple[int, int], ...]) -> BilinearPlant:
+        """The same where the outer end mass shows in what the sensor reads."""
+        pairs = (*wanted, (1, 0), (0, 1))
+        at = {}
+        for m, n in ((0, 0), (1, 0), (0, 1), (1, 1), (2, 3)):
+            denominator, control, disturbance, displaced, force = self.transfers(fmpq(m), fmpq(n), pairs)
+            crossed, rest = divmod(disturbance * control - displaced * force, denominator)
+            if not rest.is_zero():
+                raise ArithmeticError("a second minor is no multiple of the determinant")
+            at[m, n] = (denominator, control, disturbance, crossed)
+        bare, outer, inner, both = (at[masses] for masses in ((0, 0), (1, 0), (0, 1), (1, 1)))
+        # [i][j] multiplies m^i n^j.
+        found = [((z, n - z), (m - z, mn - m - n + z)) for z, m, n, mn in zip(bare, outer, inner, both, strict=True)]
+        expected = tuple(c[0][0] + 3 * c[0][1] + 2 * (c[1][0] + 3 * c[1][1]) for c in found)
+        if at[2, 3] != expected or not all(p.is_zero() for k in (2, 3) for p in found[k][1]):
+            raise ArithmeticError("an end mass enters this rig with more than rank one")
+        return BilinearPlant(found[0], found[1][0], found[2][0], (found[1][1], found[3][0]))
+
     def plant(self, inner_end_mass: float = 0.0) -> Plant:
-        """Exact transfer polynomials with the given mass (kg) added to the inner beam."""
+        """Exact transfer polynomials with the given mass (kg) added to the inner beam.
+
+        Raises:
+            ArithmeticError: where the sensor rides on the mount; see `beamdesign.sensed_plant` for such rigs.
+        """
+        if self.sensor_rides:
+            raise ArithmeticError("the outer end mass shows in what a sensor on the mount reads")
         inner, found = exact(inner_end_mass), self.bilinear
         constant, slope = (row[0] + inner * row[1] for row in found.denominator)
         control, disturbance = (pair[0] + inner * pair[1] for pair in (found.control, found.disturbance))
@@ -169,8 +199,15 @@ class MemberRig:
 
 
 def bilinear_plant(rig: "LinearRig | MemberRig") -> BilinearPlant:
-    """The plant of a rig over both end masses, exact."""
+    """The plant of a rig over both end masses, exact, for controllers that are tuned by samples of it.
+
+    Raises:
+        InputError: where the sensor rides on the mount, for which there are no such samples.
+    """
     if isinstance(rig, MemberRig):
+        if rig.sensor_rides:
+            why = "a sensor that turns with the mount is tuned for with a controller of few parameters only, as a lag"
+            raise InputError("prototype", [("effects.mount_compliance.sensor_share", why)])
         return rig.bilinear
     bare, added = rig.plant(0.0), rig.plant(1.0)
     (d00, d10), (s0, s1) = ((p.denominator.constant, p.denominator.slope) for p in (bare, added))

@@ -123,18 +123,24 @@ def limit_slack(kind: str, filtered: bool) -> ca.Function:
 def _slack(
     kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bool = False, shifts: bool = False
 ) -> ca.Function:
-    """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures."""
+    """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures.
+
+    A fourth polynomial is what the force shows by way of the controller, see `beamdesign.members.BilinearPlant`.
+    """
     form = form_named(kind)
     logarithms = ca.SX.sym("controller", len(form.names))
     frequency = ca.SX.sym("frequency")
     w = 2 * pi * frequency
-    plant, control, disturbance = (_on_axis(p, w) for p in polynomials)
+    plant, control, disturbance, *crossed = (_on_axis(p, w) for p in polynomials)
     gain, *shape = ca.vertsplit(ca.exp(logarithms))
     law = form.polynomials(shape)
     numerator, denominator = (_on_axis([ca.SX(c) for c in p], w) for p in law)
     opened = _product(plant, denominator)
     returned = _product(control, (gain * numerator[0], gain * numerator[1]))
     force_path = _product(disturbance, denominator)
+    for each in crossed:
+        by_controller = _product(each, (gain * numerator[0], gain * numerator[1]))
+        force_path = (force_path[0] + by_controller[0], force_path[1] + by_controller[1])
     shift = ca.SX.sym("shift", 3)
     if shifts:
         size, turn = ca.exp(shift[0]), shift[1]
@@ -172,9 +178,15 @@ def member_slack(
 
     (d00, d01), (d10, d11) = plant.denominator
     denominator = coefficients((1.0, d00), (inner, d01), (outer, d10), (outer * inner, d11))
-    control = coefficients((factor, plant.control[0]), (factor * inner, plant.control[1]))
+    control = [(factor, plant.control[0]), (factor * inner, plant.control[1])]
     disturbance = coefficients((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))
-    return _slack(kind, masses, [denominator, control, disturbance], limits, shifts)
+    if plant.riding is None:
+        return _slack(kind, masses, [denominator, coefficients(*control), disturbance], limits, shifts)
+    assert not shifts  # these come from samples, of which there are none where the sensor rides
+    (slope, with_inner), (own, added) = plant.riding
+    control += [(factor * outer, slope), (factor * outer * inner, with_inner)]
+    crossed = coefficients((factor, own), (factor * inner, added))
+    return _slack(kind, masses, [denominator, coefficients(*control), disturbance, crossed], limits, shifts)
 
 
 def guarantee(

@@ -26,12 +26,14 @@ class GridPlant:
         denominator: (2, 2, f), entry [i, j] multiplying m^i n^j.
         control: (2, f), entry [j] multiplying n^j; current to sensor voltage.
         disturbance: (2, f), likewise; force to displacement.
+        riding: (2, 2, f) where the sensor rides on the mount, see `beamdesign.members.BilinearPlant`; else none.
     """
 
     frequency_Hz: np.ndarray
     denominator: np.ndarray
     control: np.ndarray
     disturbance: np.ndarray
+    riding: np.ndarray | None = None
 
 
 SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)
@@ -75,7 +77,8 @@ def member_grid(plant: BilinearPlant, factor: float, frequency_Hz: np.ndarray) -
 
     denominator = np.array([[at(polynomial) for polynomial in row] for row in plant.denominator])
     control, disturbance = (np.array([at(p) for p in pair]) for pair in (plant.control, plant.disturbance))
-    return GridPlant(frequency_Hz, denominator, factor * control, disturbance)
+    riding = None if plant.riding is None else factor * np.array([[at(p) for p in pair] for pair in plant.riding])
+    return GridPlant(frequency_Hz, denominator, factor * control, disturbance, riding)
 
 
 def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np.ndarray:
@@ -135,20 +138,30 @@ def best_gain(
     frequency = grids[0].frequency_Hz
     s = 2j * pi * frequency
     numerator, denominator = (np.polyval(p[::-1], s) for p in form.polynomials(shape))
-    responses, stiffnesses = [], []
+    responses, stiffnesses, crossings = [], [], []
     for one in grids:
         rows = one.denominator[:, 0] + inner_end_mass * one.denominator[:, 1]
         plant = rows[0] + outer_end_masses[:, None] * rows[1]
         control = one.control[0] + inner_end_mass * one.control[1]
-        disturbance = np.abs(one.disturbance[0] + inner_end_mass * one.disturbance[1])
+        disturbance = one.disturbance[0] + inner_end_mass * one.disturbance[1]
+        crossed = np.zeros_like(plant)
+        if one.riding is not None:
+            slope, second = one.riding[:, 0] + inner_end_mass * one.riding[:, 1]
+            control = control + outer_end_masses[:, None] * slope
+            crossed += second * (numerator / denominator) / disturbance
         responses.append(control * (numerator / denominator) / plant)
-        stiffnesses.append(np.abs(plant) / disturbance)  # |F_d / x| of the open loop
+        stiffnesses.append(np.abs(plant) / np.abs(disturbance))  # |F_d / x| of the open loop
+        crossings.append(crossed)  # by what share of it a unit of gain changes what the force does
     per_gain, stiffness = np.concatenate(responses), np.concatenate(stiffnesses)
+    per_gain_crossed = np.concatenate(crossings) if any(one.riding is not None for one in grids) else None
     best = Candidate(0.0, 0.0, tuple(shape), inner_end_mass)
     for gain in feasible_gain_ends(per_gain, peak_sensitivity):
         if only_stable and (np.abs(np.unwrap(np.angle(1 + gain * per_gain), axis=1)[:, -1]) > pi).any():
             continue
-        worst = 1 / (stiffness * np.abs(1 + gain * per_gain)).min(axis=0)
+        closed = stiffness * np.abs(1 + gain * per_gain)
+        if per_gain_crossed is not None:
+            closed /= np.abs(1 + gain * per_gain_crossed)
+        worst = 1 / closed.min(axis=0)
         bandwidth = sampled_bandwidth(frequency, worst, compliance)
         if bandwidth > best.bandwidth_Hz:
             best = Candidate(bandwidth, float(gain), tuple(shape), inner_end_mass)

@@ -13,18 +13,19 @@ Stages are lags; of a prototype whose own controller is structured they are stru
 controller with the prototype's mass inside, which is for them what a search would take hours for.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from math import prod
+
+from flint import fmpq, fmpq_poly
 
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.refinement import Proved
 from beamdesign.design.structured_tuning import grow_on
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, STRICTER_PEAKS, bandwidth_program, refine_best
 from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.members import BilinearPlant, Interval, Member, MemberRig, family
+from beamdesign.members import Interval, Member, MemberRig, family
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Goal, Lag, Prototype, Structured
 from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
@@ -45,20 +46,9 @@ class StretchedRig(MemberRig):
     offset_kg: float = 0.0
     factor: float = 1.0
 
-    @cached_property
-    def bilinear(self) -> BilinearPlant:
-        """The plant over both end masses, exact."""
-        plain = MemberRig(self.figures, self.filtered, self.effects).bilinear
-        offset, factor = exact(self.offset_kg), exact(self.factor)
-        bare, loaded = plain.denominator
-        return BilinearPlant(
-            (
-                (bare[0] + offset * loaded[0], bare[1] + offset * loaded[1]),
-                (factor * loaded[0], factor * loaded[1]),
-            ),
-            plain.control,
-            plain.disturbance,
-        )
+    def transfers(self, outer: fmpq, inner: fmpq, wanted: Sequence[tuple[int, int]]) -> list[fmpq_poly]:
+        """Denominator and the wanted numerators, as of a member."""
+        return super().transfers(exact(self.offset_kg) + exact(self.factor) * outer, inner, wanted)
 
 
 def stage_members(
