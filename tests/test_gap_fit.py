@@ -7,7 +7,6 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 
 from beamdesign.gap.amended import amended
-from beamdesign.gap.data.inputs import without_noise
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
@@ -218,16 +217,6 @@ def test_names_of_hypotheses():
     assert laws_of_one_effect not in pairs(alone)
     assert Hypothesis(("parameter:stiffness",)).figures == ("outer_stiffness", "inner_stiffness")
     assert scenario().record[0].name == "command_small"
-
-
-def test_noise_of_a_force_sensor_is_no_force():
-    random = np.random.default_rng(5)
-    assert not without_noise(random.standard_normal(8000)).any()
-    times = np.arange(8000) * 5e-4
-    force = 50 * np.sin(2 * np.pi * 20 * times) * np.sin(np.pi * times / times[-1]) ** 2
-    found = without_noise(force + 0.5 * random.standard_normal(8000))
-    assert np.std(found - force) < 0.25 * 0.5  # what is left of the noise is about the line
-    np.testing.assert_array_equal(without_noise(np.zeros(100)), 0.0)
 
 
 def test_the_error_of_a_record_is_that_of_its_displacement(lagged):
