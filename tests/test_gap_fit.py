@@ -7,13 +7,16 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 
 from beamdesign.gap.amended import amended
+from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
 from beamdesign.gap.fitting.kept_fits import kept_fits
 from beamdesign.gap.fitting.search import refit, search
+from beamdesign.gap.fitting.starts import starts
 from beamdesign.gap.fitting.unknowns import Placement, tolerated
 from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.gap.truth import answer, draw_case, write_case
 from beamdesign.lumped import figures
 from beamdesign.records import InputError
 from beamdesign.rig.effects import library
@@ -213,10 +216,29 @@ def test_names_of_hypotheses():
     laws_of_one_effect = together("sensor_lag", "sensor_lag_second_order")
     assert laws_of_one_effect.causes == ("sensor_lag",)
     assert str(together("sensor_lag_second_order", "seal_friction")) == "seal_friction + sensor_lag"
-    assert len(pairs(alone)) == len(alone) * (len(alone) - 1) // 2 - 2
+    assert len(pairs(alone)) == len(alone) * (len(alone) - 1) // 2 - 3
     assert laws_of_one_effect not in pairs(alone)
     assert Hypothesis(("parameter:stiffness",)).figures == ("outer_stiffness", "inner_stiffness")
     assert scenario().record[0].name == "command_small"
+
+
+def test_a_magnets_hysteresis_is_told_from_a_spools(tmp_path):
+    """The truth is compiled plays of equal weight, marched by another scheme; friction on the spool is no match."""
+    case = draw_case(4, "single", short=True, names=("valve_hysteresis",))
+    write_case(case, tmp_path)
+    told = answer(case)["parameters"]["valve_hysteresis"]
+    assert told["figures"]["magnet_share"] > 0
+    data = read_dataset(tmp_path)
+    evidence = record_evidence(replace(data, records=data.records[:2]))
+    expected = sum(piece.expected for piece in evidence)
+    fits = {}
+    for name in ("valve_hysteresis", "valve_hysteresis_magnetic"):
+        placement = Hypothesis((name,)).placement(data.prototype)
+        begun = starts(placement, {}, evidence, most=1)
+        fits[name] = fit(Hypothesis((name,)), placement, evidence, begun[0])
+    friction, magnet = fits["valve_hysteresis"], fits["valve_hysteresis_magnetic"]
+    assert magnet.misfit - expected < (friction.misfit - expected) / 3
+    assert magnet.values["valve_hysteresis_magnetic.half_width_A"] == pytest.approx(told["half_width_A"], rel=0.1)
 
 
 def test_the_error_of_a_record_is_that_of_its_displacement(lagged):

@@ -181,6 +181,7 @@ def test_kinds_of_effects_follow_from_their_equations():
     assert kind_of_effect("sensor_lag") == "linear"
     assert kind_of_effect("mount_compliance") == "linear"
     assert kind_of_effect("seal_friction") == "hysteretic"
+    assert kind_of_effect("valve_hysteresis_magnetic") == "hysteretic"
     assert kind_of_effect("current_saturation") == "static"
     assert kind_of_effect("parameter:flow_gain") == "linear"
 

@@ -67,10 +67,20 @@ def test_the_sensor_lag_is_the_filter_of_the_prototype(rig: Prototype):
     assert found.gain_A_per_V == pytest.approx(exact.gain_A_per_V, rel=1e-8)
 
 
+def test_a_magnet_holds_back_its_share_of_small_oscillations(rig: Prototype):
+    """Below all thresholds the valve is a gain of one less the share; so the critical gain is so much larger."""
+    there = rig.but(effects={"valve_hysteresis_magnetic": {"held_share": 0.4}})
+    plain, expected = linear_critical_gain(there), critical_gain(rig)
+    (faint,) = limit_cycles(there, [1e-8], harmonics=3)
+    for found in (plain, faint):  # but for what the iron forgets meanwhile, 1e-4/s over the frequency in rad/s
+        assert found.gain_A_per_V == pytest.approx(expected.gain_A_per_V / 0.6, rel=1e-6)
+
+
 CASES = [
     ({"current_saturation": {"limit_A": 0.01}}, [3.9e-4, 4.2e-4]),
     ({"valve_deadband": {"half_width_A": 2e-4}}, [3e-4, 1e-4, 3e-5]),
     ({"valve_hysteresis": {"half_width_A": 1e-4}}, [1e-3, 1e-4, 3e-5]),
+    ({"valve_hysteresis_magnetic": {"half_width_A": 1e-4}}, [1e-3, 1e-4, 3e-5]),
     ({"unequal_piston_areas": {"asymmetry": 0.121}}, [1e-5, 1e-3]),
     ({"pressure_dependent_flow": {}}, [3e-5, 3e-4, 1e-3]),
     ({"seal_friction": {"coulomb_N": 60.0}}, [1e-3, 1e-4, 1e-5]),

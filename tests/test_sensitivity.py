@@ -142,7 +142,13 @@ def test_derivatives_of_a_smooth_rig_are_those_of_cvodes(paper: Prototype):
 
 
 @pytest.mark.parametrize(
-    "effects", [(*SMOOTH, "pressure_dependent_flow"), ("seal_friction",), ("valve_hysteresis", "joint_backlash")]
+    "effects",
+    [
+        (*SMOOTH, "pressure_dependent_flow"),
+        ("seal_friction",),
+        ("valve_hysteresis", "joint_backlash"),
+        ("joint_backlash", "valve_hysteresis_magnetic"),
+    ],
 )
 def test_derivatives_are_those_of_the_steps_themselves(paper: Prototype, effects: tuple[str, ...]):
     """By differences so small that hardly a step changes its side of a kink; 15 = 8+4+2+1 meets all vector widths."""

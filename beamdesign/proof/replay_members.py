@@ -25,7 +25,7 @@ KNOWN = {
     "carrier_ripple", "current_saturation", "current_saturation_soft", "entrained_air", "joint_backlash",
     "mount_compliance", "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag",
     "sensor_lag_second_order", "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband",
-    "valve_hysteresis",
+    "valve_hysteresis", "valve_hysteresis_magnetic",
 }  # fmt: skip
 """Effects whose linear members are rebuilt here; of some, nothing is left in them but factors on the gain."""
 

@@ -23,7 +23,7 @@ from beamdesign.rig.equilibrium import Linearisation, equilibrium, linearise, sc
 from beamdesign.rig.parameters import parameters_of
 from beamdesign.rig.sensitivity import equilibrium_sensitivity
 
-LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis")
+LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic")
 """Effects that have no part in the linear loop."""
 _BEARING_M = 1e-5
 _OPEN_M3_PER_S = 1e-12
