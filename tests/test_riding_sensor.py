@@ -115,3 +115,12 @@ def test_what_is_tuned_keeps_its_promise_by_the_matrices_of_the_rig(riding: Prot
 def test_controllers_tuned_by_samples_are_refused_in_words(member: MemberRig):
     with pytest.raises(InputError, match="sensor_share: a sensor that turns with the mount"):
         bilinear_plant(member)
+
+
+def test_a_gain_that_varies_as_well_is_a_no_in_words(riding: Prototype):
+    """Unequal sides of the piston change the gain with the direction; no proof covers that with such a sensor."""
+    both = riding.but(effects={**riding.effects, "unequal_piston_areas": {"asymmetry": 0.1}})
+    made = redesign(both, (0.0, 3.0))
+    assert made.prototype is None
+    assert "effects.unequal_piston_areas: lets the gain vary where the loop is to perform" in made.reason
+    assert "remove it" in made.reason

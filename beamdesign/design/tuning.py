@@ -18,9 +18,11 @@ from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Prov
 from beamdesign.design.starts import best_starts
 from beamdesign.design.structured_tuning import grow
 from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.members import Member, family
+from beamdesign.members import Member, MemberRig, family
 from beamdesign.observer import SENSED, Sensed
+from beamdesign.proof.family_certificate import gain_and_mass
 from beamdesign.prototype import Goal, Prototype
+from beamdesign.records import InputError
 
 Progress = Callable[[float, str], None]
 
@@ -118,11 +120,13 @@ def tune(
         linear member is proved.
 
     Raises:
-        InputError: for effects for which no linear loop stands.
+        InputError: for effects for which no linear loop stands, or which together allow no proof.
     """
     told = progress or (lambda fraction, text: None)
     rig = linear_rig(prototype.but(effects={}))
     members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
+    if any(_varies_on_the_mount(member) for member in members):
+        raise InputError(prototype.name, gain_and_mass(prototype, outer_end_mass_kg[1]))
     if kind == "structured":
         grown = grow(rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, sections, told)
         if grown.proved is None or grown.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
@@ -158,6 +162,13 @@ def tune(
         return Tuning(prototype, outer_end_mass_kg, None, reached, failures, certificates, reason)
     best = min(proved, key=program.cost)
     return Tuning(tuned(prototype, best, outer_end_mass_kg), outer_end_mass_kg, best, reached, failures, certificates)
+
+
+def _varies_on_the_mount(member: Member) -> bool:
+    """Whether its gain varies where it is to perform while the end mass shows in what is fed back."""
+    inside = member.performance
+    riding = isinstance(member.rig, MemberRig) and member.rig.sensor_rides
+    return riding and inside is not None and inside.low < inside.high
 
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:

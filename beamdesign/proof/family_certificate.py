@@ -44,13 +44,13 @@ def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> li
         stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
         inside = member.performance
         if inside is not None and inside.low < inside.high and not loop.gain_and_mass_apart:
-            raise InputError(prototype.name, _gain_and_mass(prototype, nearest(high)))
+            raise InputError(prototype.name, gain_and_mass(prototype, nearest(high)))
         performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
         found_loops.append(Proved(member, stable, performing))
     return found_loops
 
 
-def _gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
+def gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
     """What to change where mass and gain multiply each other: sides do not decide what is claimed of magnitudes."""
     reason = (
         "lets the gain vary where the loop is to perform, which is not proved where the end mass shows in what is fed"
