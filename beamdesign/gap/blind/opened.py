@@ -46,7 +46,7 @@ def opened_keys(folder: Path) -> dict[str, str]:
     Raises:
         InputError: where the folder holds no check that has been scored.
     """
-    return {row["case"]: row["verdict"] for row in _read(folder / "result.json", "cases")}
+    return {row["case"]: row.get("verdict", "") for row in _read(folder / "result.json", "cases")}
 
 
 def opened_case(folder: Path, key: str) -> OpenedCase:
