@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import prod
 
 import numpy as np
 from flint import fmpq
@@ -102,8 +103,16 @@ def _delay(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
     found.delay = exact(own["delay_s"])
 
 
+_AIR = ("entrained_air", "entrained_air_with_stroke")
+
+
 def _air(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
-    found.freeze("oil_stiffness_factor", whole.spans["entrained_air.stiffness_factor"])
+    if "oil_stiffness_factor" in found.values:
+        return
+    # Both laws of air at once make a product, which takes every value between those of the ends.
+    spans = [whole.spans[key] for name in _AIR if (key := f"{name}.stiffness_factor") in whole.spans]
+    low, high, rest = (prod(getattr(span, end) for span in spans) for end in ("low", "high", "rest"))
+    found.freeze("oil_stiffness_factor", Span(low, high, rest))
     found.leaves["oil"] = "s/oil_spring"
     found.groups.append(("oil_spring", "product", ("oil_stiffness", "oil_stiffness_factor")))
 
@@ -128,7 +137,7 @@ _LAWS: dict[str, Callable[[Parameters, Family, Mapping[str, float]], None]] = {
     "sensor_lag": _lag,
     "sensor_lag_second_order": _second_order_lag,
     "transport_delay": _delay,
-    "entrained_air": _air,
+    **dict.fromkeys(_AIR, _air),
     "valve_hysteresis": _hysteresis,
     "seal_friction": _friction,
 }

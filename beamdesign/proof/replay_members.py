@@ -22,8 +22,8 @@ from beamdesign.proof.replay import FLOAT_ROUNDING, Malformed, Pair, Replay, S, 
 KIND = "beamdesign.members"
 VERSION = 1
 KNOWN = {
-    "carrier_ripple", "current_saturation", "current_saturation_soft", "entrained_air", "joint_backlash",
-    "mount_compliance", "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag",
+    "carrier_ripple", "current_saturation", "current_saturation_soft", "entrained_air", "entrained_air_with_stroke",
+    "joint_backlash", "mount_compliance", "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag",
     "sensor_lag_second_order", "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband",
     "valve_hysteresis", "valve_hysteresis_magnetic",
 }  # fmt: skip
@@ -299,7 +299,10 @@ def _mechanics(
         add(row, rod, -seal)
         add(rod, row, -seal)
     add(rod, rod, seal)
-    softer = effects["entrained_air"]["stiffness_factor"] if "entrained_air" in effects else fmpq(1)
+    softer = fmpq(1)
+    for name in ("entrained_air", "entrained_air_with_stroke"):
+        if name in effects:
+            softer *= effects[name]["stiffness_factor"]
     count = len(chambers)
     for name, side in chambers.items():  # each adds a force to the cylinder, towards its own end
         for row in tip:

@@ -4,7 +4,7 @@ from typing import Any
 
 from beamdesign.rig.component import Rig, Signals
 from beamdesign.rig.electronics import CONTROLLER, SENSOR
-from beamdesign.rig.hydraulics import AREAS, CYLINDER, VALVE
+from beamdesign.rig.hydraulics import AREAS, CYLINDER, VALVE, VOLUMES
 from beamdesign.rig.structure import BEAMS, TIPS
 from beamdesign.rig.twin_beam import FIGURES
 
@@ -44,7 +44,7 @@ def _outputs(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
 
 TWIN_BEAM = Rig(
     "the twin beam",
-    (BEAMS, SENSOR, CONTROLLER, AREAS, VALVE, CYLINDER, TIPS),
+    (BEAMS, SENSOR, CONTROLLER, AREAS, VALVE, VOLUMES, CYLINDER, TIPS),
     STATES,
     FIGURES + MORE_FIGURES,
     _outputs,

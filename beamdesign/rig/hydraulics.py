@@ -29,7 +29,7 @@ def chamber_stiffness(oil_stiffness: Any, nominal_area: Any, area: Any, ratio: A
         oil_stiffness: K_c, N/m.
         nominal_area: A, mean of both sides, m2.
         area: of this side, m2.
-        ratio: bulk modulus over that of air-free oil.
+        ratio: bulk modulus over that of air-free oil, over the volume's own ratio to that at mid-stroke.
     """
     return ratio * oil_stiffness / (2 * nominal_area * area)
 
@@ -67,9 +67,8 @@ def _chambers(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
 
 
 def _mid_stroke(side: str, port: Signals, figure: Signals) -> Any:
-    return chamber_stiffness(
-        figure["oil_stiffness"], figure["piston_area"], port[f"area_{side}_m2"], port[f"bulk_ratio_{side}"]
-    )
+    ratio = port[f"bulk_ratio_{side}"] / port[f"volume_ratio_{side}"]
+    return chamber_stiffness(figure["oil_stiffness"], figure["piston_area"], port[f"area_{side}_m2"], ratio)
 
 
 AREAS = Component(
@@ -79,6 +78,14 @@ AREAS = Component(
     }
 )
 """The two sides of the piston."""
+
+VOLUMES = Component(
+    {
+        "volume_ratio_a": lambda port, figure, state: 1.0,
+        "volume_ratio_b": lambda port, figure, state: 1.0,
+    }
+)
+"""Volume of either chamber over that at mid-stroke, which the linear rig has at every stroke."""
 
 VALVE = Component(
     {

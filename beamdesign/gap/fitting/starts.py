@@ -10,6 +10,7 @@ from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Evidence, misfit_at
 from beamdesign.gap.fitting.followed import FollowedRecord
 from beamdesign.gap.fitting.hypothesis import NOTHING
+from beamdesign.gap.fitting.softened import softened
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
 from beamdesign.prototype import Prototype
 
@@ -18,6 +19,7 @@ _ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly
 _PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
 _STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
 _WEAK = 0.1  # of the default
+_NEARLY_KNOWN = 0.2  # spread of the logarithm
 
 
 def starts(
@@ -55,6 +57,7 @@ def starts(
         for trial in [
             *_trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW),
             *_resonant(unknowns, base, new, peaks),
+            *softened(unknowns, base, new, known),
         ]:
             z = np.clip(trial, low, high)
             enough = best[-1][0] if len(best) == most else np.inf
@@ -86,6 +89,8 @@ def _trials(
         for k in new:
             hinted[k] = _at(unknowns[k], hints)
         trials.append(hinted)
+    # Draws are few: what is known within a fifth begins at its default, and leaves them to what may be anything.
+    new = [k for k in new if unknowns[k].linear or unknowns[k].spread > _NEARLY_KNOWN] or new
     weak = base.copy()
     for k in new:
         u = unknowns[k]

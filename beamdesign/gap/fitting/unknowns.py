@@ -115,7 +115,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
 
 SUPPLY = "supply_pressure"
 _SUPPLY_SPREAD = 0.6  # of the logarithm
-_HEED_SUPPLY = ("entrained_air",)
+HEED_SUPPLY = ("entrained_air", "entrained_air_with_stroke")
 """Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
 
 
@@ -130,7 +130,7 @@ def of_effects(
         given: figures that stand for the defaults.
     """
     found = []
-    if set(names) & set(_HEED_SUPPLY):
+    if set(names) & set(HEED_SUPPLY):
         found.append(Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect"))
     for name in names:
         for q in library()[name].parameters:

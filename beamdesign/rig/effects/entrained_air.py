@@ -8,26 +8,33 @@ import casadi as ca
 from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
 
 _ATMOSPHERE_PA = 101_325.0
-_POLYTROPIC = 1.4
+POLYTROPIC = 1.4
 _LEAST_PRESSURE_PA = 20_000.0  # absolute; below this the oil would cavitate
 
 
 def _law(pressure: Any, site: Site) -> Any:
-    return _ratio(pressure, site.parameter["air_fraction"], site.parameter["oil_bulk_modulus_Pa"])
+    return bulk_ratio(pressure, site.parameter["air_fraction"], site.parameter["oil_bulk_modulus_Pa"])
 
 
-def _ratio(pressure: Any, air: Any, modulus: Any) -> Any:
-    """Bulk modulus over that of air-free oil, from volumes of oil and air that share one pressure."""
+def bulk_ratio(pressure: Any, air: Any, modulus: Any, exponent: Any = POLYTROPIC) -> Any:
+    """Bulk modulus over that of air-free oil, from volumes of oil and air that share one pressure.
+
+    Args:
+        pressure: gauge, Pa.
+        air: share of the volume that is free air at atmospheric pressure.
+        modulus: of the oil free of air, Pa.
+        exponent: polytropic, of the air: 1 where its temperature stays, 1.4 where it exchanges no heat.
+    """
     absolute = ca.fmax(pressure + _ATMOSPHERE_PA, _LEAST_PRESSURE_PA)
-    shrunk = air * (_ATMOSPHERE_PA / absolute) ** (1 / _POLYTROPIC)
-    return (1 - air + shrunk) / (1 - air + shrunk * modulus / (_POLYTROPIC * absolute))
+    shrunk = air * (_ATMOSPHERE_PA / absolute) ** (1 / exponent)
+    return (1 - air + shrunk) / (1 - air + shrunk * modulus / (exponent * absolute))
 
 
 def _stiffness(own: Mapping[str, float], at: Operation) -> Span:
     difference = at.load_N / at.figure["piston_area"]
 
     def ratio(pressure: float) -> float:
-        return float(_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"]))
+        return float(bulk_ratio(pressure, own["air_fraction"], own["oil_bulk_modulus_Pa"]))
 
     return Span(ratio((at.supply_Pa - difference) / 2), 1.0, ratio(at.supply_Pa / 2))
 
