@@ -10,6 +10,7 @@ from gap_sets import believed
 
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.gap.fitting.softened import softened
+from beamdesign.gap.fitting.starts import starts
 from beamdesign.gap.truth.believed import assembled, rig_figures
 from beamdesign.gap.truth.rates import INNER, PRESSURE_A, PRESSURE_B, TIP, rates_at
 from beamdesign.loop import close_loop
@@ -196,3 +197,24 @@ def test_fits_of_air_begin_where_the_oil_is_as_soft_as_it_has_been_found():
         assert not list(softened(unknowns, np.zeros(len(unknowns)), [], known))
     wrong = Hypothesis(("entrained_air", "parameter:oil_stiffness")).unknowns(rig)
     assert not list(softened(wrong, np.zeros(len(wrong)), range(len(wrong)), known))
+
+
+class Indifferent:
+    """Evidence that any start suits."""
+
+    def residual(self, placement: object, z: np.ndarray) -> np.ndarray:
+        return np.zeros(1)
+
+
+def test_the_start_that_keeps_the_oil_soft_is_one_more():
+    """However little misfit others leave; without air, and where one start has to do, there are no more than asked."""
+    rig = believed()
+    known = {u.name: u.nominal for u in NOTHING.unknowns(rig)}
+    known["oil_stiffness"] *= 0.3
+    placement = Hypothesis((NAME,)).placement(rig)
+    found = starts(placement, known, [Indifferent()])
+    assert len(found) == 3
+    spring = [u.name for u in placement.unknowns].index("oil_stiffness")
+    assert placement.unknowns[spring].value(found[-1][spring]) > 0.7 * rig.actuator.oil_stiffness_N_per_m
+    assert len(starts(placement, known, [Indifferent()], most=1)) == 1
+    assert len(starts(Hypothesis(("sensor_lag",)).placement(rig), known, [Indifferent()])) == 2

@@ -37,7 +37,7 @@ def starts(
         known: SI values of unknowns that simpler fits have found.
         evidence: by which starts are compared; no fit is made.
         peaks: frequencies (Hz) at which an effect with a resonance may have it.
-        most: how many at most.
+        most: how many at most; where there is room for two and air is new, one more that keeps the oil as soft.
         hints: SI values that another fit has found, of the new unknowns or of all; more starts that may do.
 
     A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
@@ -57,7 +57,6 @@ def starts(
         for trial in [
             *_trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW),
             *_resonant(unknowns, base, new, peaks),
-            *softened(unknowns, base, new, known),
         ]:
             z = np.clip(trial, low, high)
             enough = best[-1][0] if len(best) == most else np.inf
@@ -66,7 +65,23 @@ def starts(
         families.append(best)
     firsts = sorted((family[0] for family in families if family), key=lambda pair: pair[0])
     others = sorted((pair for family in families for pair in family[1:]), key=lambda pair: pair[0])
-    return [z for _, z in [*firsts, *others][:most]]
+    found = [z for _, z in [*firsts, *others][:most]]
+    return [*found, *_matched(placement, bent, new, known, evidence)] if most > 1 else found
+
+
+def _matched(
+    placement: Placement, base: np.ndarray, new: Sequence[int], known: Mapping[str, float], evidence: Sequence[Evidence]
+) -> list[np.ndarray]:
+    """The best start that keeps the oil as soft as known, beside those that happen to leave less misfit.
+
+    What is drawn may leave less and yet lie on the far side of a resonance from all that is better.
+    """
+    best: list[np.ndarray] = []
+    least = np.inf
+    for z in softened(placement.unknowns, base, new, known):
+        if (misfit := misfit_at(evidence, placement, z, least)) < least:
+            best, least = [z], misfit
+    return best
 
 
 def _at(unknown: Unknown, known: Mapping[str, float]) -> float:
