@@ -29,6 +29,7 @@ _OSCILLATES = (
     "and errors are those of models that do"
 )
 _WORTH = 0.7  # of the excess misfit: what the best single cause has to stay below for pairs to be tried
+_HELPS = 0.9  # the same: what another effect has to stay below for play to be looked for beside it
 _MOST_UNKNOWN = 0.5
 
 
@@ -91,13 +92,19 @@ def second_look(
 
 
 def _hammering(data: Dataset, before: Search, progress: Progress) -> SecondLook | None:
-    found = hammering(data, before, progress)
-    if found is None:
-        return None
-    judged = judge(found)
-    if judged.unknown > _MOST_UNKNOWN or PLAY not in judged.best.hypothesis.causes:
-        return None
-    return SecondLook(found, judged, _HAMMERS, oscillates=False)
+    """Play alone or with what it needs, then beside the single effect that explains most without it."""
+    effects = [f for f in before.fits if not f.reason and f.hypothesis.effects and len(f.hypothesis.causes) == 1]
+    others = [f for f in effects if PLAY not in f.hypothesis.causes]
+    for beside in (None, *others[:1]):
+        if beside is not None and before.excess(beside) > _HELPS:
+            break
+        found = hammering(data, before, progress, beside)
+        if found is None:
+            continue
+        judged = judge(found)
+        if judged.unknown <= _MOST_UNKNOWN and PLAY in judged.best.hypothesis.causes:
+            return SecondLook(found, judged, _HAMMERS, oscillates=False)
+    return None
 
 
 def _rings(data: Dataset, before: Search) -> bool:

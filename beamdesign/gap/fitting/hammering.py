@@ -34,50 +34,59 @@ _HELPED = 0.97  # of the cost of play alone: what a start of a pair has to stay 
 _STRAINED = 3.0  # tolerances by which play has to bend a figure for its being wrong as well to be tried
 
 
-def hammering(data: Dataset, before: Search, progress: Progress = lambda share, words: None) -> Search | None:
+def hammering(
+    data: Dataset, before: Search, progress: Progress = lambda share, words: None, beside: Fit | None = None
+) -> Search | None:
     """Fit all hypotheses to records that the model follows.
 
     Args:
         data: what to explain.
         before: the first search.
         progress: told the share done and what is being fitted.
+        beside: another cause that play is looked for beside, as the first search has fitted it.
 
     Returns:
-        None where play explains less than half of what the tolerances leave.
+        None where play explains less than half of what the tolerances, or that other cause, leave.
     """
     evidence = followed_evidence(data)
     rig = data.prototype
     progress(0.0, "play, looked for")
-    null = fit(NOTHING, NOTHING.placement(rig), evidence, before.null.z)
+    base = beside or before.null
+    null = fit(base.hypothesis, base.hypothesis.placement(rig), evidence, base.z)
     if null.reason:
         return None
-    placement = LOOSE.placement(rig)
-    z = _looked_for(evidence, placement, rig, null)
+    sought = LOOSE | base.hypothesis
+    placement = sought.placement(rig)
+    z = _looked_for(evidence, sought, rig, null)
     if z is None:
         return None
     progress(0.3, "play")
-    z = _brought_down(evidence, placement, z)
+    z = _brought_down(evidence, sought, placement, z)
     seen = _blurred(evidence, placement, z)
     if seen is None:
         return None
     expected = sum(e.expected for e in seen)
-    loose = fit(LOOSE, placement, seen, z, _LOOK)
+    loose = fit(sought, placement, seen, z, _LOOK)
     progress(0.5, "single causes again")
-    null = fit(NOTHING, NOTHING.placement(rig), seen, null.z)
+    null = fit(NOTHING, NOTHING.placement(rig), seen, before.null.z)
     if loose.reason or null.reason:
         return None
     others = [h for h in singles(rig) if h != LOOSE]
     found_all = [loose, *(_other(h, rig, seen, null) for h in others)]
-    if loose.misfit > _NEEDS_MORE * expected:
+    if beside is not None:
+        found_all += [_alone(h, rig, seen, loose) for h in (LOOSE, base.hypothesis)]
+    elif loose.misfit > _NEEDS_MORE * expected:
         progress(0.7, "play with another cause")
         found_all += _pairs(others, rig, seen, loose)
     progress(1.0, "done")
-    ranked = sorted(found_all, key=lambda f: f.cost)
+    ranked: dict[Hypothesis, Fit] = {}
+    for found in sorted(found_all, key=lambda f: f.cost):
+        ranked.setdefault(found.hypothesis, found)
     # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
-    return Search(null, tuple(ranked), expected, before.evidence, conditions=before.conditions)
+    return Search(null, tuple(ranked.values()), expected, before.evidence, conditions=before.conditions)
 
 
-def _brought_down(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -> np.ndarray:
+def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: Placement, z: np.ndarray) -> np.ndarray:
     """Unknowns of less cost, in rounds: a fit, then strides; what is unpredictable is measured anew for each.
 
     Secants of different lengths see different ground, so that one gets out of where another is stuck.
@@ -86,7 +95,7 @@ def _brought_down(evidence: Sequence[Evidence], placement: Placement, z: np.ndar
         seen = _blurred(evidence, placement, z, secant)
         if seen is None:
             break
-        found = fit(LOOSE, placement, seen, z, _AGAIN)
+        found = fit(sought, placement, seen, z, _AGAIN)
         if found.reason:
             break
         z, cost = _strides(seen, placement, found.z)
@@ -108,15 +117,15 @@ def refit_hammering(data: Dataset, best: Fit) -> Fit:
     return best if again.reason else again
 
 
-def _looked_for(evidence: Sequence[Evidence], placement: Placement, rig: Prototype, null: Fit) -> np.ndarray | None:
+def _looked_for(evidence: Sequence[Evidence], sought: Hypothesis, rig: Prototype, null: Fit) -> np.ndarray | None:
     """Unknowns at which play explains most, after a short fit from each of a few contacts; None where not enough."""
-    plain = NOTHING.placement(rig)
+    placement, plain = sought.placement(rig), null.hypothesis.placement(rig)
     best: tuple[float, np.ndarray] | None = None
     for stiffness in _STIFFNESSES_N_per_m:
-        trials = [_at(placement, play, stiffness) for play in _PLAYS_M]
+        trials = [_at(placement, play, stiffness, null) for play in _PLAYS_M]
         z = min(trials, key=lambda trial: misfit_at(evidence, placement, trial))
         seen = _blurred(evidence, placement, z)
-        found = fit(LOOSE, placement, seen, z, _LOOK) if seen is not None else None
+        found = fit(sought, placement, seen, z, _LOOK) if seen is not None else None
         again = _blurred(evidence, placement, found.z) if found is not None and not found.reason else None
         if found is None or again is None:
             continue
@@ -130,10 +139,11 @@ def _looked_for(evidence: Sequence[Evidence], placement: Placement, rig: Prototy
     return best[1] if best is not None and best[0] < 1 - _WORTH else None
 
 
-def _at(placement: Placement, play: float, stiffness: float) -> np.ndarray:
-    """Figures as believed: those that a fit without play has bent stand for what it lacked."""
+def _at(placement: Placement, play: float, stiffness: float, null: Fit) -> np.ndarray:
+    """Figures as believed: those that a fit without play has bent stand for what it lacked. Effects as it has them."""
     given = {"play_m": play, "stiffness_N_per_m": stiffness, "counted_share": _COUNTED}
-    values = {f"{PLAY}.{name}": value for name, value in given.items()}
+    values = {u.name: u.value(z) for u, z in zip(null.unknowns, null.z, strict=True) if u.kind == "effect"}
+    values |= {f"{PLAY}.{name}": value for name, value in given.items()}
     return np.array([u.z(values[u.name]) if u.name in values else 0.0 for u in placement.unknowns])
 
 
@@ -166,6 +176,13 @@ def _other(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence],
     if not begun:
         return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable wherever a fit was begun")
     return fit(hypothesis, placement, evidence, begun[0], ITERATIONS)
+
+
+def _alone(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence], both: Fit) -> Fit:
+    """One of two causes without the other, from where both have been found."""
+    placement = hypothesis.placement(rig)
+    z = np.array([u.z(both.values[u.name]) for u in placement.unknowns])
+    return fit(hypothesis, placement, evidence, z, _LOOK)
 
 
 def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evidence], loose: Fit) -> list[Fit]:
