@@ -207,7 +207,7 @@ class Indifferent:
 
 
 def test_the_start_that_keeps_the_oil_soft_is_one_more():
-    """However little misfit others leave; without air, and where one start has to do, there are no more than asked."""
+    """However little misfit others leave, and in a quick look as well; without air there are no more than asked."""
     rig = believed()
     known = {u.name: u.nominal for u in NOTHING.unknowns(rig)}
     known["oil_stiffness"] *= 0.3
@@ -216,5 +216,5 @@ def test_the_start_that_keeps_the_oil_soft_is_one_more():
     assert len(found) == 3
     spring = [u.name for u in placement.unknowns].index("oil_stiffness")
     assert placement.unknowns[spring].value(found[-1][spring]) > 0.7 * rig.actuator.oil_stiffness_N_per_m
-    assert len(starts(placement, known, [Indifferent()], most=1)) == 1
+    assert len(starts(placement, known, [Indifferent()], most=1)) == 2
     assert len(starts(Hypothesis(("sensor_lag",)).placement(rig), known, [Indifferent()])) == 2

@@ -37,7 +37,7 @@ def starts(
         known: SI values of unknowns that simpler fits have found.
         evidence: by which starts are compared; no fit is made.
         peaks: frequencies (Hz) at which an effect with a resonance may have it.
-        most: how many at most; where there is room for two and air is new, one more that keeps the oil as soft.
+        most: how many at most; where air is new, one more that keeps the oil as soft.
         hints: SI values that another fit has found, of the new unknowns or of all; more starts that may do.
 
     A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
@@ -66,7 +66,7 @@ def starts(
     firsts = sorted((family[0] for family in families if family), key=lambda pair: pair[0])
     others = sorted((pair for family in families for pair in family[1:]), key=lambda pair: pair[0])
     found = [z for _, z in [*firsts, *others][:most]]
-    return [*found, *_matched(placement, bent, new, known, evidence)] if most > 1 else found
+    return [*found, *_matched(placement, bent, new, known, evidence)]
 
 
 def _matched(
