@@ -89,6 +89,9 @@ def main() -> None:
         told = partial(_tell, f"{key} ({k} of {len(keys)})")
         done.append(close_the_loop(given.folder, key, given.re_tuned, told))
         print(*map(line, rows(done[-1])), sep="\n", flush=True)
+        for one in done[-1].attempts:
+            if one.made.reason:
+                told(f"tuning on what is {one.tuned_for}: {one.made.reason}")
     heads = ("tuned for", "controller found", "safe, of those found", "promise kept, of those found")
     print("", line(heads), line(["---"] * len(heads)), *map(line, totals(done)), sep="\n")
 
