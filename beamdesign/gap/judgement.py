@@ -165,8 +165,9 @@ def judge(found: Search) -> Judgement:
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
     by_hypothesis = {f.hypothesis: f for f in fits}
     plausible = _nested(fits, spread)
+    plain = _plain(fits, plausible)
     logs = np.array(
-        [plausible[f.hypothesis] + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread) for f in fits]
+        [plausible[f.hypothesis] + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread, plain) for f in fits]
     )
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
@@ -178,20 +179,29 @@ def judge(found: Search) -> Judgement:
     )
 
 
-def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float) -> float:
+def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> float:
+    """The most that a wrong figure gains which by itself is more probable than none."""
+    least, null = plausible[NOTHING], next(f.cost for f in fits if f.hypothesis == NOTHING)
+    figures = [f for f in fits if len(f.hypothesis.names) == 1 and not f.hypothesis.effects]
+    gains = [null - f.cost for f in figures if plausible[f.hypothesis] + odds(f.hypothesis) > least]
+    return max(gains, default=0.0)
+
+
+def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float, figure: float) -> float:
     """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
 
     Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
     counts by what its removal brings back, see `_size`; that of all of them by what they bring together, as two that
     work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
-    that what comes back need only be `_PLAIN`.
+    that what comes back need only be `_PLAIN`; and where a figure is plainly wrong, whatever explains as much as that
+    `figure` gains is not slight either.
     """
 
     def cost(without: Hypothesis) -> float:
         rest = fits.get(without)
         if rest is None or (gained := rest.cost - found.cost) <= 0:
             return 0.0
-        plain = without == NOTHING and not found.hypothesis.effects
+        plain = without == NOTHING and (not found.hypothesis.effects or 0 < figure <= gained)
         size = gained / _PLAIN if plain else _size(found, rest, of)
         return gained / (2 * spread) / (1 + size ** (2 * _STEEP))
 
