@@ -430,3 +430,16 @@ def test_a_cylinder_is_not_loaded_beyond_the_stall_of_its_supply(seed):
         figures = run_figures(case, run)
         assert figures["supply"] > 900 * case.believed["outer_beam"]["stiffness_N_per_m"] / 486800 / figures["area_a"]
         assert np.abs(take(case, run).load_pressure).max() < figures["supply"]
+
+
+@pytest.mark.parametrize(("magnet", "other"), [(0.0, 0.6), (0.9, 0.0)])
+def test_a_trace_of_the_other_hysteresis_hides_none(magnet, other):
+    """A rig's background may hold a thousandth of the same effect as the other realisation has it."""
+    scales = Scales({}, outer_stiffness=5e5, outer_mass=4.0, force=1000.0, current=7.5e-3)
+    kind = KINDS["valve_hysteresis"]
+    shape = {"travel": 1.0, "sharpness": 1.0}
+    values = {"magnet_share": 0.0, "magnet_width": 0.0, "spool_friction": 0.0}
+    values |= kind.figures(scales, shape | {"magnet": other}, 1e-3) | kind.figures(
+        scales, shape | {"magnet": magnet}, 1
+    )
+    assert kind.told(values)["half_width_A"] == pytest.approx(1.001 * 7.5e-3 / 75)

@@ -103,9 +103,8 @@ def _spool(scales: Scales, shape: Shape, severity: float) -> Shape:
 
 
 def _told_spool(f: Mapping[str, float]) -> Shape:
-    if f["magnet_share"] > 0:
-        return {"half_width_A": 0.6 * f["magnet_share"] * f["magnet_width"]}
-    return {"half_width_A": f["spool_friction"]}
+    # A little of the one may lie in the background of the other.
+    return {"half_width_A": 0.6 * f["magnet_share"] * f["magnet_width"] + f["spool_friction"]}
 
 
 def _mount(scales: Scales, shape: Shape, severity: float) -> Shape:
