@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from beamdesign.design.tuning import tune
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
-    from beamdesign.proof.certificate import certify
+    from beamdesign.proof.certifying import certify
     from beamdesign.proof.replay_any import replay
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
@@ -24,7 +24,7 @@ _ROOMS = {
     "DesignProblem": "beamdesign.problem",
     "InputError": "beamdesign.records",
     "Prototype": "beamdesign.prototype",
-    "certify": "beamdesign.proof.certificate",
+    "certify": "beamdesign.proof.certifying",
     "codesign": "beamdesign.design.codesign",
     "critical_gain": "beamdesign.loop",
     "read_problem": "beamdesign.problem",

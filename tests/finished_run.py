@@ -9,7 +9,7 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import size
 from beamdesign.design.tuning import Tuning
 from beamdesign.problem import read_problem
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Lag
 from beamdesign.study.design_run import DesignRun, certified
 

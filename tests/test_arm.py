@@ -24,7 +24,7 @@ from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.cli import app
 from beamdesign.loop import loop
 from beamdesign.observer import Observer
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Arm, Lag, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError

@@ -15,7 +15,8 @@ from beamdesign.cli.certify import certify as command
 from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
-from beamdesign.proof.certificate import Asked, certify, describe
+from beamdesign.proof.certificate import Asked, describe
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import Family, replay
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.prototype import Prototype, write_prototype

@@ -17,7 +17,7 @@ from beamdesign.loop import close_loop
 from beamdesign.lumped import figures
 from beamdesign.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay_box import member_at
 from beamdesign.proof.replay_members import replay
 from beamdesign.proof.rig_family import rig_family

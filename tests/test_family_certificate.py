@@ -17,7 +17,8 @@ from beamdesign.polynomial import exact
 from beamdesign.proof import replay_box
 from beamdesign.proof.between import between, in_words
 from beamdesign.proof.box import certify_box
-from beamdesign.proof.certificate import Asked, certify
+from beamdesign.proof.certificate import Asked
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity
 from beamdesign.proof.replay import Malformed
 from beamdesign.proof.replay_box import member_at

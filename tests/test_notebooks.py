@@ -14,7 +14,7 @@ from nbclient import NotebookClient
 from nbformat import NotebookNode
 
 from beamdesign.control_models import state_space
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import read_prototype
 from beamdesign.study.case import kept
 from beamdesign.study.store import keep

@@ -32,7 +32,8 @@ from beamdesign.polynomial import Affine, exact
 from beamdesign.proof import replay_box, replay_members
 from beamdesign.proof.bilinear import axis_inside
 from beamdesign.proof.box import certify_box
-from beamdesign.proof.certificate import Asked, Certificate, certify
+from beamdesign.proof.certificate import Asked, Certificate
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import guaranteed_gain_margin
 from beamdesign.proof.replay import replay, stable_on_rectangle
 from beamdesign.proof.stability import is_stable_over

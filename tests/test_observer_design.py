@@ -26,7 +26,7 @@ from beamdesign.linear import linear_rig
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.sensor_value import payload_text, plot_sensor_value
 

@@ -10,7 +10,8 @@ import typer.main
 
 import beamdesign
 from beamdesign.cli import app
-from beamdesign.proof.certificate import Asked, certify
+from beamdesign.proof.certificate import Asked
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, read_prototype
 
 ROOT = Path(__file__).parent.parent

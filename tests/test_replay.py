@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from beamdesign.polynomial import roots
 from beamdesign.proof import replay as module
-from beamdesign.proof.certificate import Asked, certify
+from beamdesign.proof.certificate import Asked
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import Malformed, rational, replay
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 

@@ -20,7 +20,7 @@ from beamdesign.design.sampled_loops import Samples, samples, slacks
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.design.worst_samples import WorstSamples, worst_samples
 from beamdesign.linear import linear_rig
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import replay
 from beamdesign.prototype import Lag, Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError

@@ -22,7 +22,8 @@ from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
 from beamdesign.operating_limits import sensor_reach
-from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
+from beamdesign.proof.certificate import Asked, Certificate, goal_claims
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import Malformed, replay
 from beamdesign.prototype import Prototype, Section, Structured, read_prototype, write_prototype
 from beamdesign.records import InputError

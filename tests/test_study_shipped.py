@@ -8,7 +8,7 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from beamdesign.cli.study import study
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import read_prototype
 from beamdesign.study.sweep_file import read_sweep
 

@@ -8,7 +8,7 @@ import pytest
 import tomli_w
 
 from beamdesign.lumped import figures
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import prototype_from, read_prototype
 from beamdesign.records import InputError
 from beamdesign.study.conclusion import clopper_pearson, conclude, holds, in_words

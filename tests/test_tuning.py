@@ -21,7 +21,7 @@ from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
 from beamdesign.paper import paper_prototype
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity
 from beamdesign.proof.replay import replay
 from beamdesign.proof.stability import is_stable_over

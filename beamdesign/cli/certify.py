@@ -101,7 +101,7 @@ def certify(
     asked = _asked(record, figures)
     path = Path(f"{prototype.stem}.certificate.toml") if out is None else out
 
-    from beamdesign.proof.certificate import certify as prove
+    from beamdesign.proof.certifying import certify as prove
 
     certificate = prove(record, *masses, asked)
     write_whole(path, certificate.text)
@@ -269,8 +269,8 @@ def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
 
 def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
     """Prove a certificate again from its text; exit status 1 where that fails."""
-    from beamdesign.proof.document import states_figures_of
     from beamdesign.proof.replay_any import replay
+    from beamdesign.proof.stated_figures import states_figures_of
 
     outcome = replay(path)
     reasons = list(outcome.reasons)

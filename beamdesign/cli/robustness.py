@@ -84,7 +84,7 @@ def certified_rigs(
     """
     from beamdesign.design.rig_spread import rig_spread
     from beamdesign.design.robust_tuning import worst_of
-    from beamdesign.proof.certificate import certify
+    from beamdesign.proof.certifying import certify
 
     spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)
     found = worst_of(spread, masses)

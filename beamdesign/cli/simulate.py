@@ -6,7 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
+from beamdesign.cli.simulated_pictures import drawn_records
 
 
 def simulate(
@@ -125,16 +126,6 @@ def _plotted(record: Any, plan: Any, rig: Any) -> Any:
     verdict = "stable" if record.stable else record.reason
     columns = {name: record.column(name) for name in COLUMNS}
     return PlottedRecord(record.name, columns, verdict, record.stable, limits, record.diverged_at_s)
-
-
-def drawn_records(rig: Any, plan: Any, records: list[Any], out: Path) -> dict[str, Any]:
-    """Draw records and the page that shows them all; gives their files for the answer."""
-    from beamdesign.report.record_page import write_record_page
-
-    with progress("drawing"):
-        page, pictures = write_record_page(rig.name, plan.name, rig.effects, records, out)
-    say(f"pictures: {page}")
-    return {"report": page, "figures": pictures}
 
 
 def _fields(record: Any, path: Path) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: boo
     say(f"records: {len(paths)} files in {out}")
     drawn: dict[str, Any] = {}
     if plots:
-        from beamdesign.cli.simulate import drawn_records
+        from beamdesign.cli.simulated_pictures import drawn_records
         from beamdesign.report.record_plot import PlottedRecord
 
         pictures = [

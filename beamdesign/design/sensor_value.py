@@ -9,7 +9,8 @@ from beamdesign.design.refinement import Proved
 from beamdesign.linear import linear_rig
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer, Sensed
-from beamdesign.proof.certificate import Asked, certify, goal_claims
+from beamdesign.proof.certificate import Asked, goal_claims
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 
 SETS: tuple[tuple[Sensed, ...], ...] = (SENSED[:1], SENSED[:2], (SENSED[0], SENSED[2]), SENSED)

@@ -17,7 +17,8 @@ from beamdesign.linear import linear_rig
 from beamdesign.loop import Loop, close_loop
 from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import Asked, decide, goal_claims
+from beamdesign.proof.certificate import Asked, goal_claims
+from beamdesign.proof.certifying import decide
 from beamdesign.proof.contact import Wall, prove_contact
 from beamdesign.proof.passivity import active_bands
 from beamdesign.proof.stability import is_stable_over

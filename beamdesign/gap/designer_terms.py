@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.loop import critical_gain
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Controller, Prototype
 from beamdesign.records import InputError
 

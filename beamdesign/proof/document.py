@@ -83,14 +83,6 @@ def sealed(above: Sequence[str], below: Sequence[str]) -> str:
     return f'{head}sha256 = "{hashlib.sha256((head + body).encode()).hexdigest()}"\n{body}'
 
 
-def states_figures_of(certificate: str, prototype: Prototype) -> bool:
-    """Whether the text of a certificate states rig, controller and effects of a prototype, and no others."""
-    from beamdesign.proof.family_document import effect_lines  # it builds on this file
-
-    stated = "\n".join([*rig_lines(prototype), *controller_lines(prototype), *effect_lines(prototype)])
-    return stated in certificate and ("\n[effects]\n" in certificate) == bool(prototype.effects)
-
-
 def quoted(value: str) -> str:
     """A TOML string."""
     import tomli_w

@@ -15,13 +15,13 @@ over a number, and |L| grows with g, so that it is largest on a side.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isinf
-from typing import TYPE_CHECKING
 
 from flint import fmpq, fmpq_poly
 
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.bilinear import Inside, axis_inside
+from beamdesign.proof.certificate import Asked
 from beamdesign.proof.performance import (
     Claim,
     bandwidth_where_stable,
@@ -37,9 +37,6 @@ from beamdesign.proof.performance import (
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.proof.statements import shifted
-
-if TYPE_CHECKING:
-    from beamdesign.proof.certificate import Asked
 
 _ZERO = fmpq_poly([0])
 _ONE = fmpq(1)
@@ -226,7 +223,7 @@ def _peak(side: Side) -> float:
     return peak_sensitivity_where_stable(side.loop, side.low, side.high, start)  # type: ignore[arg-type]
 
 
-def prove(rectangle: Rectangle, asked: "Asked") -> Claim:
+def prove(rectangle: Rectangle, asked: Asked) -> Claim:
     """Prove or refute a claim on a rectangle."""
     masses = (nearest(rectangle.low), nearest(rectangle.high))
     held = Claim(

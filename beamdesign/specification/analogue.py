@@ -9,7 +9,7 @@ from flint import fmpq
 from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Lag, Proportional, Prototype, Structured
 from beamdesign.specification.lag_amplifier import LagAmplifier, lag_amplifier
 from beamdesign.specification.preferred_values import Series

@@ -14,7 +14,7 @@ import tomli_w
 
 from beamdesign.gap.fitting.unknowns import TOLERANCE_OF
 from beamdesign.operating_limits import envelope, rated_current
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of

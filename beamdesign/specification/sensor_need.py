@@ -10,7 +10,7 @@ import numpy as np
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
 

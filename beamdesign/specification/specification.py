@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from beamdesign.controller import without_sections
 from beamdesign.loop import loop
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.certificate import Certificate, certify
+from beamdesign.proof.certificate import Certificate
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.specification.acceptance_bands import AcceptanceAtMass, acceptance_bands
 from beamdesign.specification.analogue import AnalogueController, analogue_controllers

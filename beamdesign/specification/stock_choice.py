@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from beamdesign import section
 from beamdesign.lumped import lumped_beam
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.report.specification import TubeToMake, nearest_stock_tube, tube_to_make
 from beamdesign.section import SquareTube

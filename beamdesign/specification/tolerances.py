@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.scaling import Scaling, largest_scaling

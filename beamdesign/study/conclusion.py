@@ -9,7 +9,7 @@ import numpy as np
 from beamdesign.records import InputError
 from beamdesign.study.methods import cost, figures_of
 from beamdesign.study.sweep_file import Demand, Sweep
-from beamdesign.study.sweep_run import Plan
+from beamdesign.study.sweep_plan import Plan
 
 Row = Mapping[str, Any]
 

@@ -9,7 +9,8 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import Sizing, size
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.problem import DesignProblem
-from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
+from beamdesign.proof.certificate import Asked, Certificate, goal_claims
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Guarantee, Prototype
 
 CERTIFICATE_NAME = "certificate.toml"

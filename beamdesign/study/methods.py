@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from math import floor, log2
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from beamdesign.study.case import Case
 from beamdesign.study.sampling import case_at, merged, scaled
 from beamdesign.study.spread import Figure, drawn, from_unit, spreading, varied_at
 from beamdesign.study.sweep_file import Sweep
-
-if TYPE_CHECKING:
-    from beamdesign.study.sweep_run import Plan
+from beamdesign.study.sweep_plan import Plan
 
 Evaluate = Callable[[Sequence[Case]], list[dict[str, Any]]]
 
@@ -71,7 +69,7 @@ def saltelli(dimensions: int, cases: int, seed: int) -> np.ndarray:
     return from_unit(np.clip(sobol.sample(problem, 2**power, calc_second_order=False, seed=seed), 1e-9, 1 - 1e-9))
 
 
-def adapt(laid: "Plan", evaluate: Evaluate) -> None:
+def adapt(laid: Plan, evaluate: Evaluate) -> None:
     """Carry out a method whose cases follow from earlier ones; it is deterministic, and so resumes from the store."""
     if laid.sweep.study.method == "optimise":
         _optimise(laid, evaluate)
@@ -85,7 +83,7 @@ def _generations(sweep: Sweep, limit: int | None) -> int:
     return most if limit is None else max(1, min(most, limit // sweep.optimise.population))
 
 
-def _optimise(laid: "Plan", evaluate: Evaluate) -> None:
+def _optimise(laid: Plan, evaluate: Evaluate) -> None:
     """Differential evolution (Storn and Price, 1997), one generation at a time so that workers share it."""
     from scipy.optimize import differential_evolution
     from scipy.stats import qmc
@@ -141,7 +139,7 @@ def cost(row: Mapping[str, Any], output: str, largest: bool) -> float:
     return -float(value) if largest else float(value)
 
 
-def _worst_case(laid: "Plan", evaluate: Evaluate) -> None:
+def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
     """Search the corners of the tolerance box for the worst value: along difference quotients, then corner by corner.
 
     An answer of no, such as a loop that is not stable, is the worst there can be and ends the search.

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread
-from beamdesign.proof.certificate import Certificate, certify
+from beamdesign.proof.certificate import Certificate
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.study.design_run import claims_of
 

@@ -7,7 +7,8 @@ from beamdesign.design.compliant_law import controller_of
 from beamdesign.design.end_stiffness import SHARE, EndStiffness
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import Asked, Certificate, certify, goal_claims
+from beamdesign.proof.certificate import Asked, Certificate, goal_claims
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.contact import Wall
 from beamdesign.proof.contact_document import Statements, document
 from beamdesign.prototype import Compliance, Guarantee, Prototype

@@ -12,33 +12,13 @@ from beamdesign.study import store, workers
 from beamdesign.study.case import Case
 from beamdesign.study.sampling import case_at, points
 from beamdesign.study.sweep_file import Sweep, read_sweep
+from beamdesign.study.sweep_plan import Plan
 from beamdesign.study.table import write_tables
 
 Progress = Callable[[float, str], None]
 
 ADAPTIVE = ("optimise", "worst_case")
 """Methods whose cases follow from the results of earlier ones."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A sweep read from its file, with its base document.
-
-    Attributes:
-        path: of the sweep file.
-        sweep: what it says.
-        base: tables of the base document.
-        cases: the cases that are known beforehand; of an adaptive method none.
-        budget: how many there are at most.
-        limit: as asked, None for all.
-    """
-
-    path: Path
-    sweep: Sweep
-    base: dict[str, Any]
-    cases: tuple[Case, ...]
-    budget: int
-    limit: int | None = None
 
 
 @dataclass

@@ -8,7 +8,8 @@ from beamdesign.records import InputError
 from beamdesign.study import store
 from beamdesign.study.code_digest import code_digest
 from beamdesign.study.sweep_file import task_of
-from beamdesign.study.sweep_run import ADAPTIVE, Plan
+from beamdesign.study.sweep_plan import Plan
+from beamdesign.study.sweep_run import ADAPTIVE
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from matplotlib.figure import Figure
 
 from beamdesign.design.tuning import tune
 from beamdesign.lumped import figures
-from beamdesign.proof.certificate import Asked, certify, goal_claims
+from beamdesign.proof.certificate import Asked, goal_claims
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Goal, Prototype, read_prototype
 from beamdesign.report.canvas import new_figure, save
 from beamdesign.study.delivered import delivered, drawn

@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.robust_tuning import worst_of
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype
 from beamdesign.specification.changed_figures import CHANGEABLE

@@ -2,7 +2,8 @@
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import Certificate, certify
+from beamdesign.proof.certificate import Certificate
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity, prove_peak_sensitivity
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 

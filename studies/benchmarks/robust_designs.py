@@ -18,7 +18,7 @@ from delivered_bandwidth import TOLERANCE
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.robust_tuning import worst_of
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.study.robust_proof import draw_rigs
 

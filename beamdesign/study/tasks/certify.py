@@ -1,7 +1,7 @@
 """Task `certify`: what is proved over the payload range."""
 
 from beamdesign.proof.certificate import Asked, Certificate, describe
-from beamdesign.proof.certificate import certify as prove
+from beamdesign.proof.certifying import certify as prove
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.study.answer import Answer

@@ -1,6 +1,6 @@
 """Task `robust`: guaranteed bandwidth and the longest stable range of payloads, for studies of tolerances."""
 
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.study.answer import Answer
 from beamdesign.study.tasks import RangeOptions

@@ -1,6 +1,6 @@
 """Task `stable_masses`: which masses on the outer tip are stable, exactly, with the frequencies at the crossings."""
 
-from beamdesign.proof.certificate import certify
+from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.study.answer import Answer
