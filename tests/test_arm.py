@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 from typer.testing import CliRunner
 
 from beamdesign.arm.anywhere import prove_anywhere
-from beamdesign.arm.both import both_planes
+from beamdesign.arm.both_planes import both_planes
 from beamdesign.arm.certificate import certify_plane
 from beamdesign.arm.figures import arm_figures
 from beamdesign.arm.plane import plane_loop

@@ -1,8 +1,8 @@
 """Stability for a payload whose centre is known to lie within bounds only: all places and all masses at once.
 
-The characteristic polynomial of `beamdesign.arm.both` with the payload's place as parameters. It depends on the offset
-a_x along the beam and, by symmetry, on the squares a_y^2 and a_z^2 of those to the sides; with kappa = 1 + 3 a_x / 2L,
-c = 3 / 2L and the matrix A of the payload's inertia,
+The characteristic polynomial of `beamdesign.arm.both_planes` with the payload's place as parameters. It depends on the
+offset a_x along the beam and, by symmetry, on the squares a_y^2 and a_z^2 of those to the sides; with
+kappa = 1 + 3 a_x / 2L, c = 3 / 2L and the matrix A of the payload's inertia,
 
     A_yy = kappa^2 + c^2 a_y^2,    A_zz = kappa^2 + c^2 a_z^2,    A_tt = a_y^2 + a_z^2,
     A_yy A_zz - A_yz^2 = kappa^4 + kappa^2 c^2 A_tt,
@@ -16,7 +16,7 @@ from itertools import product
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.arm.both import BUDGET, MASS, both_planes
+from beamdesign.arm.both_planes import BUDGET, MASS, both_planes
 from beamdesign.arm.figures import arm_figures, arm_of, sensor_of
 from beamdesign.arm.remaining import Vector
 from beamdesign.polynomial import exact
@@ -50,7 +50,7 @@ def prove_anywhere(
         One verdict for both planes ("both"), or one each ("y", "z") where the centre stays at z = 0. It may be None.
 
     Raises:
-        InputError: as `beamdesign.arm.both.both_planes`, and for servos that measure elsewhere than at the tip.
+        InputError: as `beamdesign.arm.both_planes.both_planes`, and for servos that measure elsewhere than at the tip.
         ValueError: for a negative bound.
     """
     if any(sensor_of(prototype)):

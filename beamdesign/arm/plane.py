@@ -15,7 +15,7 @@ and in the same way every other polynomial of the loop. Servos that measure at [
 kappa_s u + e_s phi instead of u, with kappa_s and e_s as kappa and e; what they return is then
 R (kappa_s t + m s^2 e (kappa_s e - kappa e_s)) for R at the tip.
 
-A payload with offsets to both sides couples both planes and is in `beamdesign.arm.both`.
+A payload with offsets to both sides couples both planes and is in `beamdesign.arm.both_planes`.
 """
 
 from dataclasses import dataclass

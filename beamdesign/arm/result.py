@@ -7,7 +7,7 @@ from math import inf, pi, sqrt
 import numpy as np
 from scipy.linalg import eigh
 
-from beamdesign.arm.both import BothPlanes, both_planes, couples_both
+from beamdesign.arm.both_planes import BothPlanes, both_planes, couples_both
 from beamdesign.arm.certificate import PlaneCertificate, certify_plane
 from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
 from beamdesign.arm.plane import PLANES

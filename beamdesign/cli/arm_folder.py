@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beamdesign.arm.both import both_planes
+from beamdesign.arm.both_planes import both_planes
 from beamdesign.cli.output import write_csv
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.report.arm_plot import compliance_curves, draw_arm

@@ -6,12 +6,12 @@ from typing import Literal
 
 import numpy as np
 
+from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import Member, family
 from beamdesign.proof.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.specification.changed_figures import CHANGEABLE, with_figures
 
 Shape = Literal["ball", "box"]
 
@@ -27,7 +27,7 @@ class RigSpread:
     Attributes:
         prototype: nominal.
         largest_outer_kg: largest outer end mass, whose weight is the load of effects that depend on it.
-        deviations: relative standard deviation by figure, as in `beamdesign.specification.changed_figures`; d of them.
+        deviations: relative standard deviation by figure, as in `beamdesign.changed_figures`; d of them.
         sigmas: how far the figures are off, in standard deviations.
         shape: "box": each of them up to so many, whatever the others are; "ball": so many in all, the root of the sum
             of the squares, which is how far normal figures are off in any one direction that matters.

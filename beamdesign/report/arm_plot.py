@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.arm.both import BothPlanes
+from beamdesign.arm.both_planes import BothPlanes
 from beamdesign.arm.figures import arm_of
 from beamdesign.arm.remaining import Remaining, Vector
 from beamdesign.arm.result import ArmResult

@@ -6,12 +6,12 @@ from math import inf
 
 import numpy as np
 
+from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
-from beamdesign.specification.changed_figures import CHANGEABLE, with_figures
 
 MEASURED_WITHIN = 0.05
 """Relative error allowed to the measurement of a compliance or a critical gain, beyond the bands."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 
+from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rig_family import rig_family
@@ -11,7 +12,6 @@ from beamdesign.proof.scaling import Scaling, largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.report.quantity import decimal
-from beamdesign.specification.changed_figures import CHANGEABLE, with_figures
 
 LARGEST = 0.5
 """Largest relative tolerance that is asked about."""
