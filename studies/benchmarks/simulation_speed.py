@@ -96,9 +96,9 @@ def prepared(name: str, rig: Prototype, free: tuple[str, ...], duration_s: float
 
 
 def cases(duration_s: float) -> tuple[Case, ...]:
-    """The linear rig and the one with all effects."""
+    """The linear rig and the one with all effects, each by its usual law."""
     linear = paper_prototype().but(controller=Lag(gain_A_per_V=0.06, pole_Hz=1.75, zero_Hz=26.0))
-    every = linear.but(effects={name: {} for name in library()})
+    every = linear.but(effects={name: {} for name, effect in library().items() if not effect.realises})
     return (
         prepared("no effects", linear, FIGURES + MORE_FIGURES, duration_s),
         prepared("all effects", every, FIGURES + MORE_OF_EFFECTS, duration_s),
