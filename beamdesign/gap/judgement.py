@@ -26,6 +26,7 @@ _FAINT = 0.75  # of the mean square of the sensor's noise
 _MINOR = 0.03  # of the gap
 _PART = 0.3
 _PLAIN = 8.0  # in cost: about three tolerances
+_AS_MUCH = 0.8  # of what a plainly wrong figure gains
 
 
 @dataclass(frozen=True)
@@ -193,15 +194,15 @@ def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: floa
     Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
     counts by what its removal brings back, see `_size`; that of all of them by what they bring together, as two that
     work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
-    that what comes back need only be `_PLAIN`; and where a figure is plainly wrong, whatever explains as much as that
-    `figure` gains is not slight either.
+    that what comes back need only be `_PLAIN`; and where a figure is plainly wrong, whatever explains about as much as
+    that `figure` gains is not slight either.
     """
 
     def cost(without: Hypothesis) -> float:
         rest = fits.get(without)
         if rest is None or (gained := rest.cost - found.cost) <= 0:
             return 0.0
-        plain = without == NOTHING and (not found.hypothesis.effects or 0 < figure <= gained)
+        plain = without == NOTHING and (not found.hypothesis.effects or 0 < _AS_MUCH * figure <= gained)
         size = gained / _PLAIN if plain else _size(found, rest, of)
         return gained / (2 * spread) / (1 + size ** (2 * _STEEP))
 
