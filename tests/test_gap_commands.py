@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import beamdesign.gap.fitting.fitters as fitters
 import beamdesign.gap.fitting.search as searching
 from beamdesign.cli import app
 from beamdesign.gap.data.dataset import Dataset, read_dataset
+from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.gap.fitting.kept_fits import digest, kept_fits
 from beamdesign.gap.predict import predict_set
@@ -150,7 +152,7 @@ def test_a_second_run_takes_the_fits_of_the_first(
     def refuse(*_: object) -> None:
         raise AssertionError("made anew")
 
-    monkeypatch.setattr(searching, "_fitted", refuse)
+    monkeypatch.setattr(fitters, "fitted", refuse)
     args = ["gap", "diagnose", str(data), "--out", str(tmp_path / "again"), "--workers", "1"]
     ran = CliRunner().invoke(app, args)
     assert ran.exit_code == 0, ran.output
@@ -171,7 +173,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
     monkeypatch.setattr(searching, "singles", lambda prototype: few)
     monkeypatch.setattr(searching, "_DONE", 1.0)  # no pairs
     made: list[Hypothesis] = []
-    genuine = searching._fitted
+    genuine = fitters.fitted
 
     def counted(task, *rest):
         if len(made) == stop:
@@ -179,7 +181,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
         made.append(task.hypothesis)
         return genuine(task, *rest)
 
-    monkeypatch.setattr(searching, "_fitted", counted)
+    monkeypatch.setattr(fitters, "fitted", counted)
     kept = kept_fits(tmp_path / "fits", small)
     stop = 2
     with pytest.raises(KeyboardInterrupt):
@@ -200,8 +202,8 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
 
 def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path) -> None:
     kept = kept_fits(tmp_path / "fits", small)
-    task = searching._Task(Hypothesis(("sensor_lag",)), {})
-    kept.keep(task, searching.Fit(task.hypothesis, task.hypothesis.unknowns(small.prototype), reason="none"))
+    task = fitters.Task(Hypothesis(("sensor_lag",)), {})
+    kept.keep(task, Fit(task.hypothesis, task.hypothesis.unknowns(small.prototype), reason="none"))
     assert kept.recall(task) is not None
     assert kept.recall(replace(task, known={"flow_gain": 1.0})) is None
     record = small.records[0]
@@ -213,8 +215,8 @@ def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path)
 
 def test_a_file_cut_short_is_made_again(small: Dataset, tmp_path: Path) -> None:
     kept = kept_fits(tmp_path / "fits", small)
-    task = searching._Task(Hypothesis(("sensor_lag",)), {})
-    kept.keep(task, searching.Fit(task.hypothesis, reason="none"))
+    task = fitters.Task(Hypothesis(("sensor_lag",)), {})
+    kept.keep(task, Fit(task.hypothesis, reason="none"))
     (path,) = (tmp_path / "fits").iterdir()
     path.write_bytes(path.read_bytes()[:100])
     assert kept.recall(task) is None

@@ -8,6 +8,7 @@ from gap_sets import believed, measured, only, scenario
 
 from beamdesign.gap.amended import amended
 from beamdesign.gap.data.dataset import read_dataset
+from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
@@ -240,6 +241,19 @@ def test_a_magnets_hysteresis_is_told_from_a_spools(tmp_path):
     friction, magnet = fits["valve_hysteresis"], fits["valve_hysteresis_magnetic"]
     assert magnet.misfit - expected < (friction.misfit - expected) / 3
     assert magnet.values["valve_hysteresis_magnetic.half_width_A"] == pytest.approx(told["half_width_A"], rel=0.1)
+
+
+def test_pairs_are_tried_with_the_other_laws_of_their_effects():
+    """Beside another cause the law may be right that fits worse alone."""
+    pair = together("sensor_lag", "current_saturation")
+    unknowns = pair.unknowns(believed())
+    alone = Hypothesis(("sensor_lag_second_order",))
+    tasks = searching._other_laws([Fit(pair, unknowns, np.zeros(len(unknowns)))], {alone: {"a": 1.0}})
+    assert {task.hypothesis: task.hints for task in tasks} == {
+        together("sensor_lag_second_order", "current_saturation"): {"a": 1.0},
+        together("sensor_lag", "current_saturation_soft"): {},
+    }
+    assert all(task.known["current_saturation.limit_A"] > 0 for task in tasks)
 
 
 def test_the_error_of_a_record_is_that_of_its_displacement(lagged):

@@ -1,29 +1,24 @@
 """All hypotheses about a gap, fitted: nulls first, every single cause, then pairs."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from multiprocessing import active_children
-from signal import SIG_IGN, SIGINT, signal
 
 import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import evidence_of
-from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit
-from beamdesign.gap.fitting.followed import followed_evidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles
+from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.fitters import Fitters, Task
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.gap.fitting.kept_fits import KeptFits
-from beamdesign.gap.fitting.starts import resonances, starts
-from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.rig.effects import library
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
 """How many singles to pair, by the share of the excess misfit that the best of them leaves."""
 _BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
 _SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
 _LARGE = 4.0  # times: what is worth every pair
-_QUICK = 3  # iterations that show whether a pair is worth fitting
 _EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
 _TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
@@ -65,23 +60,6 @@ class Search:
         return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
 
 
-@dataclass(frozen=True)
-class _Task:
-    """One fit to be made.
-
-    Attributes:
-        hypothesis: to be fitted.
-        known: SI values from a simpler fit.
-        hints: SI values of what it lacks, from another.
-        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
-    """
-
-    hypothesis: Hypothesis
-    known: dict[str, float]
-    hints: dict[str, float] = field(default_factory=dict)
-    on: tuple[int, ...] = ()
-
-
 def search(
     data: Dataset,
     workers: int = 1,
@@ -103,16 +81,16 @@ def search(
     Raises:
         InputError: where the believed prototype's own loop is unstable as the records were taken.
     """
-    with _Fitters(data, workers, kept, in_step) as fitters:
+    with Fitters(data, workers, kept, in_step) as fitters:
         progress(0.0, "tolerances")
-        (null,) = fitters([_Task(NOTHING, {})])
+        (null,) = fitters([Task(NOTHING, {})])
         if null.reason:
             words = "its loop is unstable with the controllers and masses of the records, so that none can be simulated"
             raise InputError(data.folder, [("prototype", words)])
         alone = singles(data.prototype)
         found = list(
             fitters(
-                (_Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
+                (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
             )
         )
         expected = sum(piece.expected for piece in fitters.evidence)
@@ -128,12 +106,13 @@ def search(
             values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
             tried = _promising(state)
             hardest = _hardest(state.fits[0])
-            tasks = [_Task(h, *_halves(h, values), hardest) for h in tried]
+            tasks = [Task(h, *_halves(h, values), hardest) for h in tried]
             quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
             leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
             ranked = [f for f in _sorted(quick) if not f.reason]
             best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
-            final = fitters(_Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
+            final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
+            final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
             found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
         progress(1.0, "done")
         return replace(state, fits=tuple(_sorted(found)))
@@ -153,11 +132,11 @@ def refit(
     """
     # The same task to fewer data is another fit, and must not be taken from those to all of them.
     kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
-    with _Fitters(data, workers, kept, in_step) as fitters:
-        (null,) = fitters([_Task(NOTHING, {})])
+    with Fitters(data, workers, kept, in_step) as fitters:
+        (null,) = fitters([Task(NOTHING, {})])
         if best.hypothesis == NOTHING:
             return null, null
-        begun = fitters([_Task(best.hypothesis, null.values), _Task(best.hypothesis, best.values)])
+        begun = fitters([Task(best.hypothesis, null.values), Task(best.hypothesis, best.values)])
         return null, min(begun, key=lambda f: f.cost)
 
 
@@ -178,9 +157,26 @@ def _promising(state: Search) -> tuple[Hypothesis, ...]:
     return tuple(pair for pair in tried if pair.effects and len(pair.causes) == 2)
 
 
-def _parts(fits: Sequence[Fit]) -> list[_Task]:
+def _other_laws(fits: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]]) -> list[Task]:
+    """Pairs with another law for one of their effects: alone, without the other cause, the wrong law may fit better.
+
+    Args:
+        fits: of pairs.
+        values: found by singles.
+    """
+    tasks: dict[Hypothesis, Task] = {}
+    for one in fits:
+        for name in one.hypothesis.effects if not one.reason else ():
+            for law in library():
+                if law != name and cause(law) == cause(name):
+                    pair = one.hypothesis.without(cause(name)) | Hypothesis((law,))
+                    tasks.setdefault(pair, Task(pair, one.values, values.get(Hypothesis((law,)), {})))
+    return list(tasks.values())
+
+
+def _parts(fits: Sequence[Fit]) -> list[Task]:
     """The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that."""
-    return [_Task(Hypothesis((name,)), one.values) for one in fits if not one.reason for name in one.hypothesis.names]
+    return [Task(Hypothesis((name,)), one.values) for one in fits if not one.reason for name in one.hypothesis.names]
 
 
 def _better(*found: Sequence[Fit]) -> list[Fit]:
@@ -212,80 +208,3 @@ def _halves(of: Hypothesis, values: Mapping[Hypothesis, dict[str, float]]) -> tu
 
 def _sorted(fits: Iterable[Fit]) -> list[Fit]:
     return sorted(fits, key=lambda f: f.cost)
-
-
-class _Fitters:
-    """Processes that make fits, or this one where one worker is enough."""
-
-    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None, in_step: bool = False):
-        self.data, self.evidence = data, _evidence(data, in_step)
-        # The same task to records that are followed is another fit.
-        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and in_step else kept
-        self._others = active_children()
-        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data, in_step)) if workers > 1 else None
-
-    def __enter__(self) -> "_Fitters":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=error[0] is None, cancel_futures=True)
-        if error[0] is not None:  # whoever interrupts does not want to wait for the fits that are being made
-            for child in active_children():
-                if child not in self._others:
-                    child.terminate()
-
-    def __call__(self, tasks: Iterable[_Task], told: Callable[[int], None] = lambda k: None) -> list[Fit]:
-        """Fits in the order of the tasks."""
-        given = list(tasks)
-        results: dict[int, Fit] = {}
-        for k, task in enumerate(given):
-            if self._kept is not None and (before := self._kept.recall(task)) is not None:
-                results[k] = before
-        for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
-            results[k] = found
-            if self._kept is not None:
-                self._kept.keep(given[k], found)
-            told(len(results))
-        return [results[k] for k in range(len(given))]
-
-    def _made(self, tasks: dict[int, _Task]) -> Iterator[tuple[int, Fit]]:
-        """Fits as they come, each with its position."""
-        if self._pool is None:
-            for k, task in tasks.items():
-                yield k, _fitted(task, self.data.prototype, self.evidence)
-            return
-        futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-_here: tuple[Prototype, tuple[Evidence, ...]] | None = None
-
-
-def _begin(data: Dataset, in_step: bool) -> None:
-    global _here
-    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
-    _here = data.prototype, _evidence(data, in_step)
-
-
-def _evidence(data: Dataset, in_step: bool) -> tuple[Evidence, ...]:
-    return followed_evidence(data) if in_step else evidence_of(data)
-
-
-def _fitted_here(task: _Task) -> Fit:
-    assert _here is not None
-    return _fitted(task, *_here)
-
-
-def _fitted(task: _Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
-    """The best of fits from the most promising starts."""
-    placement = task.hypothesis.placement(prototype)
-    evidence = [evidence[k] for k in task.on] or evidence
-    peaks = resonances(evidence, prototype, task.known) if not task.on else ()
-    begun = starts(placement, task.known, evidence, peaks, 1 if task.on else 2, task.hints)
-    if not begun:
-        reason = "the model's loop is unstable wherever a fit was begun"
-        return Fit(task.hypothesis, placement.unknowns, reason=reason)
-    iterations = _QUICK if task.on else ITERATIONS
-    return min((fit(task.hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
