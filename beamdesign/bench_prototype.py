@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
+from beamdesign.files import write_whole
 from beamdesign.prototype import Prototype, refuse_scheduled
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
-from beamdesign.whole_file import write_whole
 
 AREA_ROUNDING = 0.05
 """Relative difference between a stated mean area and that of bore and rod which passes as rounding or measurement."""

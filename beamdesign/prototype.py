@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
+from beamdesign.files import write_whole
 from beamdesign.materials import unknown_material
 from beamdesign.observer import Observer
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
-from beamdesign.whole_file import write_whole
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""

@@ -24,7 +24,7 @@ from beamdesign.cli.output import (
     say,
     write_json,
 )
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.arm.remaining import Remaining, TwistRemedy, Vector

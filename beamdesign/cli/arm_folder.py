@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 from beamdesign.arm.both_planes import both_planes
 from beamdesign.cli.output import write_csv
+from beamdesign.files import write_whole
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.report.arm_plot import compliance_curves, draw_arm
 from beamdesign.report.canvas import save
-from beamdesign.whole_file import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.arm.remaining import Vector

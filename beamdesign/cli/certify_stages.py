@@ -6,7 +6,7 @@ import typer
 
 from beamdesign.cli.output import mass_range, progress, say, write_json
 from beamdesign.cli.tune_scheduled import switching_fields
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 
 def certify_stages(path: Path, outer_end_mass: str | None, out: Path | None, json: Path | None) -> None:

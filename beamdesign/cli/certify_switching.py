@@ -8,7 +8,7 @@ import typer
 
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, progress, say, write_json
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.proof.lyapunov import Switching

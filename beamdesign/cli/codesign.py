@@ -16,7 +16,7 @@ from beamdesign.cli.output import (
     say_table,
     write_json,
 )
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 
 def codesign(

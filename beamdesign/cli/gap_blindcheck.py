@@ -80,12 +80,12 @@ def _diagnose(check: "Check", workers: int, update: Callable[[float, str], None]
 
 
 def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) -> None:
+    from beamdesign.files import write_whole
     from beamdesign.gap.blind.blindcheck import open_all
     from beamdesign.gap.blind.outcome import outcome
     from beamdesign.report.blindcheck_picture import blindcheck_picture
     from beamdesign.report.blindcheck_result import markdown, result_fields, result_text
     from beamdesign.report.canvas import save
-    from beamdesign.whole_file import write_whole
 
     opened = open_all(check, unfinished)
     if not opened:

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.interruption import pass_on
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 
 def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beamdesign.cli.output import say, say_table
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.refinement import Proved

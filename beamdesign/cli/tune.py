@@ -17,7 +17,7 @@ from beamdesign.cli.output import (
     say_table,
     write_json,
 )
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.rig_spread import Shape

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from beamdesign.cli.output import progress, say, say_table, write_json
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.proof.stage_switching import StageSwitching

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from beamdesign.files import write_whole
 from beamdesign.realisation.c_code import c_files
 from beamdesign.realisation.realise import Realisation
 from beamdesign.realisation.verdict import Judgement
-from beamdesign.whole_file import write_whole
 
 
 def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:

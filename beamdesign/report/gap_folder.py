@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from beamdesign.bench_prototype import write_any_prototype
+from beamdesign.files import write_whole
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
@@ -12,7 +13,6 @@ from beamdesign.prototype import write_prototype
 from beamdesign.report.gap_report import gap_report_html
 from beamdesign.study.design_run import CERTIFICATE_NAME
 from beamdesign.study.redesign import Redesign
-from beamdesign.whole_file import write_whole
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED = {"redesigned": "redesigned/prototype.toml", "certificate": f"redesigned/{CERTIFICATE_NAME}"}

@@ -6,11 +6,11 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from beamdesign.files import write_whole
 from beamdesign.report.canvas import save
 from beamdesign.report.quantity import quantity
 from beamdesign.report.record_plot import PlottedRecord, peaks, plot_record
 from beamdesign.report.svg import inline_svg
-from beamdesign.whole_file import write_whole
 
 
 def write_record_page(

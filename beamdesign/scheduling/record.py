@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from beamdesign import records
+from beamdesign.files import write_whole
 from beamdesign.prototype import Lag, Prototype, Section, Structured
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
-from beamdesign.whole_file import write_whole
 
 KIND = "scheduled"
 

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from beamdesign.files import write_whole
 from beamdesign.gap.fitting.unknowns import TOLERANCE_OF
 from beamdesign.operating_limits import envelope, rated_current
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.whole_file import write_whole
 
 COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
 DURATION_S, SAMPLE_S = 4.0, 0.5e-3

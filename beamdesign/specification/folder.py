@@ -4,6 +4,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from beamdesign.files import write_whole
 from beamdesign.prototype import write_prototype
 from beamdesign.records import Record
 from beamdesign.report.quantity import at_least, at_most, quantity
@@ -15,7 +16,6 @@ from beamdesign.specification.specification import Specification
 from beamdesign.specification.words_accept import FOLDER, acceptance_part
 from beamdesign.specification.words_build import actuator, masses, masses_text, sections, sensor
 from beamdesign.specification.words_control import circuit, code, controller, guaranteed, tolerance_part
-from beamdesign.whole_file import write_whole
 
 BASIS = {
     "guaranteed": "proved",

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from beamdesign.files import write_whole
 from beamdesign.records import InputError
-from beamdesign.whole_file import write_whole
 
 INDEX = "study.json"
 _CASES = "cases"

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from beamdesign.files import write_whole
 from beamdesign.records import InputError
 from beamdesign.study.case import short
-from beamdesign.whole_file import write_whole
 
 TABLE = "table"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import tomli_w
 
+from beamdesign.files import write_whole
 from beamdesign.records import InputError
-from beamdesign.whole_file import write_whole
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.files import write_whole
 from beamdesign.gap.blind.case_plan import Planned, plan
 from beamdesign.gap.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
 from beamdesign.gap.blind.seal import Seal, broken, folder_digest, read_seal, sealed, write_seal
 from beamdesign.records import InputError
-from beamdesign.whole_file import write_whole
 
 Progress = Callable[[float, str], None]
 _DRAWN_BY = "beamdesign.gap.blind.drawing"

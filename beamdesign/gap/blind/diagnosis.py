@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.files import write_whole
 from beamdesign.gap.blind.baselines import baselines
 from beamdesign.gap.blind.seal import folder_digest
 from beamdesign.gap.data.dataset import Dataset, read_dataset
@@ -27,7 +28,6 @@ from beamdesign.gap.fitting.kept_fits import KeptFits, digest
 from beamdesign.gap.fitting.search import search
 from beamdesign.gap.predict import predict, read_inputs
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.whole_file import write_whole
 
 TRUTH = "beamdesign.gap.truth"
 _FITTED_BY, _JUDGED_BY, _COMPARED_BY = (

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.files import write_whole
 from beamdesign.gap.blind.case_plan import Planned
 from beamdesign.gap.blind.seal import canonical
 from beamdesign.gap.truth import answer, draw_case, noise_free, write_case
-from beamdesign.whole_file import write_whole
 
 _TRIES = 4
 _NEXT_SEED = 20_000  # further on, where a seed has no stable case

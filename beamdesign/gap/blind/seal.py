@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beamdesign.whole_file import write_whole
+from beamdesign.files import write_whole
 
 
 @dataclass(frozen=True)

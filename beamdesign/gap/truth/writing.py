@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from beamdesign.files import write_whole
 from beamdesign.gap.truth.believed import assembled, believed_figures
 from beamdesign.gap.truth.case import Case, Departure, Run, inputs_of, noise_free, run_figures, take
 from beamdesign.gap.truth.effects import KINDS, LISTED
 from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S, Motion
-from beamdesign.whole_file import write_whole
 
 
 def recorded(case: Case, run: Run) -> dict[str, np.ndarray]:

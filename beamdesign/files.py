@@ -1,0 +1,272 @@
+"""Files and folders of results: read within limits, and written whole or not at all.
+
+Temporary names are unpredictable and opened exclusively, so that no link laid beforehand is followed; what takes the
+place of something older is on the disk before it does.
+"""
+
+import ctypes
+import errno
+import os
+import secrets
+import shutil
+import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+try:
+    import fcntl
+except ImportError:  # Windows: leftovers of killed runs stay where they are
+    fcntl = None  # type: ignore[assignment]
+
+MEGABYTE = 10**6
+LARGEST_TEXT = 4 * MEGABYTE
+"""Bytes of a TOML or JSON file that is read."""
+LARGEST_TABLE = 256 * MEGABYTE
+"""Bytes of a CSV file that is read."""
+
+_KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
+_TRIES = 3  # of a write whose folder is exchanged under it by another run
+_FRESH, _RENAME_EXCHANGE, _AT_FDCWD = ".fresh", 2, -100
+
+
+def read_bytes(path: str | Path, at_most: int = LARGEST_TEXT) -> bytes:
+    """Read a regular file that is not larger than so many bytes.
+
+    Raises:
+        OSError: where it cannot be read, is a folder, a pipe or a device, or is larger; its `strerror` says so.
+    """
+    with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+        found = os.fstat(file.fileno())
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, f"is {_kind(found.st_mode)}, not a regular file", str(path))
+        if found.st_size <= at_most and len(content := file.read(at_most + 1)) <= at_most:
+            return content
+    size, limit = max(found.st_size, at_most + 1) / MEGABYTE, at_most / MEGABYTE
+    reason = f"holds {size:.3g} MB, more than the {limit:g} MB that are read of such a file"
+    raise OSError(errno.EFBIG, reason, str(path))
+
+
+def _kind(mode: int) -> str:
+    return _KINDS.get(stat.S_IFMT(mode), "something else")
+
+
+def write_whole(path: str | Path, content: str | bytes) -> None:
+    """Write a file; the folder is made if need be, and whoever reads the file never sees half of it.
+
+    Text becomes the same bytes on every platform, since certificates are known by their digest.
+
+    Raises:
+        OSError: naming the file, where it cannot be written; what stood there before stands there still.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        what = "a folder" if path.is_dir() else _kind(path.stat().st_mode)
+        raise OSError(errno.EINVAL, f"is {what}, not a file that can be replaced", str(path))
+    data = content.encode() if isinstance(content, str) else content
+    for tries_left in reversed(range(_TRIES)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name[:100]}.{secrets.token_hex(8)}")
+        try:
+            with open(partial, "xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(partial, path)
+            return
+        except FileNotFoundError:  # the folder has been exchanged for a fresh one meanwhile: into that
+            if not tries_left:
+                raise
+        except OSError as error:
+            partial.unlink(missing_ok=True)
+            error.filename, error.filename2 = str(path), None
+            raise
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+
+
+P = TypeVar("P", Path, list[Path], dict[str, Path])
+
+
+def settled(paths: P, fresh: Path, folder: Path) -> P:
+    """Paths written in a fresh folder as they are once it has taken its place."""
+    if isinstance(paths, Path):
+        return folder / paths.relative_to(fresh)
+    if isinstance(paths, dict):
+        return {name: folder / path.relative_to(fresh) for name, path in paths.items()}
+    return [folder / path.relative_to(fresh) for path in paths]
+
+
+@contextmanager
+def fresh_folder(folder: str | Path, retiring: Sequence[str] = ()) -> Iterator[Path]:
+    """A fresh folder beside another, which takes its place as a whole when the block ends well.
+
+    What the older one holds is in the fresh one as well; files are to be written with `write_whole`, which leaves the
+    older ones as they are. An exception or a kill within the block leaves the older folder as it was, and the next
+    call clears what was left. Where folders cannot be exchanged (a mount, the folder one works in, some file
+    systems), older files go before the fresh ones take their places one by one: never do both stand side by side.
+
+    Args:
+        folder: of the results; made if need be.
+        retiring: patterns of files of an older set that do not outlive it.
+
+    Raises:
+        OSError: naming what cannot be written.
+    """
+    final = Path(folder).resolve()
+    if final.exists() and not final.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "is a file, not a folder", str(folder))
+    inside = final.is_dir() and not _can_be_exchanged(final)
+    beside = final if inside else final.parent
+    beside.mkdir(parents=True, exist_ok=True)
+    _clear_leftovers(beside, final.name)
+    fresh = beside / f".{final.name[:100]}.{secrets.token_hex(8)}{_FRESH}"
+    os.mkdir(fresh)
+    held = _hold(fresh)
+    try:
+        known = _link_tree(final, fresh, retiring) if final.is_dir() else set()
+        yield fresh
+        _sync_folders(fresh)
+        if inside or not _take_place(fresh, final):
+            _move_in(fresh, final, retiring)
+        _sync(final)
+        _sync(final.parent)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+        if held is not None:
+            os.close(held)
+
+
+def _can_be_exchanged(folder: Path) -> bool:
+    """Not where someone works in it, where it is a mount, or where nothing can be put beside it."""
+    here = Path.cwd()
+    worked_in = folder == here or folder in here.parents
+    return not (worked_in or folder.is_mount() or not os.access(folder.parent, os.W_OK | os.X_OK))
+
+
+def _take_place(fresh: Path, final: Path, known: set[Path]) -> bool:
+    """Let the fresh folder take the place of the final one, if there is one, at once; False where that cannot be.
+
+    Files of the older one that are not among the `known` names came after the fresh one was begun, and move to it.
+    """
+    if not final.exists():
+        try:
+            os.rename(fresh, final)
+            return True
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+    if not _exchange(fresh, final):
+        return False
+    for path in _files(fresh):  # `fresh` is the older one now, and another run may have added to it meanwhile
+        name = path.relative_to(fresh)
+        if name not in known and not name.name.startswith(".") and (final / name).parent.is_dir():
+            os.replace(path, final / name)
+    return True
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step of the file system; False where it knows no such step."""
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None) if os.name == "posix" else None
+    if rename is None:
+        return False
+    return rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0
+
+
+def _move_in(fresh: Path, final: Path, retiring: Sequence[str]) -> None:
+    """Older files of the set go, then the fresh ones come: a kill between leaves some missing, none beside another."""
+    own = [path.relative_to(fresh) for path in _files(fresh)]
+    new = [name for name in own if not _same(fresh / name, final / name)]
+    gone = [path for pattern in retiring for path in final.glob(pattern) if fresh not in path.parents]
+    for path in [*gone, *(final / name for name in new)]:
+        path.unlink(missing_ok=True)
+    for name in new:
+        (final / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(fresh / name, final / name)
+
+
+def _same(one: Path, other: Path) -> bool:
+    return other.exists() and os.path.samefile(one, other)
+
+
+def _files(folder: Path) -> list[Path]:
+    return [Path(where) / name for where, _, names in os.walk(folder) for name in names]
+
+
+def _link_tree(source: Path, target: Path, retiring: Sequence[str]) -> set[Path]:
+    """The files of a folder in another one as well, by links where the file system has them; names of all it holds."""
+    gone = {path for pattern in retiring for path in source.glob(pattern)}
+    known = set()
+    for where, folders, names in os.walk(source):
+        here = Path(where)
+        folders[:] = [name for name in folders if not name.endswith(_FRESH)]
+        there = target / here.relative_to(source)
+        if there != target:
+            os.mkdir(there)
+        shutil.copymode(here, there)
+        for name in names + [name for name in folders if (here / name).is_symlink()]:
+            known.add((here / name).relative_to(source))
+            if here / name not in gone:
+                _link(here / name, there / name)
+    return known
+
+
+def _link(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except FileNotFoundError:  # another run has just taken it away
+        return
+    except OSError:
+        shutil.copy2(source, target, follow_symlinks=False)
+
+
+def _sync(folder: Path) -> None:
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError:  # a file system without: nothing more can be done
+        pass
+    finally:
+        os.close(descriptor)
+
+
+def _sync_folders(folder: Path) -> None:
+    for where, _, _ in os.walk(folder):
+        _sync(Path(where))
+
+
+def _hold(folder: Path) -> int | None:
+    """Hold a folder as in use for as long as this process lives."""
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return descriptor
+
+
+def _clear_leftovers(beside: Path, name: str) -> None:
+    """Remove what runs left that were killed; what a living one holds stays."""
+    for left in beside.glob(f".{_escaped(name[:100])}.*{_FRESH}"):
+        if fcntl is None or left.is_symlink() or not left.is_dir():
+            continue
+        try:
+            descriptor = os.open(left, os.O_RDONLY)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(left, ignore_errors=True)
+        except OSError:  # a run that lives holds it
+            pass
+        finally:
+            os.close(descriptor)
+
+
+def _escaped(name: str) -> str:
+    return "".join(f"[{c}]" if c in "*?[" else c for c in name)
