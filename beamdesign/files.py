@@ -128,10 +128,10 @@ def fresh_folder(folder: str | Path, retiring: Sequence[str] = ()) -> Iterator[P
     os.mkdir(fresh)
     held = _hold(fresh)
     try:
-        known = _link_tree(final, fresh, retiring) if final.is_dir() else set()
+        known: set[Path] = _link_tree(final, fresh, retiring) if final.is_dir() else set()
         yield fresh
         _sync_folders(fresh)
-        if inside or not _take_place(fresh, final):
+        if inside or not _take_place(fresh, final, known):
             _move_in(fresh, final, retiring)
         _sync(final)
         _sync(final.parent)
