@@ -40,12 +40,15 @@ def _similar(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         return f"there is no folder {folder}"
-    names = [found.name for found in folder.iterdir() if found.suffix == path.suffix or found.is_dir()]
-    close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.7)
+    if path.is_symlink():
+        return "it is a link to what is not there"
+    names = [found.name for found in folder.iterdir() if found.suffix == path.suffix and found.name != path.name]
+    close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
     if close:
         return f"did you mean {folder / close[0]}?"
-    kind = "dataset" if path.name == "dataset.toml" else "TEMPLATE"
-    return f"`beamdesign new{'' if kind == 'TEMPLATE' else ' ' + kind}` starts one"
+    if path.suffix != ".toml":
+        return "look for it with ls, or mend the name"
+    return f"`beamdesign new{' dataset' if path.name == 'dataset.toml' else ''}` starts one"
 
 
 def not_toml(raw: bytes, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:

@@ -10,7 +10,7 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -139,6 +139,25 @@ def fresh_folder(folder: str | Path, retiring: Sequence[str] = ()) -> Iterator[P
         shutil.rmtree(fresh, ignore_errors=True)
         if held is not None:
             os.close(held)
+
+
+def write_set(
+    folder: str | Path, files: Mapping[str, tuple[str, str | bytes]], retiring: Sequence[str] = ()
+) -> dict[str, Path]:
+    """Write files as one set into a folder, as `fresh_folder` does.
+
+    Args:
+        folder: made if need be.
+        files: name within the folder and content, by kind.
+        retiring: see `fresh_folder`.
+
+    Returns:
+        The path of each, by kind.
+    """
+    with fresh_folder(folder, retiring) as fresh:
+        for name, content in files.values():
+            write_whole(fresh / name, content)
+    return {kind: Path(folder) / name for kind, (name, _) in files.items()}
 
 
 def _can_be_exchanged(folder: Path) -> bool:

@@ -1,5 +1,6 @@
 """Frozen, validated records and their TOML files: every figure in SI, its unit in the key."""
 
+import codecs
 import difflib
 import re
 import tomllib
@@ -21,6 +22,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import file_remedy
+from beamdesign.files import read_bytes
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -254,19 +256,50 @@ def parse(record: type[R], table: dict[str, Any], source: str | Path) -> R:
 
 
 def read_table(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file as plain tables.
+    """Read a TOML file as plain tables; a byte order mark before them is understood.
 
     Raises:
-        InputError: where the file cannot be read or is not TOML.
+        InputError: where the file cannot be read, is too large, is not TOML, or where its tables, lists and numbers
+            are of a size that none of our files has.
     """
     try:
-        raw = Path(path).read_bytes()
+        raw = read_bytes(path)
     except OSError as error:
         raise InputError(path, [Problem("(file)", file_remedy.unreadable(Path(path), error))]) from error
     try:
-        return tomllib.loads(raw.decode())
+        table = tomllib.loads(raw.removeprefix(codecs.BOM_UTF8).decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, [Problem("(file)", file_remedy.not_toml(raw, error))]) from error
+    except RecursionError as error:
+        raise InputError(path, [Problem("(file)", f"nested more than {_DEEPEST} levels deep")]) from error
+    except ValueError as error:  # an integer of thousands of digits, which Python does not convert
+        raise InputError(path, [Problem("(file)", "holds a whole number of thousands of digits")]) from error
+    if problems := list(_beyond_size(table)):
+        raise InputError(path, problems)
+    return table
+
+
+_DEEPEST, _LONGEST_LIST, _LARGEST_INTEGER = 20, 100_000, 10**18
+
+
+def _beyond_size(table: dict[str, Any]) -> Iterator[Problem]:
+    """What no figure and no list of ours is, found without recursion, so that no depth is too deep for the search."""
+    waiting: list[tuple[str, Any, int]] = [("", table, 0)]
+    while waiting:
+        key, value, depth = waiting.pop()
+        if isinstance(value, dict | list) and depth >= _DEEPEST:
+            yield Problem(f"{key[:60]}...", f"nested more than {_DEEPEST} levels deep")
+        elif isinstance(value, list) and len(value) > _LONGEST_LIST:
+            yield Problem(key, f"holds {len(value)} entries, more than the {_LONGEST_LIST} of the longest list")
+        elif isinstance(value, list):
+            waiting += [(key, item, depth + 1) for item in value]
+        elif isinstance(value, dict):
+            waiting += [(f"{key}.{name}" if key else name, item, depth + 1) for name, item in value.items()]
+        elif isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
+            yield Problem(
+                key,
+                f"must be at most {_LARGEST_INTEGER:.0e} in size, is a whole number of {len(str(abs(value)))} digits",
+            )
 
 
 def read(record: type[R], path: str | Path) -> R:

@@ -1,13 +1,14 @@
 """Time records of a prototype's rig with its controller in the loop."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from io import StringIO
 from math import ceil
 from pathlib import Path
 
 import numpy as np
 
+from beamdesign.files import write_whole
 from beamdesign.lumped import figures
 from beamdesign.oscillation import Oscillation, oscillation, sustained
 from beamdesign.prototype import Prototype
@@ -242,11 +243,7 @@ def without_controller() -> Problem:
 
 
 def write_records(simulation: Simulation, folder: Path) -> list[Path]:
-    """Write one CSV file per record, named after it, each whole or not at all.
-
-    Raises:
-        InputError: where the folder cannot be made or written to.
-    """
+    """Write one CSV file per record, named after it; see `write_tables`."""
     return write_tables({record.name: record.samples for record in simulation.records}, COLUMNS, folder)
 
 
@@ -254,15 +251,11 @@ def write_tables(tables: Mapping[str, np.ndarray], columns: tuple[str, ...], fol
     """Write one CSV file per table, named after it, each whole or not at all.
 
     Raises:
-        InputError: where the folder cannot be made or written to.
+        OSError: naming what cannot be written.
     """
     paths = [folder / f"{name}.csv" for name in tables]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for table, path in zip(tables.values(), paths, strict=True):
-            partial = path.with_name(path.name + ".part")
-            np.savetxt(partial, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-            os.replace(partial, path)
-    except OSError as error:
-        raise InputError(folder, [("(folder)", error.strerror or str(error))]) from error
+    for table, path in zip(tables.values(), paths, strict=True):
+        text = StringIO()
+        np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+        write_whole(path, text.getvalue())
     return paths

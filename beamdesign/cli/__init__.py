@@ -11,6 +11,7 @@ from beamdesign.cli.certify_box import certify_box
 from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.cli.code import code
 from beamdesign.cli.codesign import codesign
+from beamdesign.cli.encoding import write_in_any_encoding
 from beamdesign.cli.explain import explain
 from beamdesign.cli.front import front
 from beamdesign.cli.gap import gap
@@ -58,6 +59,7 @@ FAULT = 3
 
 def main() -> None:
     """Run the command line; bad input ends with exit status 2 and one line per problem on stderr."""
+    write_in_any_encoding()
     try:
         app()
     except KeyboardInterrupt:  # outside of any command
@@ -65,6 +67,9 @@ def main() -> None:
         sys.exit(INTERRUPTED)
     except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
         print(f"{error.filename or 'beamdesign'}: {error.strerror or error}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError as error:
+        print(f"beamdesign: more memory is needed than there is: {error}".rstrip(": "), file=sys.stderr)
         sys.exit(2)
     except Exception as error:
         from beamdesign.records import InputError

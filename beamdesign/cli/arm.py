@@ -24,7 +24,6 @@ from beamdesign.cli.output import (
     say,
     write_json,
 )
-from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.arm.remaining import Remaining, TwistRemedy, Vector
@@ -125,11 +124,7 @@ def arm(
     if out is not None:
         from beamdesign.cli.arm_folder import write_folder
 
-        files = write_folder(record, found, force, out)
-        for name, verdict in places.items():
-            if verdict.certificate:
-                files[f"anywhere_{name}"] = out / f"certificate_anywhere_{name}.toml"
-                write_whole(files[f"anywhere_{name}"], verdict.certificate)
+        files = write_folder(record, found, force, places, out)
         say(f"folder: {out}")
     fields = _fields(found, force, most, remedy) | {
         "inner_travel": travel,

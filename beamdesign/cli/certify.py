@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, say, say_table, write_json
-from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
@@ -99,12 +99,12 @@ def certify(
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     asked = _asked(record, figures)
-    path = Path(f"{prototype.stem}.certificate.toml") if out is None else out
+    path = certificate_file(out, f"{prototype.stem}.certificate.toml")
 
     from beamdesign.proof.certifying import certify as prove
 
     certificate = prove(record, *masses, asked)
-    write_whole(path, certificate.text)
+    write_certificate(path, certificate.text)
     _say(record, certificate)
     say(f"certificate: {path}")
     fields = _between(record, certificate, path) if record.effects else {}
@@ -129,7 +129,7 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
     fields: dict[str, Any] = {"stable_between": None if verdict is None else verdict.stable}
     if verdict is not None and verdict.certificate:
         beside = path.with_suffix(".between.toml")
-        write_whole(beside, verdict.certificate)
+        write_certificate(beside, verdict.certificate)
         say(f"certificate of that: {beside}")
         fields["certificate_between"] = beside
     return fields

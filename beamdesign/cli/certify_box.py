@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
@@ -17,7 +18,6 @@ from beamdesign.cli.output import (
     say_table,
     write_json,
 )
-from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.proof.box import Box, BoxVerdict
@@ -67,6 +67,8 @@ def certify_box(
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
     without_added_sensors(record.controller, prototype, "certify-box, whose polynomial is that of one sensor")
 
+    path = certificate_file(out, f"{prototype.stem}.box.toml")
+
     from beamdesign.proof.box import certify_box as prove
     from beamdesign.proof.scaling import largest_scaling
     from beamdesign.proof.tolerance_box import tolerance_box
@@ -80,12 +82,11 @@ def certify_box(
         verdict = prove(record, box, budget, seconds)
         update(0.5, "scaling the tolerances" if scaling else "")
         found = largest_scaling(record, box, budget=budget) if scaling else None
-    path = Path(f"{prototype.stem}.box.toml") if out is None else out
     _say(record, box, verdict)
     if found is not None:
         say(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
     if verdict.certificate:
-        write_whole(path, verdict.certificate)
+        write_certificate(path, verdict.certificate)
         say(f"certificate: {path}")
     write_json(json, _fields(record, box, verdict, found) | {"certificate": path if verdict.certificate else None})
     if not verdict.stable:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import typer
 
+from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.output import mass_range, progress, say, write_json
 from beamdesign.cli.tune_scheduled import switching_fields
-from beamdesign.files import write_whole
 
 
 def certify_stages(path: Path, outer_end_mass: str | None, out: Path | None, json: Path | None) -> None:
@@ -37,14 +37,14 @@ def certify_stages(path: Path, outer_end_mass: str | None, out: Path | None, jso
         families = stage_families(rig)
     except ValueError as error:
         raise InputError(path, [("controller.stage", str(error))]) from error
+    certificate = certificate_file(out, f"{path.stem}.stages.toml")
     with progress("changes of stage") as update:
         found = stage_switching(families, exact(low), exact(high), update)
     lines = in_words(found, rig.schedule.dwell_s)
     say(f"{rig.prototype.name}: {len(families)} stages, payloads from {low:g} to {high:g} kg")
     for line in lines:
         say(f"  {line}")
-    certificate = Path(f"{path.stem}.stages.toml") if out is None else out
-    write_whole(certificate, stage_document(rig, found, f"{rig.prototype.name}\n" + "\n".join(lines)))
+    write_certificate(certificate, stage_document(rig, found, f"{rig.prototype.name}\n" + "\n".join(lines)))
     say(f"certificate: {certificate}")
     write_json(json, switching_fields(found) | {"certificate": certificate})
     if not found.suffices(rig.schedule.dwell_s):

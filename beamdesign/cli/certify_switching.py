@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, progress, say, write_json
-from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.proof.lyapunov import Switching
@@ -65,7 +65,7 @@ def certify_switching(
         problems.append(("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
     if rate is not None and not (isfinite(rate) and rate > 0):
         problems.append(("--rate", f"must be a finite number above zero, is {rate:g}"))
-    path = Path(f"{prototype.stem}.switching.toml") if out is None else out
+    path = certificate_file(out, f"{prototype.stem}.switching.toml")
     if problems:
         raise InputError("certify-switching", problems)
 
@@ -80,7 +80,7 @@ def certify_switching(
         say(f"  {line}")
     if record.effects:
         say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
-    write_whole(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
+    write_certificate(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
     say(f"certificate: {path}")
     write_json(json, _fields(found) | {"not_covered": list(record.effects), "certificate": path})
     if not found.stable:

@@ -10,6 +10,7 @@ from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
+    default_folder,
     folder_to_write,
     mass_range,
     progress,
@@ -104,7 +105,7 @@ def code(
 
         with progress("any computing time") as update:
             found = replace(found, any_time=prove_any_computing_time(realised_loop(record, made), *masses, update))
-    folder = out or Path(f"{prototype.resolve().stem}.code")
+    folder = out or default_folder(f"{prototype.resolve().stem}.code")
     fields = json_fields(made, found, masses)
     if not (found.proved or found.reason):
         write_json(json, fields | {"files": []})

@@ -9,6 +9,7 @@ from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
+    default_folder,
     folder_to_write,
     mass_range,
     progress,
@@ -16,7 +17,7 @@ from beamdesign.cli.output import (
     say_table,
     write_json,
 )
-from beamdesign.files import write_whole
+from beamdesign.files import write_set
 
 
 def codesign(
@@ -41,8 +42,7 @@ def codesign(
     """
     from beamdesign.design import codesign as room
     from beamdesign.problem import read_problem
-    from beamdesign.prototype import write_prototype
-    from beamdesign.records import InputError
+    from beamdesign.records import InputError, to_toml
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
@@ -59,9 +59,11 @@ def codesign(
         write_json(json, dict.fromkeys(fields) | {"reason": found.reason, "attempts": found.attempts})
         raise typer.Exit(1)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
-    folder = out if out is not None else Path(f"{study.stem}-codesign")
-    write_whole(folder / CERTIFICATE_NAME, certificate.text)
-    write_prototype(guaranteed, folder / "prototype.toml")
+    folder = out or default_folder(f"{study.stem}-codesign")
+    paths = write_set(
+        folder,
+        {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)},
+    )
     rows = [
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
         ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),
@@ -75,12 +77,11 @@ def codesign(
         ("for every outer end mass", mass_range_text(masses)),
     ]
     say_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
-    say(f"prototype: {folder / 'prototype.toml'}")
+    say(f"prototype: {paths['prototype']}")
     write_json(
         json,
         {
-            "prototype": folder / "prototype.toml",
-            "certificate": folder / CERTIFICATE_NAME,
+            **paths,
             "moving_mass_kg": point.moving_mass_kg,
             "beam_mass_kg": point.beam_mass_kg,
             "inner_end_mass_kg": point.inner_end_mass_kg,

@@ -7,6 +7,7 @@ import typer
 
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_csv, write_json
+from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
     from beamdesign.design.codesign import Codesign
@@ -86,10 +87,11 @@ def front(
     with progress("front") as update:
         found = pareto_front(problem, bandwidths, [(min(masses[0], end), end) for end in ends], update)
     rows = [_row(design) for design in found.designs]
-    write_csv(out / "front.csv", rows)
     figure = new_figure()
     plot_front(figure.add_subplot(), found)
-    pictures = save(figure, out / "front")
+    with fresh_folder(out) as fresh:
+        write_csv(fresh / "front.csv", rows)
+        pictures = save(figure, fresh / "front")
     say_table(
         f"{problem.name}: lightest proved designs",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
@@ -104,7 +106,7 @@ def front(
             for row in rows
         ],
     )
-    for path in (out / "front.csv", *pictures):
+    for path in (out / "front.csv", *settled(pictures, fresh, out)):
         say(str(path))
     write_json(json, {"points": rows, "efficient": [_row(design) for design in found.efficient]})
     if not found.proved:

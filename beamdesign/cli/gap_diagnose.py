@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.completion import data_sets
-from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, default_folder, folder_to_write, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
     from beamdesign.gap.designer_terms import LoopTerms
@@ -52,7 +52,7 @@ def diagnose(
     """
     from beamdesign.gap.data.dataset_index import index_of, kind_of
 
-    folder = out or Path(f"{index_of(dataset).resolve().parent.name}.diagnosis")
+    folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
     if kind_of(dataset) == "actuator_bench":
         return _diagnose_bench(dataset, folder, redesign, json)
     _diagnose(dataset, folder, redesign, workers, json)

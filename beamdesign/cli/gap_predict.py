@@ -7,6 +7,7 @@ import typer
 
 from beamdesign.cli.completion import data_sets, toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.files import fresh_folder, settled
 
 
 def predict(
@@ -36,9 +37,9 @@ def predict(
 
     with progress("simulating"):
         found = predict_set(prototype, dataset)
-    paths: list[Path] = []
-    for record in found:
-        paths += write_tables({record.name: record.samples}, record.columns, out)
+    with fresh_folder(out) as fresh:
+        written = [write_tables({record.name: record.samples}, record.columns, fresh) for record in found]
+    paths = [path for each in written for path in settled(each, fresh, out)]
     column = found[0].columns.index("displacement_m")
     rows = [
         (record.name, len(record.samples), float(abs(record.samples[:, column]).max()), record.reason or "complete")

@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from beamdesign.cli.interruption import remembered
-from beamdesign.cli.output import hush, speak
+from beamdesign.cli.output import hush, reporting, speak
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
@@ -50,7 +50,7 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command; from the keyboard it can be interrupted, which takes one line and no traceback."""
         try:
-            with remembered():
+            with remembered(), reporting(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip()):
                 return super().invoke(ctx)
         except KeyboardInterrupt:
             say_interrupted(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip())
@@ -81,6 +81,14 @@ def _hear(quiet: bool) -> None:
         hush()
 
 
+def _tell_version(asked: bool) -> None:
+    if asked:
+        import beamdesign
+
+        print(f"beamdesign {beamdesign.__version__}")
+        raise typer.Exit
+
+
 def program(
     quiet: Annotated[
         bool,
@@ -88,5 +96,9 @@ def program(
             "--quiet", "-q", callback=_hear, is_eager=True, expose_value=False, help="Print nothing but errors."
         ),
     ] = False,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_tell_version, is_eager=True, expose_value=False, help="Print the version."),
+    ] = False,
 ) -> None:
-    """The program's own options, which `Commands` gives to every command too; its help is that of the app."""
+    """The program's own options; `Commands` gives the first to every command too; its help is that of the app."""

@@ -7,6 +7,7 @@ import typer
 
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
+from beamdesign.files import fresh_folder, settled
 
 _SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _LINEAR_HZ = (1.0, 10.0, 50.0)
@@ -206,12 +207,13 @@ def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Pa
     from beamdesign.report.canvas import new_figure, save
     from beamdesign.report.limits_plot import plot_envelope
 
-    out.mkdir(parents=True, exist_ok=True)
     figure = new_figure(170.0, 105.0)
     axes = plot_envelope(figure.add_subplot(), found, asked)
     if preload:
         axes.set_title(f"on top of {preload:g} N", fontsize=9)
-    files = save(figure, out / "envelope")
+    with fresh_folder(out) as fresh:
+        pictures = save(figure, fresh / "envelope")
+    files = settled(pictures, fresh, out)
     for path in files:
         say(str(path))
     return files

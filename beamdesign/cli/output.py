@@ -2,21 +2,19 @@
 
 import csv
 import io
-import json
 import os
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
-from dataclasses import asdict, is_dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.interruption import pass_on
 from beamdesign.files import write_whole
+from beamdesign.json_text import json_text
 
 
 def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -26,8 +24,19 @@ def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None
         InputError: naming the option, the path and what is in its way.
     """
     if path is not None and path.is_dir():
-        _refuse(option, path, "is a folder; name a file")
-    return path if path is None else _need_folder(option, path, path.absolute().parent)
+        _refuse(option.opts[0], path, "is a folder; name a file")
+    return path if path is None else _need_folder(option.opts[0], path, path.absolute().parent)
+
+
+def json_target(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Callback of --json: as `file_to_write`; `-` is standard output, which then holds nothing else."""
+    if path == STANDARD_OUTPUT:
+        hush()
+        return path
+    return file_to_write(option, path)
+
+
+STANDARD_OUTPUT = Path("-")
 
 
 def path_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -36,7 +45,7 @@ def path_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None
     Raises:
         InputError: naming the option, the path and what is in its way.
     """
-    return path if path is None else _need_folder(option, path, path.absolute().parent)
+    return path if path is None else _need_folder(option.opts[0], path, path.absolute().parent)
 
 
 def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -45,10 +54,20 @@ def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | No
     Raises:
         InputError: naming the option, the path and what is in its way.
     """
-    return path if path is None else _need_folder(option, path, path.absolute())
+    return path if path is None else _need_folder(option.opts[0], path, path.absolute())
 
 
-def _need_folder(option: typer.CallbackParam, path: Path, folder: Path) -> Path:
+def default_file(name: str) -> Path:
+    """A file of this name in the current folder, refused as `file_to_write` does."""
+    return _need_folder("--out", Path(name), Path.cwd())
+
+
+def default_folder(name: str) -> Path:
+    """A folder of this name in the current one, refused as `folder_to_write` does."""
+    return _need_folder("--out", Path(name), Path(name).absolute())
+
+
+def _need_folder(option: str, path: Path, folder: Path) -> Path:
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():
@@ -58,15 +77,20 @@ def _need_folder(option: typer.CallbackParam, path: Path, folder: Path) -> Path:
     return path
 
 
-def _refuse(option: typer.CallbackParam, path: Path, reason: str) -> None:
+def _refuse(option: str, path: Path, reason: str) -> None:
     from beamdesign.records import InputError
 
-    raise InputError(option.opts[0], [(str(path), reason)])
+    raise InputError(option, [(str(path), reason)])
 
 
 JsonOption = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", callback=file_to_write, help="Write the result to this JSON file as well."),
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        callback=json_target,
+        help="Write the result to this JSON file as well; `-` prints it, and nothing else, to standard output.",
+    ),
 ]
 RangeOption = Annotated[
     str | None, typer.Option("--outer-end-mass", metavar="LO:HI", help="Range of mass on the outer tip, kg.")
@@ -117,25 +141,13 @@ def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
 
 
-def _plain(value: Any) -> Any:
-    """JSON has no infinity: non-finite figures become null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    return value
-
-
 def write_json(path: Path | None, fields: dict[str, Any]) -> None:
-    """Write fields as JSON, whole or not at all; nothing without a path."""
-    if path is not None:
-        write_whole(path, json.dumps(_plain(fields), indent=2, allow_nan=False) + "\n")
+    """Write fields as JSON, whole or not at all, or to standard output; nothing without a path."""
+    if path == STANDARD_OUTPUT:
+        sys.stdout.write(json_text(fields))
+        sys.stdout.flush()
+    elif path is not None:
+        write_whole(path, json_text(fields))
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -176,10 +188,22 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
     return low, high
 
 
-def progress(description: str) -> AbstractContextManager[Any]:
-    """A bar on stderr for as long as a `with` block runs, which is given `update(share_done, words)`."""
-    if _hushed.get() or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        return nullcontext(lambda fraction, text="": pass_on())
-    from beamdesign.cli.progress import display
+def reporting(name: str) -> AbstractContextManager[None]:
+    """Where stderr is no terminal: a line now and then for as long as a command runs that takes long."""
+    if sys.stderr.isatty():
+        return nullcontext()
+    from beamdesign.cli.progress import lines
 
-    return display(description)
+    return lines(name, silent=_hushed.get)
+
+
+def progress(description: str) -> AbstractContextManager[Any]:
+    """How far work has got, on stderr, for as long as a `with` block runs, which is given `update(share, words)`.
+
+    A bar on a terminal; elsewhere in the lines of `reporting`.
+    """
+    from beamdesign.cli import progress as room
+
+    if _hushed.get() or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        return room.reported(description)
+    return room.display(description)

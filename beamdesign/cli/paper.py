@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.files import fresh_folder, settled
 
 
 def paper(
@@ -34,16 +35,15 @@ def paper(
     from beamdesign.paper.page import write_page
 
     comparison = compare()
-    out.mkdir(parents=True, exist_ok=True)
-    with progress("drawing") as update:
-        written = write_page(comparison, out, update)
     checks = [check for number in NUMBERS for check in figure_claims(number)]
-    fields = comparison.fields() | {
-        "report": written.page.name,
-        "figures": [path.name for path in written.figures],
-        "figure_claims": checks,
-    }
-    write_json(out / "paper.json", fields)
+    with progress("drawing") as update, fresh_folder(out) as fresh:
+        written = write_page(comparison, fresh, update)
+        fields = comparison.fields() | {
+            "report": written.page.name,
+            "figures": [path.name for path in written.figures],
+            "figure_claims": checks,
+        }
+        write_json(fresh / "paper.json", fields)
     write_json(json, fields)
 
     say("Two choices the paper leaves open:")
@@ -72,7 +72,7 @@ def paper(
         [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in differing],
     )
     _say_checks(checks)
-    say(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {written.page}")
+    say(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
 
 
 def _one_figure(number: int, out: Path, json: Path | None) -> None:
@@ -83,8 +83,9 @@ def _one_figure(number: int, out: Path, json: Path | None) -> None:
     if number not in NUMBERED:
         raise InputError("--figure", [(str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}")])
     drawing = drawn(NUMBERED[number])
-    out.mkdir(parents=True, exist_ok=True)
-    files = save(drawing.figure, out / drawing.name)
+    with fresh_folder(out) as fresh:
+        pictures = save(drawing.figure, fresh / drawing.name)
+    files = settled(pictures, fresh, out)
     say(drawing.title)
     say(f"paper: {drawing.claim}")
     say(f"model: {drawing.caption}")

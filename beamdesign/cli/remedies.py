@@ -18,6 +18,7 @@ from beamdesign.cli.output import (
     write_csv,
     write_json,
 )
+from beamdesign.files import fresh_folder, settled
 
 
 def remedies(
@@ -73,15 +74,16 @@ def remedies(
         }
         for remedy in found
     ]
-    write_csv(out / "remedies.csv", rows)
     figure = new_figure(height_mm=80)
     plot_remedies(figure.add_subplot(), found)
-    pictures = save(figure, out / "remedies")
+    with fresh_folder(out) as fresh:
+        write_csv(fresh / "remedies.csv", rows)
+        pictures = save(figure, fresh / "remedies")
     say_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
         ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
         [(row["remedy"], row["bandwidth_Hz"], row["added_mass_kg"], row["controllers"], row["reason"]) for row in rows],
     )
-    for path in (out / "remedies.csv", *pictures):
+    for path in (out / "remedies.csv", *settled(pictures, fresh, out)):
         say(str(path))
     write_json(json, {"remedies": rows, "outer_end_mass_kg": list(masses), "added_mass_kg": added_mass_kg})

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from beamdesign.cli.certificate_file import write_certificate
 from beamdesign.cli.output import say, say_table
-from beamdesign.files import write_whole
 
 if TYPE_CHECKING:
     from beamdesign.design.refinement import Proved
@@ -29,9 +29,12 @@ def with_stated_tolerances(record: "Prototype") -> "Prototype":
 
 
 def told_of_rigs(
-    found: "RobustTuning", best: "Proved", masses: tuple[float, float], out: Path | None, paths: dict[str, Path]
+    found: "RobustTuning", best: "Proved", masses: tuple[float, float], texts: dict[str, tuple[str, str]]
 ) -> dict[str, Any]:
-    """Prove the worst rigs, draw others, say what they keep, write certificates; what the JSON file says of it."""
+    """Prove the worst rigs, draw others, say what they keep; what the JSON file says of it.
+
+    Certificates are added to `texts`, name of the file and content by kind.
+    """
     from beamdesign.study.robust_proof import CONFIDENCE, draw_rigs, prove_rigs
 
     spread = found.spread
@@ -39,9 +42,7 @@ def told_of_rigs(
     if refuted := [certificate.reason for certificate in certificates if not certificate.holds]:
         raise AssertionError(f"a rig that was proved is refuted: {refuted[0]}")
     for k, certificate in enumerate(certificates, start=1):
-        if out is not None:
-            paths[f"certificate_rig_{k}"] = out / f"certificate.rig-{k}.toml"
-            write_whole(paths[f"certificate_rig_{k}"], certificate.text)
+        texts[f"certificate_rig_{k}"] = (f"certificate.rig-{k}.toml", certificate.text)
     _table(spread, found.factors)
     say(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
     draws = draw_rigs(spread, best, masses, DRAWS)
@@ -92,7 +93,7 @@ def certified_rigs(
     every, rows = True, []
     for k, rig in enumerate(found.rigs, start=1):
         certificate = certify(rig, *masses, asked)
-        write_whole(path.with_suffix(f".rig-{k}.toml"), certificate.text)
+        write_certificate(path.with_suffix(f".rig-{k}.toml"), certificate.text)
         every = every and certificate.holds
         reached = certificate.guaranteed
         rows.append(

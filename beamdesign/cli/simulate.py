@@ -7,7 +7,7 @@ import typer
 
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
-from beamdesign.cli.simulated_pictures import drawn_records
+from beamdesign.cli.simulated_folder import write_folder
 
 
 def simulate(
@@ -59,7 +59,6 @@ def simulate(
     if wrong:
         raise InputError(prototype, wrong)
     found = engine.simulate(rig, plan)
-    paths = engine.write_records(found, out)
     rows = []
     for record in found.records:
         at = record.oscillation
@@ -69,16 +68,16 @@ def simulate(
     for record in found.records:
         if not record.stable:
             say(f"{record.name}: {record.reason}")
-    say(f"records: {len(paths)} files in {out}")
-    drawn = drawn_records(rig, plan, [_plotted(record, plan, rig) for record in found.records], out) if plots else {}
+    pictures = [_plotted(record, plan, rig) for record in found.records] if plots else []
+    tables = {record.name: record.samples for record in found.records}
+    files = write_folder(rig, plan, tables, engine.COLUMNS, pictures, out)
     write_json(
         json,
         {
             "stable": found.stable,
-            "records": paths,
             "effects": list(rig.effects),
-            **drawn,
-            "each": [_fields(record, path) for record, path in zip(found.records, paths, strict=True)],
+            **files,
+            "each": [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)],
         },
     )
     if not found.stable:
@@ -90,26 +89,22 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
     from beamdesign.records import InputError
     from beamdesign.rig.bench_parameters import problems_on_rig
     from beamdesign.scenario import read_scenario
-    from beamdesign.simulate import write_tables
 
     if wrong := problems_on_rig(rig.effects, rig.kind):
         raise InputError(source, wrong)
     plan = read_scenario(scenario)
     found = simulate_bench(rig, plan)
-    paths = write_tables(found, BENCH_COLUMNS, out)
     rows = [(name, *(float(peak) for peak in table[:, 2:].max(axis=0))) for name, table in found.items()]
     say_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
-    say(f"records: {len(paths)} files in {out}")
-    # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
-    drawn = {}
+    pictures: list[Any] = []
     if plots:
         from beamdesign.report.record_plot import PlottedRecord
 
         tables = {name: dict(zip(BENCH_COLUMNS, table.T, strict=True)) for name, table in found.items()}
-        drawn = drawn_records(
-            rig, plan, [PlottedRecord(name, columns, "done") for name, columns in tables.items()], out
-        )
-    write_json(json, {"stable": True, "records": paths, "effects": list(rig.effects), **drawn})
+        pictures = [PlottedRecord(name, columns, "done") for name, columns in tables.items()]
+    files = write_folder(rig, plan, found, BENCH_COLUMNS, pictures, out)
+    # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
+    write_json(json, {"stable": True, "effects": list(rig.effects), **files})
 
 
 def _plotted(record: Any, plan: Any, rig: Any) -> Any:

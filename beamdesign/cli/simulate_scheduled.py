@@ -5,7 +5,8 @@ from typing import Any
 
 import typer
 
-from beamdesign.cli.output import say, say_table, write_json
+from beamdesign.cli.output import say_table, write_json
+from beamdesign.cli.simulated_folder import write_folder
 
 
 def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: bool, json: Path | None) -> None:
@@ -30,7 +31,6 @@ def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: boo
     from beamdesign.scheduling.record import read_scheduled
     from beamdesign.scheduling.scenario import course_of, unfit
     from beamdesign.scheduling.simulation import COLUMNS, simulate_scheduled
-    from beamdesign.simulate import write_tables
 
     rig, plan = read_scheduled(path), read_scenario(scenario)
     if wrong := [*problems(rig.prototype.effects), *unfit(plan, rig.schedule)]:
@@ -40,7 +40,6 @@ def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: boo
         row.name: simulate_scheduled(rig, course_of(row, plan), noise_V=noise, seed=plan.measurement.seed + k)
         for k, row in enumerate(plan.record)
     }
-    paths = write_tables({name: record.samples for name, record in found.items()}, COLUMNS, out)
     rows = []
     for name, record in found.items():
         last = {key: float(record.column(key)[-1]) for key in ("stage", "estimate_kg", "estimate_std_kg")}
@@ -56,10 +55,8 @@ def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: boo
         )
     head = ("record", "within bounds", "peak displacement_m", "stages", "estimate, kg")
     say_table(f"{rig.prototype.name}: {plan.name}", head, rows)
-    say(f"records: {len(paths)} files in {out}")
-    drawn: dict[str, Any] = {}
+    pictures: list[Any] = []
     if plots:
-        from beamdesign.cli.simulated_pictures import drawn_records
         from beamdesign.report.record_plot import PlottedRecord
 
         pictures = [
@@ -71,7 +68,8 @@ def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: boo
             )
             for name, record in found.items()
         ]
-        drawn = drawn_records(rig.prototype, plan, pictures, out)
+    tables = {name: record.samples for name, record in found.items()}
+    files = write_folder(rig.prototype, plan, tables, COLUMNS, pictures, out)
     each = [
         {
             "name": name,
@@ -79,8 +77,8 @@ def simulate_scheduled_records(path: Path, scenario: Path, out: Path, plots: boo
             "diverged": record.diverged,
             "changes": [{"at_s": at, "stage": stage} for at, stage in record.changes],
         }
-        for (name, record), file in zip(found.items(), paths, strict=True)
+        for (name, record), file in zip(found.items(), files["records"], strict=True)
     ]
-    write_json(json, {"records": paths, "effects": list(rig.prototype.effects), **drawn, "each": each})
+    write_json(json, {"effects": list(rig.prototype.effects), **files, "each": each})
     if any(record.diverged for record in found.values()):
         raise typer.Exit(1)

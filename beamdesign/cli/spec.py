@@ -9,6 +9,7 @@ from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
+    default_folder,
     folder_to_write,
     mass_range,
     progress,
@@ -85,12 +86,12 @@ def spec(
     from beamdesign.specification.folder import json_fields, write_specification
     from beamdesign.specification.specification import specify
 
-    folder = out or Path(f"{prototype.resolve().stem}.specification")
+    folder = out or default_folder(f"{prototype.resolve().stem}.specification")
     with progress("specifying") as update:
         found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
         update(1.0, "writing")
         paths = write_specification(found, folder)
-    write_json(json or folder / "specification.json", json_fields(found) | {"files": paths})
+    write_json(json, json_fields(found) | {"files": paths})
     if found.reason:
         say(f"{record.name}: {found.reason}")
         raise typer.Exit(1)

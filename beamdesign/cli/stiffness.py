@@ -17,7 +17,7 @@ from beamdesign.cli.output import (
     say_table,
     write_json,
 )
-from beamdesign.files import write_whole
+from beamdesign.files import write_set
 
 if TYPE_CHECKING:
     from beamdesign.design.compliant_law import Servo
@@ -133,8 +133,7 @@ def give_stiffness(
     from beamdesign.design.stiffness_search import design
     from beamdesign.polynomial import exact
     from beamdesign.proof.contact import Wall
-    from beamdesign.prototype import write_prototype
-    from beamdesign.records import InputError
+    from beamdesign.records import InputError, to_toml
     from beamdesign.report.quantity import mass_range_text, quantity
     from beamdesign.study.drawn_stiffness import drawn_rigs
     from beamdesign.study.drawn_stiffness import in_words as drawn_in_words
@@ -174,14 +173,12 @@ def give_stiffness(
         say(drawn_in_words(others))
     paths: dict[str, Path] = {}
     if out is not None:
-        paths = {
-            "prototype": out / "prototype.toml",
-            "certificate": out / CERTIFICATE_NAME,
-            "certificate_contact": out / CONTACT_NAME,
+        texts = {
+            "prototype": ("prototype.toml", to_toml(done.prototype)),
+            "certificate": (CERTIFICATE_NAME, done.certificate.text),
+            "certificate_contact": (CONTACT_NAME, done.contact),
         }
-        write_whole(paths["certificate"], done.certificate.text)
-        write_whole(paths["certificate_contact"], done.contact)
-        write_prototype(done.prototype, paths["prototype"])
+        paths = write_set(out, texts)
     for kind, path in paths.items():
         say(f"{kind}: {path}")
     write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **paths})
@@ -216,8 +213,7 @@ def _judge(
         say(line)
     paths: dict[str, Path] = {}
     if out is not None:
-        paths["certificate_contact"] = out / CONTACT_NAME
-        write_whole(paths["certificate_contact"], contact_text(record, found, masses, wall))
+        paths = write_set(out, {"certificate_contact": (CONTACT_NAME, contact_text(record, found, masses, wall))})
         say(f"certificate_contact: {paths['certificate_contact']}")
     met = next((one for one in CONTACTS.values() if found.meets(one)), None)
     write_json(json, _fields(found, walls[0]) | {"met": met, "reason": "", **paths})

@@ -17,7 +17,7 @@ from beamdesign.cli.output import (
     say_table,
     write_json,
 )
-from beamdesign.files import write_whole
+from beamdesign.files import write_set
 
 if TYPE_CHECKING:
     from beamdesign.design.rig_spread import Shape
@@ -107,8 +107,8 @@ def tune(
     status 1 if no design can be proved.
     """
     from beamdesign.design import tuning
-    from beamdesign.prototype import read_prototype, write_prototype
-    from beamdesign.records import InputError
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError, to_toml
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
@@ -165,11 +165,7 @@ def tune(
         raise typer.Exit(1)
     best = found.best
     certificate, guaranteed = certified(found.prototype, best, masses)
-    paths: dict[str, Path] = {}
-    if out is not None:
-        paths = {"prototype": out / "prototype.toml", "certificate": out / CERTIFICATE_NAME}
-        write_whole(paths["certificate"], certificate.text)
-        write_prototype(guaranteed, paths["prototype"])
+    texts = {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)}
     rows = [
         *_figures(best.controller),
         ("inner_end_mass_kg", str(best.inner_end_mass_kg)),
@@ -182,16 +178,16 @@ def tune(
     say(f"proved in exact arithmetic; {found.certificates} stability certificates on the way")
     for line in certificate.scope:
         say(f"  {line}")
-    kept = None if spread_out is None else told_of_rigs(spread_out, best, masses, out, paths)
+    kept = None if spread_out is None else told_of_rigs(spread_out, best, masses, texts)
     if record.effects:
         from beamdesign.proof.between import between, in_words
 
         verdict = between(guaranteed, *masses)
         if words := in_words(guaranteed, verdict):
             say(f"  {words}")
-        if out is not None and verdict is not None and verdict.certificate:
-            paths["certificate_between"] = out / "certificate.between.toml"
-            write_whole(paths["certificate_between"], verdict.certificate)
+        if verdict is not None and verdict.certificate:
+            texts["certificate_between"] = ("certificate.between.toml", verdict.certificate)
+    paths = {} if out is None else write_set(out, texts, ("certificate.*.toml",))
     for kind, path in paths.items():
         say(f"{kind}: {path}")
     write_json(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from beamdesign.cli.output import progress, say, say_table, write_json
-from beamdesign.files import write_whole
+from beamdesign.files import write_set
 
 if TYPE_CHECKING:
     from beamdesign.proof.stage_switching import StageSwitching
@@ -46,7 +46,7 @@ def tune_scheduled(
     from beamdesign.prototype import Structured
     from beamdesign.records import InputError
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
-    from beamdesign.scheduling.record import law_words, write_scheduled
+    from beamdesign.scheduling.record import law_words, scheduled_toml
     from beamdesign.study.design_run import certified
 
     problems = []
@@ -81,13 +81,14 @@ def tune_scheduled(
     ]
     paths: dict[str, Path] = {}
     if out is not None:
-        paths = {"prototype": out / "prototype.toml", "certificate_switching": out / "stages.certificate.toml"}
-        for k, (certificate, _) in enumerate(each, start=1):
-            paths[f"certificate_stage_{k}"] = out / f"stage_{k}.certificate.toml"
-            write_whole(paths[f"certificate_stage_{k}"], certificate.text)
         summary = f"{record.name}: changes between {stages} stages\n" + "\n".join(words)
-        write_whole(paths["certificate_switching"], stage_document(rig, switching, summary))
-        write_scheduled(rig, paths["prototype"])
+        texts = {
+            "prototype": ("prototype.toml", scheduled_toml(rig)),
+            "certificate_switching": ("stages.certificate.toml", stage_document(rig, switching, summary)),
+        }
+        for k, (certificate, _) in enumerate(each, start=1):
+            texts[f"certificate_stage_{k}"] = (f"stage_{k}.certificate.toml", certificate.text)
+        paths = write_set(out, texts, ("stage_*.certificate.toml",))
     rows: list[tuple[str, ...]] = [
         (
             f"{stage.outer_end_mass_kg[0]:g} to {stage.outer_end_mass_kg[1]:g}",

@@ -1,14 +1,11 @@
 """A diagnosis as plain fields for programs: names and units of its JSON file."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
 from typing import Any
-
-import numpy as np
 
 from beamdesign.gap.diagnosis import Cause, Diagnosis
 from beamdesign.gap.gains.classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
+from beamdesign.json_text import plain
 
 _LISTED = 12
 
@@ -70,18 +67,3 @@ def _hypotheses(found: Diagnosis) -> list[dict[str, Any]]:
         for names, p in ranked
         if p > 1e-6
     ]
-
-
-def plain(value: Any) -> Any:
-    """Records, arrays and their figures as dictionaries, lists and numbers of Python."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {name: plain(item) for name, item in asdict(value).items()}
-    if isinstance(value, Mapping):
-        return {str(name): plain(item) for name, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, str | int | float | bool) or value is None:
-        return value
-    return str(value)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from beamdesign.files import write_whole
 from beamdesign.paper.comparison import CHOICES, REMEDY_GAIN_MA_PER_V, Comparison
 from beamdesign.paper.drawings import DRAWINGS, Drawing, drawn
 from beamdesign.paper.rig import VARIATIONS
@@ -62,5 +63,5 @@ def write_page(
         drawings=drawings,
         disagreements=sum(not claim.agrees for claim in comparison.claims),
     )
-    page.write_text(text, encoding="utf-8")
+    write_whole(page, text)
     return Written(page, files)

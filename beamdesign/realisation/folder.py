@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from beamdesign.files import write_whole
+from beamdesign.files import write_set
 from beamdesign.realisation.c_code import c_files
 from beamdesign.realisation.realise import Realisation
 from beamdesign.realisation.verdict import Judgement
@@ -25,13 +25,10 @@ def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:
 def write_code(
     realisation: Realisation, name: str, found: Judgement, masses_kg: tuple[float, float], folder: Path
 ) -> list[Path]:
-    """Write the C files of a realised controller, each whole or not at all.
+    """Write the C files of a realised controller, all of them or none.
 
     Raises:
         OSError: where one cannot be written.
     """
-    paths = []
-    for file, text in c_files(realisation, name, notes(found, masses_kg)).items():
-        write_whole(folder / file, text)
-        paths.append(folder / file)
-    return paths
+    texts = c_files(realisation, name, notes(found, masses_kg))
+    return list(write_set(folder, {file: (file, text) for file, text in texts.items()}).values())

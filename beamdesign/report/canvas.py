@@ -1,12 +1,15 @@
 """Figures without pyplot: made and saved headless, the same bytes for the same data."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Literal
 
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from beamdesign.files import write_whole
 
 STYLES = (
     {"color": "black", "linestyle": "-"},
@@ -28,7 +31,9 @@ def new_figure(width_mm: float = 170.0, height_mm: float = 110.0) -> Figure:
 def save(
     figure: Figure, path_without_suffix: Path, kinds: Sequence[Literal["png", "svg", "pdf"]] = ("png", "svg")
 ) -> list[Path]:
-    """Save a figure, one file per kind; SVG text stays text, and nothing in a file depends on the day.
+    """Save a figure, one file per kind, each whole or not at all.
+
+    SVG text stays text, and nothing in a file depends on the day.
 
     Returns:
         The files written, in the order of `kinds`.
@@ -39,7 +44,9 @@ def save(
     with matplotlib.rc_context({"svg.hashsalt": path_without_suffix.name, "svg.fonttype": "none"}):
         for kind in kinds:
             path = path_without_suffix.with_name(f"{path_without_suffix.name}.{kind}")
-            figure.savefig(path, dpi=150, metadata=dates[kind])
+            picture = BytesIO()
+            figure.savefig(picture, format=kind, dpi=150, metadata=dates[kind])
+            write_whole(path, picture.getvalue())
             written.append(path)
             figure.set_layout_engine("none")  # laid out by the first file; doing it again costs as much as drawing
     figure.set_layout_engine(engine)

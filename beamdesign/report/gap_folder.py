@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from beamdesign.bench_prototype import write_any_prototype
-from beamdesign.files import write_whole
+from beamdesign.files import write_set
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms
 from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.diagnosis_fields import diagnosis_fields, plain
-from beamdesign.prototype import write_prototype
+from beamdesign.gap.diagnosis_fields import diagnosis_fields
+from beamdesign.json_text import json_text, plain
+from beamdesign.records import to_toml
 from beamdesign.report.gap_report import gap_report_html
 from beamdesign.study.design_run import CERTIFICATE_NAME
 from beamdesign.study.redesign import Redesign
@@ -25,7 +25,7 @@ def write_gap_folder(
     terms: tuple[LoopTerms, ...] = (),
     renewed: Redesign | None = None,
 ) -> tuple[dict[str, Path], dict[str, Any]]:
-    """Write everything, each file whole or not at all.
+    """Write everything as one set; what an earlier diagnosis left in these files goes.
 
     Args:
         folder: made if need be.
@@ -37,34 +37,16 @@ def write_gap_folder(
     Returns:
         paths by kind, and the fields of the JSON file.
     """
-    new = renewed is not None and renewed.prototype is not None and renewed.certificate is not None
-    names = NAMES | (REDESIGNED if new else {})
-    paths = {kind: folder / name for kind, name in names.items()}
-    write_any_prototype(found.prototype, paths["prototype"])
+    names, texts = dict(NAMES), {"prototype": to_toml(found.prototype)}
     if renewed is not None and renewed.prototype is not None and renewed.certificate is not None:
-        write_prototype(renewed.prototype, paths["redesigned"])
-        write_whole(paths["certificate"], renewed.certificate.text)
+        names |= REDESIGNED
+        texts |= {"redesigned": to_toml(renewed.prototype), "certificate": renewed.certificate.text}
     fields = diagnosis_fields(found)
     fields |= {"design": _design(terms), "redesign": _redesign(renewed)}
-    fields |= {kind: str(path) for kind, path in paths.items() if kind != "json"}
-    write_whole(paths["json"], as_json(fields))
-    write_whole(paths["report"], gap_report_html(found, names, data, terms, renewed))
+    fields |= {kind: str(folder / name) for kind, name in names.items() if kind != "json"}
+    texts |= {"json": json_text(fields), "report": gap_report_html(found, names, data, terms, renewed)}
+    paths = write_set(folder, {kind: (name, texts[kind]) for kind, name in names.items()}, tuple(REDESIGNED.values()))
     return paths, fields
-
-
-def as_json(fields: dict[str, Any]) -> str:
-    """Fields as text; figures that are not finite become null."""
-    import json
-    from math import isfinite
-
-    def finite(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {name: finite(item) for name, item in value.items()}
-        if isinstance(value, list):
-            return [finite(item) for item in value]
-        return None if isinstance(value, float) and not isfinite(value) else value
-
-    return json.dumps(finite(plain(fields)), indent=2, allow_nan=False) + "\n"
 
 
 def _design(terms: tuple[LoopTerms, ...]) -> list[dict[str, Any]]:

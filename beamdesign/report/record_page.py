@@ -68,7 +68,3 @@ def write_record_page(
     )
     write_whole(page, text)
     return page, files
-
-
-def _listed(given: Mapping[str, float]) -> str:
-    return ", ".join(f"{key} = {value:g}" for key, value in given.items())

@@ -1,9 +1,9 @@
 """The folder a design run leaves behind: prototype, certificate, report, specification."""
 
-import os
 from pathlib import Path
 
-from beamdesign.records import InputError, to_toml
+from beamdesign.files import write_set
+from beamdesign.records import to_toml
 from beamdesign.report.html import report_html
 from beamdesign.report.specification import specification_markdown
 from beamdesign.report.trade_rows import read_trade
@@ -19,7 +19,7 @@ FILES = {
 
 
 def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
-    """Write what a run gave; all texts are complete before the first file is touched.
+    """Write what a run gave, all of it or nothing.
 
     Args:
         result: a run with a certified prototype.
@@ -30,7 +30,7 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         Paths of the four files, by the keys of `FILES`.
 
     Raises:
-        InputError: where the folder cannot be made or written to.
+        OSError: where the folder cannot be made or written to; it is then as it was.
         ValueError: where the run has no result; nothing is written then.
     """
     if result.prototype is None or result.certificate is None:
@@ -41,14 +41,4 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         "report": report_html(result, FILES, read_trade(out)),
         "specification": specification_markdown(result, FILES),
     }
-    paths = {kind: out / name for kind, name in FILES.items()}
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for kind, path in paths.items():
-            partial = path.with_name(path.name + ".part")
-            # As bytes: the certificate's digest in the prototype must fit on every platform.
-            partial.write_bytes(texts[kind].encode())
-            os.replace(partial, path)
-    except OSError as error:
-        raise InputError(out, [("(folder)", error.strerror or str(error))]) from error
-    return paths
+    return write_set(out, {kind: (FILES[kind], text) for kind, text in texts.items()})

@@ -186,8 +186,13 @@ def read_scheduled(path: str | Path) -> ScheduledRig:
 
 def write_scheduled(rig: ScheduledRig, path: str | Path) -> None:
     """Write a prototype.toml from which `read_scheduled` gives back an equal record."""
+    write_whole(path, scheduled_toml(rig))
+
+
+def scheduled_toml(rig: ScheduledRig) -> str:
+    """Its text."""
     head = records.to_toml(rig.prototype.but(controller=None))
-    write_whole(Path(path), head + "\n" + records.to_toml(ScheduledController(controller=rig.schedule)))
+    return head + "\n" + records.to_toml(ScheduledController(controller=rig.schedule))
 
 
 def law_words(stages: Sequence[Stage]) -> list[str]:

@@ -4,9 +4,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from beamdesign.files import write_whole
-from beamdesign.prototype import write_prototype
-from beamdesign.records import Record
+from beamdesign.files import fresh_folder, write_whole
+from beamdesign.json_text import json_text
+from beamdesign.records import Record, to_toml
 from beamdesign.report.quantity import at_least, at_most, quantity
 from beamdesign.specification.data_folder import believed, write_data_folder
 from beamdesign.specification.document import Document, Paragraph, Part, to_markdown
@@ -28,6 +28,11 @@ BASIS = {
     "acceptance": "nominal computed, bands sampled, critical_gain_proved_A_per_V proved",
 }
 """How the figures of each table are founded."""
+JSON_NAME = "specification.json"
+_RETIRING = (
+    "tolerances.toml", "equal_tolerances.toml", "delay.toml", "drawing.dxf", "drawing.svg", "components/*.toml"
+)  # fmt: skip
+"""Of an earlier specification; what was measured for it stays."""
 _STANDALONE = 'xmlns="http://www.w3.org/2000/svg"'
 
 
@@ -92,12 +97,11 @@ def _foundations() -> Part:
 
 
 def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
-    """Write everything; texts are complete before the first file is touched.
+    """Write everything as one set; records of the data set that hold measurements already stay as they are.
 
     Returns:
-        path by kind: `markdown`, `html`, and where the loop is stable also `prototype`, `certificate`, `drawing_dxf`
-        and
-        `drawing_svg` (with geometry), `tolerances`, `dataset` and others.
+        path by kind: `prototype`, `certificate`, `markdown`, `html`, and where the loop is stable also `drawing_dxf`
+        and `drawing_svg` (with geometry), `tolerances`, `dataset` and others.
 
     Raises:
         OSError: where a file cannot be written.
@@ -126,17 +130,19 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
         for at in one.tolerances:
             name = f"{one.amplifier.resistors}_{one.amplifier.capacitors}_{100 * at.resistors:g}_{100 * at.capacitor:g}"
             texts[f"components_{name}"] = (f"components/{name}.toml", at.certificate)
-    paths: dict[str, Path] = {}
-    for kind, (name, text) in texts.items():
-        if text:
-            paths[kind] = out / name
-            write_whole(paths[kind], text)
+    texts["prototype"] = ("prototype.toml", to_toml(spec.prototype))
+    names = {kind: name for kind, (name, text) in texts.items() if text}
     if spec.plan is not None:
-        paths["prototype"] = out / "prototype.toml"
-        write_prototype(spec.prototype, paths["prototype"])
-        specified = spec.tolerances.specified if spec.tolerances is not None else {}
-        write_data_folder(believed(spec.prototype, specified), spec.plan, out / FOLDER)
-        paths["dataset"] = out / FOLDER
+        names["dataset"] = FOLDER
+    paths = {kind: out / name for kind, name in names.items()}
+    with fresh_folder(out, _RETIRING) as fresh:
+        for name, text in texts.values():
+            if text:
+                write_whole(fresh / name, text)
+        write_whole(fresh / JSON_NAME, json_text(json_fields(spec) | {"files": paths}))
+        if spec.plan is not None:
+            specified = spec.tolerances.specified if spec.tolerances is not None else {}
+            write_data_folder(believed(spec.prototype, specified), spec.plan, fresh / FOLDER)
     return paths
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tomli_w
 
-from beamdesign.files import write_whole
+from beamdesign.files import write_set, write_whole
 from beamdesign.records import InputError
 
 
@@ -101,14 +101,19 @@ def start(name: str, out: Path | None = None) -> list[Path]:
     paths = [place / inside if inside else place for inside, _ in template.files]
     if template.is_folder and place.is_file():
         raise InputError("new", [(str(place), "is a file; name a folder")])
+    if template.is_folder and place.suffix in (".toml", ".csv"):
+        raise InputError("new", [(str(place), f"names a file, and this is {template.purpose}; name a folder")])
     there = [path for path in paths if path.exists()]
     if there:
         reason = "exists and is left alone; name another one with --out"
         raise InputError(
             "new", [(str(path), "is a folder; name a file" if path.is_dir() else reason) for path in there]
         )
-    for path, (_, source) in zip(paths, template.files, strict=True):
-        write_whole(path, named(source, place.stem if path == place else place.name))
+    texts = [named(source, place.name if name else place.stem) for name, source in template.files]
+    if template.is_folder:
+        write_set(place, {name: (name, text) for (name, _), text in zip(template.files, texts, strict=True)})
+    else:
+        write_whole(place, *texts)
     return paths
 
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
 from tempfile import TemporaryDirectory
@@ -194,11 +195,9 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
                 whole = np.full(len(record.times), np.nan)
                 whole[: len(rows.samples)] = rows.samples[:, column]
                 predicted[f"{record.name}/{word}"] = whole.astype(np.float32)
-    place.predictions.parent.mkdir(parents=True, exist_ok=True)
-    partial = place.predictions.with_suffix(".part")
-    with open(partial, "wb") as file:
-        np.savez_compressed(file, **predicted)  # type: ignore[arg-type]
-    partial.replace(place.predictions)
+    file = BytesIO()
+    np.savez_compressed(file, **predicted)  # type: ignore[arg-type]
+    write_whole(place.predictions, file.getvalue())
 
 
 def _as_written(prototype: Prototype) -> Prototype:

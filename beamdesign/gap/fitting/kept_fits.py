@@ -1,8 +1,10 @@
 """Fits that are kept on disk as they are made, so that a diagnosis that was interrupted goes on where it stopped."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Protocol
 from zipfile import BadZipFile
@@ -10,6 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 import beamdesign
+from beamdesign.files import read_bytes, write_whole
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.fit import Fit, Share
 from beamdesign.gap.fitting.hypothesis import Hypothesis
@@ -48,16 +51,20 @@ class KeptFits:
     part: tuple[str, ...] = ()
 
     def recall(self, job: Job) -> Fit | None:
-        """A fit that was made before."""
+        """A fit that was made before; what is not there, not whole, or not what was kept for this job is made again."""
+        path = self._path(job)
         try:
-            with open(self._path(job), "rb") as file, np.load(file, allow_pickle=False) as held:
+            with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as opened:
+                held = dict(opened)
+                if str(held.pop("seal")) != _seal(path.name, held):
+                    return None
                 unknowns = job.hypothesis.unknowns(self.prototype)
                 if str(held["reason"]):
                     return Fit(job.hypothesis, unknowns, reason=str(held["reason"]))
                 shares = zip(held["c"], held["g"], held["a"], held["error"], strict=True)
                 found = tuple(Share(float(c), g, a, float(error)) for c, g, a, error in shares)
                 return Fit(job.hypothesis, unknowns, held["z"], float(held["cost"]), found)
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile):  # what is not there or not whole is made again
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
 
     def keep(self, job: Job, found: Fit) -> None:
@@ -66,21 +73,15 @@ class KeptFits:
         Raises:
             OSError: where it cannot be written.
         """
-        path = self._path(job)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(".part")
-        with open(partial, "wb") as file:
-            np.savez(
-                file,
-                reason=np.array(found.reason),
-                z=found.z,
-                cost=found.cost,
-                c=np.array([s.c for s in found.shares]),
-                g=np.array([s.g for s in found.shares]),
-                a=np.array([s.a for s in found.shares]),
-                error=np.array([s.error for s in found.shares]),
-            )
-        partial.replace(path)
+        path, file = self._path(job), BytesIO()
+        arrays = {
+            "reason": np.array(found.reason),
+            "z": np.asarray(found.z),
+            "cost": np.asarray(found.cost),
+            **{name: np.array([getattr(s, name) for s in found.shares]) for name in ("c", "g", "a", "error")},
+        }
+        np.savez(file, seal=np.array(_seal(path.name, arrays)), **arrays)  # type: ignore[arg-type]
+        write_whole(path, file.getvalue())
 
     @property
     def count(self) -> int:
@@ -89,6 +90,15 @@ class KeptFits:
 
     def _path(self, job: Job) -> Path:
         return self.folder / f"{self.key}-{hashlib.sha256(repr((job, self.part)).encode()).hexdigest()[:_KEY]}.npz"
+
+
+def _seal(name: str, arrays: Mapping[str, np.ndarray]) -> str:
+    """Digest of a file's own name and arrays: one that was edited, or kept for another job, does not bear it."""
+    sha = hashlib.sha256(name.encode())
+    for key in sorted(arrays):
+        array = np.ascontiguousarray(arrays[key])
+        sha.update(f"{key} {array.dtype} {array.shape}".encode() + array.tobytes())
+    return sha.hexdigest()
 
 
 def kept_fits(folder: Path, data: Dataset) -> KeptFits:

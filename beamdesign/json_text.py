@@ -1,0 +1,33 @@
+"""Results as JSON: plain values, and no figure that is not finite."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from math import isfinite
+from typing import Any
+
+
+def plain(value: Any) -> Any:
+    """Records, arrays and their figures as dictionaries, lists and numbers of Python; anything else as its text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, str | int | float | bool) or value is None:
+        return value
+    return plain(value.tolist()) if hasattr(value, "tolist") else str(value)
+
+
+def json_text(fields: Mapping[str, Any]) -> str:
+    """Fields as the text of a JSON file; JSON has no infinity, so that figures that are not finite become null."""
+    return json.dumps(_finite(plain(fields)), indent=2, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
