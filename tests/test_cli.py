@@ -17,7 +17,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from beamdesign.cli import app, main
+from beamdesign.cli import app, main, progress
 from beamdesign.cli.group import HEADINGS
 from beamdesign.design.interruption import interruption_waits
 
@@ -326,3 +326,77 @@ def test_what_does_not_fit_is_told_with_what_to_do(arguments: list[str], told: s
 def test_a_misspelt_command_or_option_is_guessed() -> None:
     assert "'tune'" in CliRunner().invoke(app, ["tun"]).stderr
     assert "--outer-end-mass" in CliRunner().invoke(app, ["tune", str(RIG), "--outer-end-mas", "0:1"]).stderr
+
+
+def test_json_to_standard_output_is_all_that_stands_there(tmp_path: Path) -> None:
+    found = CliRunner().invoke(app, ["certify", str(RIG), "--out", str(tmp_path / "c.toml"), "--json", "-"])
+    fields = json.loads(found.stdout)
+    assert fields["stable"] is False
+    assert found.exit_code == 1
+    assert os.listdir(tmp_path) == ["c.toml"]
+
+
+def test_the_version_is_told() -> None:
+    import beamdesign
+
+    found = CliRunner().invoke(app, ["--version"])
+    assert found.exit_code == 0
+    assert found.stdout.split() == ["beamdesign", beamdesign.__version__]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+@pytest.mark.parametrize("arguments", [["explain", "--reference"], ["certify", "named.toml"]])
+def test_terminals_that_lack_letters_get_the_nearest(tmp_path: Path, encoding: str, arguments: list[str]) -> None:
+    named = RIG.read_text(encoding="utf-8").replace('name = "', 'name = "Träger \N{GREEK CAPITAL LETTER OMEGA} ', 1)
+    (tmp_path / "named.toml").write_text(named, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "beamdesign", *arguments], capture_output=True, cwd=tmp_path, check=False,
+        env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode in (0, 1)
+    assert b"Traceback" not in done.stderr
+    if arguments[0] == "certify":
+        assert ("Träger ohm" if encoding == "latin-1" else "Trager ohm").encode(encoding) in done.stdout
+
+
+def test_a_certificate_of_another_prototype_is_put_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rig = tmp_path / "rig.toml"
+    text = RIG.read_text(encoding="utf-8")
+    rig.write_text(text, encoding="utf-8")
+    certify = ["certify", str(rig)]
+    CliRunner().invoke(app, certify)
+    first = Path("rig.certificate.toml").read_bytes()
+    CliRunner().invoke(app, certify)
+    assert sorted(os.listdir()) == ["rig.certificate.toml", "rig.toml"]
+    rig.write_text(text.replace("1180", "1181"), encoding="utf-8")
+    told = CliRunner().invoke(app, certify).stdout
+    (aside,) = set(os.listdir()) - {"rig.certificate.toml", "rig.toml"}
+    assert aside in told
+    assert Path(aside).read_bytes() == first != Path("rig.certificate.toml").read_bytes()
+
+
+def test_what_is_no_certificate_is_not_overwritten_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("paper_remedy.certificate.toml").write_text('kind = "notes"')
+    assert status_of(["certify", str(RIG)]) == 2
+    assert Path("paper_remedy.certificate.toml").read_text() == 'kind = "notes"'
+
+
+def test_a_template_that_is_a_folder_is_not_named_like_a_file(tmp_path: Path) -> None:
+    assert status_of(["new", "sweep", "--out", str(tmp_path / "x.toml")]) == 2
+    assert os.listdir(tmp_path) == []
+
+
+def test_long_work_off_a_terminal_is_told_with_share_and_estimate(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.lines("certify", every_s=0.01):
+        time.sleep(0.05)
+        with progress.reported("diagnosing") as update:
+            update(0.5, "fits")
+            time.sleep(0.05)
+    told = capsys.readouterr().err.splitlines()
+    assert told[0].startswith("certify: ")
+    assert told[-1].startswith("diagnosing: 50 % done, 0 s so far, about 0 s to go (fits)")
+    with progress.lines("certify", silent=lambda: True, every_s=0.01):
+        time.sleep(0.05)
+    assert capsys.readouterr().err == ""

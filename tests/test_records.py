@@ -229,3 +229,51 @@ def test_numbers_looks_into_tables_and_records():
     assert numbers({"a": {"b": 2}, "c": 3.5}, "a.b", "c") == (2.0, 3.5)
     assert numbers({"part": Spring(stiffness_N_per_m=4.0)}, "part.stiffness_N_per_m") == (4.0,)
     assert numbers({"a": 1.0}, "a.b") is None
+
+
+DEEP = "a = " + "[" * 5000 + "]" * 5000
+LONG_NAME = ".".join(["a"] * 5000) + " = 1"
+DIGITS = "a = " + "9" * 5000
+BEYOND = "[b]\na = " + "9" * 30
+LONG_LIST = "a = [" + "0, " * 200_000 + "]"
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "words"),
+    [
+        (DEEP, "(file)", "nested"),
+        (LONG_NAME, "a.a", "nested"),
+        (DIGITS, "(file)", "digits"),
+        (BEYOND, "b.a", "30 digits"),
+        (LONG_LIST, "a", "200000 entries"),
+        ("a = 1\n" * 3_000_000, "(file)", "MB"),
+    ],
+)
+def test_a_file_of_a_size_that_none_of_ours_has_is_refused(tmp_path: Path, text: str, key: str, words: str) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    (problem,) = caught.value.problems
+    assert problem.key.startswith(key)
+    assert words in problem.reason
+
+
+def test_a_byte_order_mark_is_understood(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_bytes(b"\xef\xbb\xbfa = 1\n")
+    assert read_table(path) == {"a": 1}
+
+
+def test_a_missing_file_gets_a_guess_only_where_one_is_near(tmp_path: Path) -> None:
+    (tmp_path / "prototype.toml").write_text("")
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "lost.toml").symlink_to(tmp_path / "gone.toml")
+    told = {}
+    for name in ("protoype.toml", "study.toml", "lost.toml", "records.csv"):
+        with pytest.raises(InputError) as caught:
+            read_table(tmp_path / name)
+        told[name] = caught.value.problems[0].reason
+    assert str(tmp_path / "prototype.toml") in told["protoype.toml"]
+    assert all("did you mean" not in told[name] for name in ("study.toml", "lost.toml", "records.csv"))
+    assert "link" in told["lost.toml"]
