@@ -24,7 +24,6 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam
 from beamdesign.proof.replay import replay
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.records import InputError
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.drawing import draw_section, draw_side
@@ -128,7 +127,7 @@ def test_a_run_without_a_result_writes_nothing(run: DesignRun, tmp_path: Path) -
 def test_a_folder_that_cannot_be_made_is_bad_input(run: DesignRun, tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     taken.write_text("a file", encoding="utf-8")
-    with pytest.raises(InputError, match="taken"):
+    with pytest.raises(NotADirectoryError, match="taken"):
         write_result_folder(run, taken)
     assert taken.read_text(encoding="utf-8") == "a file"
 

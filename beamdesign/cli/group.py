@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from beamdesign.cli.interruption import remembered
-from beamdesign.cli.output import hush, reporting, speak
+from beamdesign.cli.output import hush, reporting, say, speak
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
@@ -85,7 +85,7 @@ def _tell_version(asked: bool) -> None:
     if asked:
         import beamdesign
 
-        print(f"beamdesign {beamdesign.__version__}")
+        say(f"beamdesign {beamdesign.__version__}")
         raise typer.Exit
 
 
