@@ -10,7 +10,7 @@ from beamdesign import records
 from beamdesign.files import write_whole
 from beamdesign.materials import unknown_material
 from beamdesign.observer import Observer
-from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
@@ -281,7 +281,7 @@ class Guarantee(Record):
         tuple[NonNegative, NonNegative],
         Field(description="range [least, most] of mass on the outer tip that it holds for"),
     ]
-    certificate: Annotated[str, Field(description="file of the proof, beside the prototype")]
+    certificate: Annotated[FileName, Field(description="file of the proof, beside the prototype")]
     certificate_sha256: Annotated[str, Field(description="SHA-256 digest of that file")]
 
 

@@ -21,11 +21,20 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from beamdesign import file_remedy
+from beamdesign import file_remedy, spelling
 from beamdesign.files import read_bytes
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+
+class Longest(NamedTuple):
+    """How many characters a text may hold where that is not `spelling.LONGEST`."""
+
+    characters: int
+
+
+FileName = Annotated[str, Longest(1000)]
 
 # Everyday units of this field and the SI suffix each should have been.
 _UNIT_MISTAKES = {
@@ -60,6 +69,8 @@ class InputError(Exception):
 class Record(BaseModel):
     """Base of all records: frozen, no unknown keys, no silent coercion of text to numbers.
 
+    Every text in it, keys of free tables included, is one line without control characters (see `spelling.fault`).
+
     A subclass states what must hold between its fields in `relations`, which sees the raw table, so that a relation
     that fails is reported together with fields that are wrong on their own.
     """
@@ -76,9 +87,10 @@ class Record(BaseModel):
     def _all_problems_at_once(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         problems: list[InitErrorDetails] = []
         if isinstance(data, Mapping):
-            for key, reason in cls.relations(data):
+            found = [(tuple(key.split(".")) if key else (), reason) for key, reason in cls.relations(data)]
+            for place, reason in [*_unfit_texts(cls, data), *found]:
                 kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
-                problems.append(InitErrorDetails(type=kind, loc=tuple(key.split(".")) if key else (), input=data))
+                problems.append(InitErrorDetails(type=kind, loc=place, input=data))
         if not problems:
             return handler(data)
         try:
@@ -91,6 +103,34 @@ class Record(BaseModel):
         """Give a validated copy with some fields replaced."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_validate(fields | changes)
+
+
+Place = tuple[str | int, ...]
+
+
+def _unfit_texts(record: type[Record], table: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Texts that no record may hold, with what is wrong; a record inside of this one looks after its own."""
+    for key, value in table.items():
+        if field := record.model_fields.get(key):
+            longest = [mark.characters for mark in field.metadata if isinstance(mark, Longest)]
+            for place, text in _texts(value, (key,), field.annotation):
+                if reason := spelling.fault(text, *longest):
+                    yield place, reason
+
+
+def _texts(value: Any, place: Place, annotation: Any) -> Iterator[tuple[Place, str]]:
+    if isinstance(value, str):
+        yield place, value
+    elif isinstance(value, list | tuple):
+        for k, item in enumerate(value):
+            yield from _texts(item, (*place, k), annotation)
+    elif isinstance(value, Mapping):
+        plain = not _nested_records(annotation)
+        for key, item in value.items():
+            inside = (*place, spelling.one_line(str(key)))
+            yield inside, str(key)
+            if plain:
+                yield from _texts(item, inside, annotation)
 
 
 def _line_errors(error: ValidationError) -> list[InitErrorDetails]:

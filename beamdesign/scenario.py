@@ -9,7 +9,7 @@ from pydantic import Field, FiniteFloat
 
 from beamdesign import records
 from beamdesign.prototype import Controller
-from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.records import FileName, InputError, NonNegative, Positive, Problem, Record, numbers
 
 CHANNELS = ("disturbance_N", "command_V")
 
@@ -82,7 +82,7 @@ class FromCsv(Record):
     """Measured inputs: a CSV file with uniform `t_s` and `disturbance_N`, `command_V` or both."""
 
     kind: Annotated[Literal["csv"], Field(description="shape of the signal")] = "csv"
-    file: Annotated[str, Field(description="CSV file, looked for beside the scenario")]
+    file: Annotated[FileName, Field(description="CSV file, looked for beside the scenario")]
 
 
 Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discriminator="kind")]
@@ -207,7 +207,7 @@ def read_scenario(path: str | Path) -> Scenario:
         signals = []
         for j, signal in enumerate(row.input):
             if isinstance(signal, FromCsv):
-                signal = signal.but(file=str(folder / signal.file))
+                signal = signal.model_copy(update={"file": str(folder / signal.file)})
                 try:
                     inputs_from_csv(Path(signal.file), scenario.times)
                 except InputError as error:

@@ -12,7 +12,7 @@ from beamdesign.arm.figures import arm_of, sensor_of
 from beamdesign.arm.plane import Name, PlaneFigures, PlaneLoop, in_plane, plane_loop
 from beamdesign.crossing import Crossing
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.document import controller_lines, quoted, rig_lines, sealed, stability_lines
+from beamdesign.proof.document import controller_lines, quoted, remarks, rig_lines, sealed, stability_lines
 from beamdesign.proof.estimates import sampled_masses
 from beamdesign.proof.performance import kept_up_to_Hz, least_proved
 from beamdesign.proof.quadratic import quadratic_nonnegative
@@ -190,7 +190,7 @@ def _document(prototype: Prototype, figures: PlaneFigures, stability: StabilityM
         *(f"Proved: {describe(claim)}." for claim in claims),
     ]
     above = [
-        *(f"# {line}" for line in summary),
+        *remarks("\n".join(summary)),
         "#",
         "# To prove it again: python -m beamdesign.proof.replay_arm THIS-FILE",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",

@@ -18,6 +18,7 @@ from beamdesign.cli.gap import gap
 from beamdesign.cli.group import INTERRUPTED, Commands, program, say_interrupted
 from beamdesign.cli.limits import limits
 from beamdesign.cli.new import new
+from beamdesign.cli.output import shown
 from beamdesign.cli.paper import paper
 from beamdesign.cli.remedies import remedies
 from beamdesign.cli.run import run
@@ -66,7 +67,7 @@ def main() -> None:
         say_interrupted("beamdesign")
         sys.exit(INTERRUPTED)
     except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
-        print(f"{error.filename or 'beamdesign'}: {error.strerror or error}", file=sys.stderr)
+        print(shown(f"{error.filename or 'beamdesign'}: {error.strerror or error}"), file=sys.stderr)
         sys.exit(2)
     except MemoryError as error:
         print(f"beamdesign: more memory is needed than there is: {error}".rstrip(": "), file=sys.stderr)
@@ -75,7 +76,7 @@ def main() -> None:
         from beamdesign.records import InputError
 
         if isinstance(error, InputError):
-            print(error, file=sys.stderr)
+            print(shown(str(error)), file=sys.stderr)
             sys.exit(2)
-        traceback.print_exc()
+        print(shown(traceback.format_exc()), end="", file=sys.stderr)
         sys.exit(FAULT)  # not 1: a fault of the program is no answer

@@ -15,6 +15,7 @@ import typer
 
 from beamdesign.files import write_whole
 from beamdesign.json_text import json_text
+from beamdesign.spelling import in_csv, one_line
 
 
 def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -110,8 +111,17 @@ def speak() -> None:
     _hushed.set(False)
 
 
+def shown(text: str) -> str:
+    """Lines as a terminal may have them: control characters of names do nothing there."""
+    return "\n".join(map(one_line, text.split("\n")))
+
+
 def say(text: str) -> None:
     """Print a line for people. Where nobody reads on (`| head`), the work goes on without a word."""
+    _say(shown(text))
+
+
+def _say(text: str) -> None:
     if _hushed.get():
         return
     try:
@@ -129,16 +139,16 @@ def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]])
 
     if _hushed.get():
         return
-    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=Text(shown(title)), title_justify="left", box=box.SIMPLE_HEAD)
     for column in columns:
-        table.add_column(Text(column))
+        table.add_column(Text(shown(column)))
     for row in rows:
-        table.add_row(*(Text(f"{cell:.4g}" if isinstance(cell, float) else str(cell)) for cell in row))
+        table.add_row(*(Text(shown(f"{cell:.4g}" if isinstance(cell, float) else str(cell))) for cell in row))
     plain = "NO_COLOR" in os.environ or not sys.stdout.isatty()
     console = Console(highlight=False, file=sys.stdout, color_system=None if plain else "auto")
     with console.capture() as captured:
         console.print(table)
-    say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
+    _say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
 
 
 def write_json(path: Path | None, fields: dict[str, Any]) -> None:
@@ -156,7 +166,7 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, columns)
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({key: in_csv(value) for key, value in row.items()} for row in rows)
     write_whole(path, text.getvalue())
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from beamdesign.cli.interruption import pass_on
+from beamdesign.cli.output import shown
 
 Update = Callable[[float, str], None]
 EVERY_S = 30.0
@@ -55,7 +56,7 @@ def lines(name: str, silent: Callable[[], bool] = bool, every_s: float = EVERY_S
     def tell() -> None:
         while not done.wait(every_s):
             if not silent():
-                print(_works[-1].line(), file=sys.stderr, flush=True)
+                print(shown(_works[-1].line()), file=sys.stderr, flush=True)
 
     before = list(_works)
     _works.append(Work(name))
@@ -96,12 +97,13 @@ def display(description: str) -> Iterator[Update]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True, no_color="NO_COLOR" in os.environ)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
+    described, noted = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[note]}"))
+    columns = (described, BarColumn(), noted)
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
-        task = bar.add_task(description, total=1.0, note="")
+        task = bar.add_task(shown(description), total=1.0, note="")
 
         def update(share: float, words: str = "") -> None:
             pass_on()
-            bar.update(task, completed=share, note=words)
+            bar.update(task, completed=share, note=shown(words))
 
         yield update

@@ -10,6 +10,7 @@ from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine
+from beamdesign.spelling import shorter
 
 DURATION_S = 4.0
 SAMPLE_S = 0.5e-3
@@ -54,7 +55,7 @@ def scenario_of(experiment: Experiment, prototype: Prototype) -> Scenario:
         inner_end_mass_kg=experiment.inner_end_mass,
         controller=experiment.controller,
     )
-    name = f"{prototype.name}: next experiment"
+    name = f"{shorter(prototype.name)}: next experiment"
     return Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
 
 

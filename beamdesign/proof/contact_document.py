@@ -9,7 +9,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.polynomial import exact
 from beamdesign.proof.bouncing import Bouncing
 from beamdesign.proof.contact import Contact, Wall
-from beamdesign.proof.document import controller_lines, quoted, rig_lines, sealed
+from beamdesign.proof.document import controller_lines, quoted, remarks, rig_lines, sealed
 from beamdesign.proof.passivity import Band, Environment, Passivity
 from beamdesign.proof.rational import text
 from beamdesign.prototype import Prototype
@@ -51,7 +51,7 @@ class Statements:
 def document(prototype: Prototype, tip: Tip, stated: Statements, summary: str) -> str:
     """Write the certificate; `summary` is the result in words, put on top as a comment."""
     above = [
-        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        *remarks(summary),
         "#",
         "# To prove it again: beamdesign certify --replay THIS-FILE  (proof/replay_contact.py and replay.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",

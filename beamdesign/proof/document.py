@@ -18,6 +18,7 @@ from beamdesign.proof.performance import Claim
 from beamdesign.proof.rational import bounds, simple_between, text
 from beamdesign.proof.stability import StabilityMap
 from beamdesign.prototype import Prototype
+from beamdesign.spelling import one_line
 
 KIND = "beamdesign.mass_range"
 VERSION = 1
@@ -52,7 +53,7 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         summary: the result in words, put on top as a comment.
     """
     above = [
-        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        *remarks(summary),
         "#",
         "# To prove it again with python-flint alone: python replay.py THIS-FILE  (beamdesign/proof/replay.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",
@@ -75,6 +76,11 @@ def document(prototype: Prototype, loop: Loop, stability: StabilityMap, claims: 
         *(line for claim in claims for line in claim_lines(claim)),
     ]
     return sealed(above, below)
+
+
+def remarks(summary: str) -> list[str]:
+    """Lines of words as comments of TOML."""
+    return [f"# {one_line(line)}".rstrip() for line in summary.splitlines()]
 
 
 def sealed(above: Sequence[str], below: Sequence[str]) -> str:

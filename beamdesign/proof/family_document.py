@@ -7,7 +7,15 @@ from flint import fmpq
 
 from beamdesign.members import TWO_PI, Family, Member
 from beamdesign.polynomial import exact
-from beamdesign.proof.document import claim_lines, controller_lines, polynomial_lines, quoted, rig_lines, sealed
+from beamdesign.proof.document import (
+    claim_lines,
+    controller_lines,
+    polynomial_lines,
+    quoted,
+    remarks,
+    rig_lines,
+    sealed,
+)
 from beamdesign.proof.performance import Claim
 from beamdesign.proof.rational import shortened, simple_between, text
 from beamdesign.proof.rectangle import Rectangle
@@ -49,7 +57,7 @@ def document(
         summary: the result in words, put on top as a comment.
     """
     above = [
-        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        *remarks(summary),
         "#",
         "# To prove it again: beamdesign certify --replay THIS-FILE  (proof/replay_members.py and replay.py).",
         "# Lines that begin with # explain; the others are proved. All numbers are exact: decimals or quotients, as",

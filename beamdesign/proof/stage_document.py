@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import pi
 
 from beamdesign.polynomial import exact
-from beamdesign.proof.document import quoted, rig_lines, sealed
+from beamdesign.proof.document import quoted, remarks, rig_lines, sealed
 from beamdesign.proof.rational import text
 from beamdesign.proof.stage_switching import StageSwitching
 from beamdesign.proof.switching_document import matrix_lines
@@ -24,7 +24,7 @@ def stage_document(rig: ScheduledRig, found: StageSwitching, summary: str) -> st
     """
     low, high = (text(exact(value)) for value in found.outer_end_mass_kg)
     head = [
-        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        *remarks(summary),
         "#",
         "# To prove it again with python-flint alone: python -m beamdesign.proof.replay_stages THIS-FILE. All numbers",
         "# are exact: decimals or quotients, as text. P lists the matrix coefficients of m^0, m^1, ... by the rows of",

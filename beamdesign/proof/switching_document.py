@@ -6,7 +6,7 @@ from math import isinf
 from flint import fmpq_mat
 
 from beamdesign.polynomial import exact
-from beamdesign.proof.document import controller_lines, quoted, rig_lines, sealed
+from beamdesign.proof.document import controller_lines, quoted, remarks, rig_lines, sealed
 from beamdesign.proof.lyapunov import Switching
 from beamdesign.proof.rational import text
 from beamdesign.prototype import Prototype
@@ -25,7 +25,7 @@ def switching_document(prototype: Prototype, found: Switching, summary: str) -> 
     """
     low, high = (text(exact(value)) for value in found.outer_end_mass_kg)
     head = [
-        *(f"# {line}".rstrip() for line in summary.splitlines()),
+        *remarks(summary),
         "#",
         "# To prove it again with python-flint alone: python replay_lyapunov.py THIS-FILE",
         "# (beamdesign/proof/replay_lyapunov.py). All numbers are exact: decimals or quotients, as text. P lists the",

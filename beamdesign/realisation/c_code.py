@@ -8,6 +8,7 @@ import numpy as np
 from beamdesign.realisation.c_law import c_lines
 from beamdesign.realisation.emulation import FixedPoint, Float32, to_word
 from beamdesign.realisation.realise import Realisation
+from beamdesign.spelling import in_c
 
 VECTORS = 96
 """Samples of the self-test."""
@@ -66,9 +67,7 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
 
 
 def _comment(lines: list[str]) -> list[str]:
-    """A block comment; what would end it early is broken up."""
-    safe = [line.replace("*/", "* /").replace("/*", "/ *") for line in lines]
-    return ["/*", *(f" * {line}".rstrip() for line in safe), " */"]
+    return ["/*", *(f" * {in_c(line)}".rstrip() for line in lines), " */"]
 
 
 def _header(realisation: Realisation, name: str, notes: tuple[str, ...]) -> str:

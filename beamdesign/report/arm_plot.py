@@ -12,6 +12,7 @@ from beamdesign.arm.remaining import Remaining, Vector
 from beamdesign.arm.result import ArmResult
 from beamdesign.prototype import Prototype
 from beamdesign.report.canvas import STYLES, new_figure
+from beamdesign.spelling import in_plot
 
 CAUSES = {"tip": "tip moves", "turning": "end turns", "twist": "end twists"}
 SHADES = {"tip": "0.25", "turning": "0.6", "twist": "#2a78b8"}
@@ -64,7 +65,7 @@ def draw_arm(prototype: Prototype, found: ArmResult, force_N: Vector, curves: Cu
     draw_remaining(bars, dict(zip(_CASES, (found.without, found.with_servo), strict=True)))
     draw_compliance(over, curves, prototype.goal.compliance_m_per_N)
     load = ", ".join(f"{value:.4g}" for value in force_N)
-    figure.suptitle(f"{prototype.name}: ({load}) N on the payload's centre", fontsize=10)
+    figure.suptitle(f"{in_plot(prototype.name)}: ({load}) N on the payload's centre", fontsize=10)
     return figure
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from beamdesign.gap.blind.baselines import NAMES
 from beamdesign.gap.blind.outcome import Outcome
 from beamdesign.gap.blind.scoring import SMALL, Bin, Score, baseline_scores, calibration, confusion, scores, split
+from beamdesign.spelling import in_markdown
 
 TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
 BASELINE_COLUMNS = ("", "diagnosis", *NAMES)
@@ -103,7 +104,9 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         f"library. {setting['records']} The cases come from a truth model that shares no effect code with the "
         "diagnosis; each was diagnosed from its data alone, in a process that could not read the answers, which had "
         "been sealed by their digests before.",
-        "\n".join(f"- {words}: {setting[key]}" for key, words in _SETTING.items() if setting.get(key)),
+        "\n".join(
+            f"- {words}: {in_markdown(str(setting[key]))}" for key, words in _SETTING.items() if setting.get(key)
+        ),
         "## Against the targets",
         f"Nulls, and cases whose gap is at least {SMALL:g} times the noise floor. Bounds are 95 %: Clopper and Pearson "
         "for rates, bootstrap for means and medians.",
@@ -197,5 +200,6 @@ def _bin_row(b: Bin) -> tuple[str, ...]:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [columns, ["---"] * len(columns), *rows]
+    written = [[in_markdown(cell) for cell in line] for line in (columns, *rows)]
+    lines = [written[0], ["---"] * len(columns), *written[1:]]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.report.canvas import STYLES, new_figure
+from beamdesign.spelling import in_plot
 
 _MOST_POINTS = 3000
 
@@ -77,7 +78,7 @@ def plot_record(record: PlottedRecord) -> Figure:
     # A record that ended early is shown in the time it had, and a little beyond.
     axes[-1].set_xlim(float(times[0]), float(times[-1]) * (1.0 if record.diverged_at_s is None else 1.02))
     axes[-1].set_xlabel("time, s")
-    figure.suptitle(f"{record.name}: {record.verdict}", fontsize=9, x=0.02, ha="left")
+    figure.suptitle(in_plot(f"{record.name}: {record.verdict}"), fontsize=9, x=0.02, ha="left")
     figure.align_ylabels(list(axes))
     return figure
 

@@ -17,6 +17,7 @@ from beamdesign.report.html import controller_rows
 from beamdesign.report.lag_network import lag_network
 from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_text
 from beamdesign.section import SquareTube
+from beamdesign.spelling import in_markdown
 from beamdesign.stock import stock_tubes
 from beamdesign.study.design_run import DesignRun
 
@@ -143,11 +144,6 @@ def _gap_m(prototype: Prototype) -> float:
     return float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
 
 
-def markdown_text(text: str) -> str:
-    """Text that Markdown shows as it is: its marks escaped, on one line."""
-    return re.sub(r"([\\`*_{}\[\]<>#|!~&])", r"\\\1", " ".join(str(text).split()))
-
-
 def _environment() -> Environment:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -156,5 +152,5 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(quantity=quantity, decimal=decimal, mass_range=mass_range_text, plain=markdown_text)
+    environment.filters.update(quantity=quantity, decimal=decimal, mass_range=mass_range_text, plain=in_markdown)
     return environment

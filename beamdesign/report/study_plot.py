@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from beamdesign.records import InputError
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.stable_bands import plot_stable_bands
+from beamdesign.spelling import in_plot
 from beamdesign.study.document_keys import value_at
 from beamdesign.study.sweep_file import Picture, Sweep
 
@@ -63,9 +64,9 @@ def _need(asked: Picture, records: Sequence[Row], *roles: str) -> list[str]:
 
 
 def _finish(axes: Axes, asked: Picture, x: str, y: str) -> None:
-    axes.set_xlabel(asked.x_label or words(x))
-    axes.set_ylabel(asked.y_label or words(y))
-    axes.set_title(asked.title)
+    axes.set_xlabel(in_plot(asked.x_label or words(x)))
+    axes.set_ylabel(in_plot(asked.y_label or words(y)))
+    axes.set_title(in_plot(asked.title))
     axes.grid(True, color="0.9")
 
 
@@ -93,7 +94,7 @@ def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
     for row in records:
         label = asked.series_label or words(asked.series or "")
         name = "" if asked.series is None else f"{label}: {_text(value_of(row, asked.series))}"
-        found.setdefault(name, []).append(row)
+        found.setdefault(in_plot(name), []).append(row)
     return found
 
 
@@ -120,7 +121,7 @@ def _lines(asked: Picture, records: Sequence[Row]) -> Figure:
 
 def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
     x, y = _need(asked, records, "x", "y")
-    names = [_text(value_of(row, x)) for row in records]
+    names = [in_plot(_text(value_of(row, x))) for row in records]
     heights = [value_of(row, y) or 0.0 for row in records]
     figure = new_figure(height_mm=30 + 9 * len(names))
     axes = figure.add_subplot()
@@ -133,10 +134,10 @@ def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
     if asked.limit is not None:
         axes.axvline(asked.limit, color="black", linestyle=(0, (1, 1)))
     _finish(axes, asked, y, x)
-    axes.set_xlabel(asked.x_label or words(y))
+    axes.set_xlabel(in_plot(asked.x_label or words(y)))
     axes.set_ylabel("")
     axes.set_title("")
-    figure.suptitle(asked.title)  # over the whole figure: names of the bars may leave little room
+    figure.suptitle(in_plot(asked.title))  # over the whole figure: names of the bars may leave little room
     axes.grid(False, axis="y")
     return figure
 
@@ -158,7 +159,7 @@ def _map(asked: Picture, records: Sequence[Row]) -> Figure:
     )
     no = [row for row in records if row not in there]
     axes.plot([value_of(row, x) for row in no], [value_of(row, y) for row in no], "x", color="0.4", label="no")
-    figure.colorbar(shown, label=words(value))
+    figure.colorbar(shown, label=in_plot(words(value)))
     if no:
         axes.legend()
     _finish(axes, asked, x, y)
@@ -188,7 +189,7 @@ def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
     axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
     axes.legend(loc="lower right")
     _finish(axes, asked, x, "zero frequency, Hz")
-    axes.set_ylabel(asked.y_label or "zero frequency, Hz")
+    axes.set_ylabel(in_plot(asked.y_label or "zero frequency, Hz"))
     return figure
 
 
@@ -213,8 +214,8 @@ def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
         upper.legend()
     _finish(upper, asked, "", "")
     upper.set_xlabel("")
-    upper.set_ylabel(asked.y_label or "mass on the outer tip, kg")
-    lower.set_xlabel(asked.x_label or words(x))
+    upper.set_ylabel(in_plot(asked.y_label or "mass on the outer tip, kg"))
+    lower.set_xlabel(in_plot(asked.x_label or words(x)))
     lower.set_ylabel("frequency, Hz")
     lower.grid(True, color="0.9")
     return figure

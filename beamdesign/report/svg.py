@@ -7,6 +7,8 @@ from xml.sax.saxutils import quoteattr
 import matplotlib
 from matplotlib.figure import Figure
 
+from beamdesign.spelling import one_line
+
 _GREY = re.compile(r"#([0-9a-fA-F]{2})\1\1\b")
 
 
@@ -36,7 +38,7 @@ def inline_svg(figure: Figure, name: str, description: str) -> str:
     width = re.search(r'width="([0-9.]+)pt"', head)
     head = re.sub(r' (width|height)="[^"]*"', "", head)
     style = f' style="max-width:{float(width[1]) * 4 / 3:.0f}px"' if width else ""
-    return f'{head} role="img" aria-label={quoteattr(description)}{style}>{rest.strip()}'
+    return f'{head} role="img" aria-label={quoteattr(one_line(description))}{style}>{rest.strip()}'
 
 
 def _themed(match: re.Match[str]) -> str:

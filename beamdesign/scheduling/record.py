@@ -12,6 +12,7 @@ from beamdesign import records
 from beamdesign.files import write_whole
 from beamdesign.prototype import Lag, Prototype, Section, Structured
 from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.spelling import shorter
 
 KIND = "scheduled"
 
@@ -137,7 +138,7 @@ class ScheduledRig:
         """A prototype for every stage, with its law and its payloads."""
         return tuple(
             self.prototype.but(
-                name=f"{self.prototype.name}, stage {k}",
+                name=f"{shorter(self.prototype.name)}, stage {k}",
                 controller=stage.law,
                 payload=self.prototype.payload.but(outer_end_mass_kg=stage.outer_end_mass_kg),
                 guarantee=None,

@@ -19,6 +19,7 @@ from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
+from beamdesign.spelling import shorter
 
 COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
 DURATION_S, SAMPLE_S = 4.0, 0.5e-3
@@ -89,7 +90,7 @@ def acceptance_plan(
     dwell = _two_digits(duration_s / 5)
     add("load_steps", masses[-1], LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=dwell, rise_s=0.03))
     scenario = Scenario(
-        name=f"acceptance of {prototype.name}",
+        name=f"acceptance of {shorter(prototype.name)}",
         duration_s=duration_s,
         sample_s=SAMPLE_S,
         start="rest",

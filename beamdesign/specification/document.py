@@ -1,8 +1,13 @@
 """A document of sections that Markdown and HTML pages are both made from, so that they say the same."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from beamdesign.spelling import in_markdown, one_line
+
+_BAR_IN_CELL = r"\|"  # even in code a bare one would end the cell
 
 
 class Paragraph(NamedTuple):
@@ -68,11 +73,11 @@ class Document:
 
 def to_markdown(document: Document) -> str:
     """The document as Markdown; pictures are linked as files."""
-    lines = [f"# {document.kind}: {_escaped(document.title)}", "", _marked(document.verdict), ""]
+    lines = [f"# {document.kind}: {in_markdown(document.title)}", "", _marked(document.verdict), ""]
     if document.key:
         lines += _table(Table(("", "value"), document.key))
     for part in document.parts:
-        lines += [f"## {_escaped(part.title)}", ""]
+        lines += [f"## {in_markdown(part.title)}", ""]
         for block in part.blocks:
             lines += _block(block)
     return "\n".join(lines).strip() + "\n"
@@ -89,20 +94,22 @@ def _block(block: Block) -> list[str]:
         case Table():
             return _table(block)
         case Picture(_, file, caption):
-            return [f"![{_escaped(caption)}]({file})", ""]
+            return [f"![{in_markdown(caption)}]({file})", ""]
 
 
 def _table(table: Table) -> list[str]:
     lines = [] if not table.caption else [f"{_marked(table.caption)}:", ""]
-    lines += [f"| {' | '.join(_marked(head) for head in table.heads)} |", "|" + "---|" * len(table.heads)]
-    return [*lines, *(f"| {' | '.join(_marked(cell) for cell in row)} |" for row in table.rows), ""]
+    lines += [_row(table.heads), "|" + "---|" * len(table.heads)]
+    return [*lines, *(_row(row) for row in table.rows), ""]
 
 
-def _marked(text: str) -> str:
-    """Text on one line, its marks escaped but for code between backticks."""
-    pieces = " ".join(text.split()).split("`")
-    return "".join(f"`{piece}`" if k % 2 else _escaped(piece) for k, piece in enumerate(pieces))
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(_marked(cell, bar=_BAR_IN_CELL) for cell in cells)} |"
 
 
-def _escaped(text: str) -> str:
-    return re.sub(r"([\\`*_{}\[\]<>#|!~&])", r"\\\1", text)
+def _marked(text: str, bar: str = "|") -> str:
+    """Text on one line, its marks escaped but for code between backticks, in which bars are written as given."""
+    pieces = re.split(r"`([^`]+)`", " ".join(text.split()))
+    return "".join(
+        f"`{one_line(piece).replace('|', bar)}`" if k % 2 else in_markdown(piece) for k, piece in enumerate(pieces)
+    )

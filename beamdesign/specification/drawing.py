@@ -9,6 +9,7 @@ from beamdesign import section
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.report.drawing import drawable
 from beamdesign.report.quantity import tube_text
+from beamdesign.spelling import in_dxf, one_line
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -131,7 +132,7 @@ def svg_text(document: "Drawing", description: str) -> str:
     head = re.sub(r' (width|height)="[^"]*"', "", head)
     rest = re.sub(r"\bC(\d+)\b(?=[ \"{])", r"drawing-\1", rest)
     rest = rest.replace("#000000", "var(--ink, #000)")
-    return f'{head} role="img" aria-label={quoteattr(description)}>{rest.strip()}'
+    return f'{head} role="img" aria-label={quoteattr(one_line(description))}>{rest.strip()}'
 
 
 def _tube(record: Beam) -> _Tube:
@@ -268,7 +269,7 @@ def _words(space: "Modelspace", prototype: Prototype, outer: _Tube, inner: _Tube
     top = outer.width / 2 * 1.5 + 44 * scale
     for k, line in enumerate(lines):
         space.add_text(
-            line,
+            in_dxf(line),
             height=(4.0 if k == 0 else 3.0) * scale,
             dxfattribs={"layer": "TEXT", "insert": (min(outer.back, inner.back), top - 5.5 * k * scale)},
         )

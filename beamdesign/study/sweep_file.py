@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
-from beamdesign.records import InputError, NonNegative, Positive, Problem, Record
+from beamdesign.records import FileName, InputError, NonNegative, Positive, Problem, Record
 from beamdesign.study.document_keys import known_keys, wrong_key
 from beamdesign.study.tasks import TASKS, Task
 
@@ -20,7 +20,7 @@ class Work(Record):
     """What every case is put through."""
 
     task: Annotated[str, Field(description="what is computed per case, one of beamdesign.study.tasks")]
-    base: Annotated[str, Field(min_length=1, description="study or prototype file, from this file's folder")]
+    base: Annotated[FileName, Field(min_length=1, description="study or prototype file, from this file's folder")]
     method: Annotated[Method, Field(description="how the cases are chosen")] = "grid"
     cases: Annotated[int, Field(ge=1, le=1_000_000, description="how many samples; of grids every point is taken")] = 64
     seed: Annotated[int, Field(ge=0, description="of the samples and of the optimiser")] = 0

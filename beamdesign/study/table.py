@@ -8,6 +8,7 @@ from typing import Any
 
 from beamdesign.files import write_whole
 from beamdesign.records import InputError
+from beamdesign.spelling import in_csv
 from beamdesign.study.case import short
 
 TABLE = "table"
@@ -49,7 +50,7 @@ def write_columns(folder: Path, table: Sequence[dict[str, Any]], name: str) -> l
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, list(table[0]) if table else ["case"], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(table)
+    writer.writerows({key: in_csv(value) for key, value in row.items()} for row in table)
     write_whole(paths[0], text.getvalue())
     _write_parquet(paths[1], table)
     return paths

@@ -15,7 +15,7 @@ from pydantic import Field
 from beamdesign import records
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.gap.data.dataset import read_columns, uniform_times
-from beamdesign.records import InputError, Problem, Record
+from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
 _CLIPPED = 0.02  # share of samples that hold the very same extreme value
@@ -73,7 +73,7 @@ class BenchSet:
 
 class _Entry(Record):
     file: Annotated[
-        str,
+        FileName,
         Field(
             description="CSV file beside dataset.toml: t_s, command_V, displacement_m and the pressure of one chamber"
         ),
@@ -85,7 +85,7 @@ class _Entry(Record):
 class _File(Record):
     name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
     rig: Annotated[str, Field(description="kind of rig it came from: actuator_bench")]
-    prototype: Annotated[str, Field(description="file of the model that was believed, beside dataset.toml")] = (
+    prototype: Annotated[FileName, Field(description="file of the model that was believed, beside dataset.toml")] = (
         "prototype.toml"
     )
     record: Annotated[tuple[_Entry, ...], Field(min_length=1, description="one run out or back each")]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.records import InputError, Problem
+from beamdesign.spelling import fault
 
 _OFF_PLACE = 0.26  # of a sample interval; times are written with few digits
 _FEWEST = 3
@@ -74,6 +75,8 @@ def _names(path: Path, header: str) -> list[str]:
     if "" in names:
         more = ": it ends with a comma" if names[-1] == "" else ""
         raise InputError(path, [("(file)", f"column {names.index('') + 1} has no name in row 1{more}")])
+    if unfit := [Problem(name, reason) for name in names if (reason := fault(name))]:
+        raise InputError(path, unfit)
     twice = [name for k, name in enumerate(names) if name in names[:k]]
     if twice:
         raise InputError(path, [(name, "stands twice in row 1") for name in dict.fromkeys(twice)])

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from beamdesign import records
 from beamdesign.prototype import Controller
-from beamdesign.records import InputError, NonNegative, Positive, Problem, Record
+from beamdesign.records import FileName, InputError, NonNegative, Positive, Problem, Record
 
 _ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it misspelt
 
@@ -24,7 +24,8 @@ class TimeEntry(Taken):
     """A time record."""
 
     file: Annotated[
-        str, Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m")
+        FileName,
+        Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m"),
     ]
     controller: Controller | None = None
 
@@ -33,7 +34,8 @@ class ResponseEntry(Taken):
     """A frequency response."""
 
     file: Annotated[
-        str, Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg")
+        FileName,
+        Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg"),
     ]
     controller: Controller | None = None
     amplitude_N: Annotated[Positive, Field(description="amplitude of the force it was taken with")] = 1.0
@@ -57,7 +59,7 @@ class Index(Record):
 
     name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
     rig: Annotated[str, Field(description="kind of rig it came from: twin_beam or actuator_bench")] = "twin_beam"
-    prototype: Annotated[str, Field(description="file of the model that was believed, beside dataset.toml")] = (
+    prototype: Annotated[FileName, Field(description="file of the model that was believed, beside dataset.toml")] = (
         "prototype.toml"
     )
     record: tuple[TimeEntry, ...] = ()
