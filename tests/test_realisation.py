@@ -492,7 +492,7 @@ def test_files_state_their_units_and_cannot_be_broken_by_a_name() -> None:
     r = realise(rich(), 2000.0, 16, largest_current_A=0.08)
     files = c_files(r, "a */ name")
     assert set(files) == {HEADER, LAW, SELF_TEST}
-    assert "a * / name" in files[LAW]
+    assert "a <U+002A>/ name" in files[LAW]
     header = files[HEADER]
     assert f"#define CONTROLLER_ERROR_PLACES ({r.signal_places}) /* error in V = word / 2^places */" in header
     for words in (
