@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat
 
+from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.files import write_whole
 from beamdesign.prototype import Prototype, refuse_scheduled
-from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.records import InputError, Problem, Record, numbers
 
 AREA_ROUNDING = 0.05
 """Relative difference between a stated mean area and that of bore and rod which passes as rounding or measurement."""
@@ -19,25 +20,28 @@ AREA_ROUNDING = 0.05
 class BenchActuator(Record):
     """A cylinder with a rod on one side, its load and its end stops."""
 
-    bore_m: Annotated[Positive, Field(lt=1, description="bore of the cylinder")]
-    rod_m: Annotated[NonNegative, Field(lt=1, description="diameter of the rod, on the side of chamber b")]
-    piston_area_m2: Annotated[Positive, Field(lt=1, description="A, average of the two sides")]
-    stroke_m: Annotated[Positive, Field(lt=10, description="from one end stop to the other")]
-    supply_pressure_Pa: Annotated[Positive, Field(lt=1e9, description="of the supply that draws no flow")]
-    tank_pressure_Pa: Annotated[NonNegative, Field(lt=1e8, description="of the return")] = 0.0
+    bore_m: Annotated[q.Bore, Field(description="bore of the cylinder")]
+    rod_m: Annotated[
+        q.RodDiameter,
+        Field(description="diameter of the rod, on the side of chamber b"),
+    ]
+    piston_area_m2: Annotated[q.PistonArea, Field(description="A, average of the two sides")]
+    stroke_m: Annotated[q.Stroke, Field(description="from one end stop to the other")]
+    supply_pressure_Pa: Annotated[q.SupplyPressure, Field(description="of the supply that draws no flow")]
+    tank_pressure_Pa: Annotated[q.TankPressure, Field(description="of the return")] = 0.0
     line_loss_Pa_s2_per_m6: Annotated[
-        NonNegative, Field(description="pressure lost over flow squared in each of the lines to and from the valve")
+        q.LineLoss, Field(description="pressure lost over flow squared in each of the lines to and from the valve")
     ] = 0.0
     piston_leakage_m3_per_s_per_Pa: Annotated[
-        NonNegative, Field(lt=1e-8, description="from chamber to chamber past the piston")
+        q.Leakage, Field(description="from chamber to chamber past the piston")
     ] = 0.0
-    constant_load_N: Annotated[FiniteFloat, Field(description="constant force against extension")] = 0.0
-    moving_mass_kg: Annotated[Positive, Field(description="piston, rod and what they carry")] = 0.5
+    constant_load_N: Annotated[q.SignedForce, Field(description="constant force against extension")] = 0.0
+    moving_mass_kg: Annotated[q.Mass, Field(description="piston, rod and what they carry")] = 0.5
     dead_volume_m3: Annotated[
-        Positive, Field(lt=0.1, description="oil of each chamber with the piston against it, lines included")
+        q.Volume, Field(description="oil of each chamber with the piston against it, lines included")
     ] = 1e-5
-    oil_bulk_modulus_Pa: Annotated[Positive, Field(lt=1e11, description="of the oil with its lines")] = 1.4e9
-    stop_stiffness_N_per_m: Annotated[Positive, Field(lt=1e9, description="of either end stop")] = 2e7
+    oil_bulk_modulus_Pa: Annotated[q.BulkModulus, Field(description="of the oil with its lines")] = 1.4e9
+    stop_stiffness_N_per_m: Annotated[q.Stiffness, Field(description="of either end stop")] = 2e7
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -64,39 +68,42 @@ class BenchServovalve(Record):
     """A servovalve with its amplifier, whose flow is known per volt of command."""
 
     flow_gain_m3_per_s_per_V: Annotated[
-        Positive, Field(lt=1, description="no-load flow per command, half the supply pressure across each edge")
+        q.FlowPerVolt, Field(description="no-load flow per command, half the supply pressure across each edge")
     ]
     amplifier_A_per_V: Annotated[
-        Positive, Field(description="current per command; sets the scale of effects that are stated in amperes")
+        q.LawGain, Field(description="current per command; sets the scale of effects that are stated in amperes")
     ] = 1e-3
-    null_V: Annotated[FiniteFloat, Field(description="command at which the valve is shut")] = 0.0
+    null_V: Annotated[q.SignedVoltage, Field(description="command at which the valve is shut")] = 0.0
     edge_b_ratio: Annotated[
-        Positive, Field(le=2, description="flow of the edge from the supply to chamber b over that of the other edges")
+        q.EdgeRatio,
+        Field(description="flow of the edge from the supply to chamber b over that of the other edges"),
     ] = 1.0
-    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-8, description="K_pq, of the closed valve")] = 0.0
-    natural_frequency_Hz: Annotated[Positive, Field(description="f_n of the spool")] = 100.0
-    damping_ratio: Annotated[Positive, Field(lt=10, description="xi of the spool")] = 0.7
+    leakage_m3_per_s_per_Pa: Annotated[q.Leakage, Field(description="K_pq, of the closed valve")] = 0.0
+    natural_frequency_Hz: Annotated[q.ComponentFrequency, Field(description="f_n of the spool")] = 100.0
+    damping_ratio: Annotated[q.SpoolDamping, Field(description="xi of the spool")] = 0.7
 
 
 class BenchSensors(Record):
     """Filters of the recorded channels, first order; none: nothing between the quantity and its record."""
 
-    displacement_zero_m: Annotated[FiniteFloat, Field(description="reading at the retracted stop")] = 0.0
-    displacement_most_m: Annotated[FiniteFloat | None, Field(description="reading beyond which it does not go")] = None
-    displacement_filter_Hz: Annotated[Positive | None, Field(description="break frequency")] = None
-    pressure_filter_Hz: Annotated[Positive, Field(description="break frequency, of the gauges at least")] = 1000.0
+    displacement_zero_m: Annotated[q.Position, Field(description="reading at the retracted stop")] = 0.0
+    displacement_most_m: Annotated[q.Position | None, Field(description="reading beyond which it does not go")] = None
+    displacement_filter_Hz: Annotated[q.ComponentFrequency | None, Field(description="break frequency")] = None
+    pressure_filter_Hz: Annotated[
+        q.ComponentFrequency, Field(description="break frequency, of the gauges at least")
+    ] = 1000.0
 
 
 class BenchTolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
     flow_gain: Annotated[
-        NonNegative, Field(description="relative standard deviation of the flow gain of the valve")
+        q.RelativeStd, Field(description="relative standard deviation of the flow gain of the valve")
     ] = 0.0
-    piston_area: Annotated[NonNegative, Field(description="relative standard deviation of the piston area")] = 0.0
-    supply_pressure: Annotated[NonNegative, Field(description="relative standard deviation of the supply pressure")] = (
-        0.0
-    )
+    piston_area: Annotated[q.RelativeStd, Field(description="relative standard deviation of the piston area")] = 0.0
+    supply_pressure: Annotated[
+        q.RelativeStd, Field(description="relative standard deviation of the supply pressure")
+    ] = 0.0
 
 
 class BenchPrototype(Record):

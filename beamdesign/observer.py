@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
-from beamdesign.records import Positive, Problem, Record
+from beamdesign import quantities as q
+from beamdesign.records import Problem, Record
 
 Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa"]
 SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
@@ -13,7 +14,7 @@ SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pr
 
 LARGEST_ORDER = 12
 
-Row = tuple[FiniteFloat, ...]
+Row = tuple[q.MatrixEntry, ...]
 
 
 class Observer(Record):
@@ -25,7 +26,7 @@ class Observer(Record):
     """
 
     kind: Annotated[Literal["observer"], Field(description="which law, with its own figures")] = "observer"
-    gain_A_per_V: Annotated[Positive, Field(description="factor on the whole law, so that it alone scales the loop")]
+    gain_A_per_V: Annotated[q.LawGain, Field(description="factor on the whole law, so that it alone scales the loop")]
     sensors: Annotated[
         tuple[Sensed, ...], Field(description="what it senses, each once, displacement_m first; they order b and d")
     ]

@@ -6,28 +6,39 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.materials import unknown_material
-from beamdesign.prototype import FIT_M, Actuator, Beam, Goal, Payload, Prototype, Sensor, Servovalve, Tolerance
-from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+from beamdesign.prototype import (
+    Actuator,
+    Beam,
+    Goal,
+    Payload,
+    Prototype,
+    Sensor,
+    Servovalve,
+    Tolerance,
+    beams_that_do_not_fit,
+)
+from beamdesign.records import Problem, Record, numbers
 
 
 class Load(Record):
     """What the link has to carry."""
 
-    tip_force_N: Annotated[Positive, Field(description="transverse force at the tip")]
+    tip_force_N: Annotated[q.Force, Field(description="transverse force at the tip")]
 
 
 class BeamProblem(Record):
     """A beam whose section is still open; a given section is the fixed choice, or the one to compare with."""
 
-    length_m: Annotated[Positive, Field(lt=100, description="full length of the tube, clamp included")]
-    free_length_m: Annotated[Positive, Field(lt=100, description="length from the clamp to the tip")]
+    length_m: Annotated[q.Length, Field(description="full length of the tube, clamp included")]
+    free_length_m: Annotated[q.Length, Field(description="length from the clamp to the tip")]
     material: Annotated[str, Field(description="name of an alloy in beamdesign.materials")]
-    end_mass_kg: Annotated[NonNegative, Field(description="M_end of equation (5), always fixed to the tip")] = 0.0
-    damping_ratio: Annotated[NonNegative, Field(lt=1, description="zeta of the bare beam")] = 0.05
-    width_m: Annotated[Positive | None, Field(lt=2, description="outside width of a given section")] = None
-    wall_m: Annotated[Positive | None, Field(lt=1, description="wall of a given section")] = None
+    end_mass_kg: Annotated[q.MassOrNone, Field(description="M_end of equation (5), always fixed to the tip")] = 0.0
+    damping_ratio: Annotated[q.StructuralDamping, Field(description="zeta of the bare beam")] = 0.05
+    width_m: Annotated[q.Width | None, Field(description="outside width of a given section")] = None
+    wall_m: Annotated[q.Wall | None, Field(description="wall of a given section")] = None
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -51,10 +62,10 @@ class Sections(Record):
     choose: Annotated[
         Literal["free", "stock", "fixed"], Field(description="free sizes, stock sizes, or the sections given")
     ] = "stock"
-    least_wall_m: Annotated[Positive, Field(description="thinnest wall that may be used")] = _SIZES["least_wall_m"]
-    largest_width_m: Annotated[Positive, Field(description="widest tube that may be used")] = _SIZES["largest_width_m"]
+    least_wall_m: Annotated[q.Wall, Field(description="thinnest wall that may be used")] = _SIZES["least_wall_m"]
+    largest_width_m: Annotated[q.Width, Field(description="widest tube that may be used")] = _SIZES["largest_width_m"]
     width_to_wall_at_most: Annotated[
-        Positive | None, Field(description="limit of b / t, beside the check of local buckling")
+        q.Slenderness | None, Field(description="limit of b / t, beside the check of local buckling")
     ] = None
 
     @classmethod
@@ -67,17 +78,15 @@ class Sections(Record):
 class Clearance(Record):
     """Gap between the inner beam and the outer one's inside, per side."""
 
-    assembly_m: Annotated[NonNegative, Field(description="least gap before any load")] = 0.005
-    under_load_m: Annotated[NonNegative, Field(description="least gap left when the inner beam carries the load")] = (
-        0.003
-    )
+    assembly_m: Annotated[q.Gap, Field(description="least gap before any load")] = 0.005
+    under_load_m: Annotated[q.Gap, Field(description="least gap left when the inner beam carries the load")] = 0.003
 
 
 class Safety(Record):
     """Factors on the load against each failure."""
 
-    strength: Annotated[Positive, Field(ge=1, description="factor against yield in bending")] = 2.0
-    local_buckling: Annotated[Positive, Field(ge=1, description="factor against bending resistance of thin walls")] = (
+    strength: Annotated[q.SafetyFactor, Field(description="factor against yield in bending")] = 2.0
+    local_buckling: Annotated[q.SafetyFactor, Field(description="factor against bending resistance of thin walls")] = (
         1.5
     )
 
@@ -86,7 +95,7 @@ class ControllerKind(Record):
     """Which controller the tuner is to find."""
 
     kind: Annotated[Literal["proportional", "lag"], Field(description="law that the tuner works with")] = "lag"
-    largest_inner_end_mass_kg: Annotated[NonNegative, Field(description="most mass the tuner may add inside")] = 6.0
+    largest_inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="most mass the tuner may add inside")] = 6.0
 
 
 class DesignProblem(Record):
@@ -110,11 +119,7 @@ class DesignProblem(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Given sections fit into each other, fixed ones are given, and there is a payload range."""
-        figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
-            yield Problem(
-                "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
-            )
+        yield from beams_that_do_not_fit(table)
         sections, payload = table.get("sections"), table.get("payload")
         if isinstance(sections, Mapping) and sections.get("choose") == "fixed":
             for name in ("outer_beam", "inner_beam"):

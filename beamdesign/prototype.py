@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat
 
+from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.files import write_whole
 from beamdesign.materials import unknown_material
@@ -18,23 +19,28 @@ COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 FIT_M = 1e-9
 """Least play of a tube inside another; what differs by less is the same size, rounded differently."""
 
+LENGTHS_APART = 10.0
+"""Largest ratio of the free lengths of beams that move side by side; beyond, one is in another unit."""
+
 
 class Beam(Record):
     """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
 
-    stiffness_N_per_m: Annotated[Positive | None, Field(description="tip stiffness K on the free length")] = None
+    stiffness_N_per_m: Annotated[q.Stiffness | None, Field(description="tip stiffness K on the free length")] = None
     effective_mass_kg: Annotated[
-        Positive | None, Field(description="lumped mass at the tip, equation (5), without payload or added end mass")
+        q.Mass | None, Field(description="lumped mass at the tip, equation (5), without payload or added end mass")
     ] = None
-    damping_ratio: Annotated[NonNegative, Field(lt=1, description="zeta of the bare beam; b = 2 zeta sqrt(K M)")] = 0.05
-    width_m: Annotated[Positive | None, Field(lt=2, description="outside width of the square tube")] = None
-    wall_m: Annotated[Positive | None, Field(lt=1, description="wall thickness of the square tube")] = None
-    corner_radius_m: Annotated[NonNegative, Field(lt=1, description="outside corner radius; 0 is a sharp corner")] = 0.0
-    length_m: Annotated[Positive | None, Field(lt=100, description="full length of the tube, clamp included")] = None
-    free_length_m: Annotated[Positive | None, Field(lt=100, description="length from the clamp to the tip")] = None
+    damping_ratio: Annotated[q.StructuralDamping, Field(description="zeta of the bare beam; b = 2 zeta sqrt(K M)")] = (
+        0.05
+    )
+    width_m: Annotated[q.Width | None, Field(description="outside width of the square tube")] = None
+    wall_m: Annotated[q.Wall | None, Field(description="wall thickness of the square tube")] = None
+    corner_radius_m: Annotated[q.Gap, Field(description="outside corner radius; 0 is a sharp corner")] = 0.0
+    length_m: Annotated[q.Length | None, Field(description="full length of the tube, clamp included")] = None
+    free_length_m: Annotated[q.Length | None, Field(description="length from the clamp to the tip")] = None
     material: Annotated[str | None, Field(description="name of an alloy in beamdesign.materials")] = None
     end_mass_kg: Annotated[
-        NonNegative, Field(description="M_end of equation (5): what is always fixed to the tip (actuator module)")
+        q.MassOrNone, Field(description="M_end of equation (5): what is always fixed to the tip (actuator module)")
     ] = 0.0
 
     @property
@@ -64,10 +70,10 @@ class Beam(Record):
 class Actuator(Record):
     """The hydraulic cylinder between the beam tips."""
 
-    piston_area_m2: Annotated[Positive, Field(lt=1, description="A, average of the two sides")]
-    oil_stiffness_N_per_m: Annotated[Positive, Field(description="K_c, oil spring between piston and outer beam")]
+    piston_area_m2: Annotated[q.PistonArea, Field(description="A, average of the two sides")]
+    oil_stiffness_N_per_m: Annotated[q.Stiffness, Field(description="K_c, oil spring between piston and outer beam")]
     stroke_m: Annotated[
-        Positive | None, Field(lt=10, description="from one end stop to the other; the rig rests in the middle")
+        q.Stroke | None, Field(description="from one end stop to the other; the rig rests in the middle")
     ] = None
 
 
@@ -77,65 +83,65 @@ class Servovalve(Record):
     Source: Zalucky and Hardt (1984), equations (13) and (14).
     """
 
-    flow_gain_m3_per_s_per_A: Annotated[Positive, Field(lt=10, description="K_q, no-load flow gain")]
-    leakage_m3_per_s_per_Pa: Annotated[NonNegative, Field(lt=1e-8, description="K_pq = K_q / K_p")]
-    natural_frequency_Hz: Annotated[Positive, Field(description="f_n of the spool")]
+    flow_gain_m3_per_s_per_A: Annotated[q.FlowPerCurrent, Field(description="K_q, no-load flow gain")]
+    leakage_m3_per_s_per_Pa: Annotated[q.Leakage, Field(description="K_pq = K_q / K_p")]
+    natural_frequency_Hz: Annotated[q.ComponentFrequency, Field(description="f_n of the spool")]
     damping_ratio: Annotated[
-        Positive, Field(lt=10, description="xi; the paper does not give it, 0.5 reproduces its critical gains")
+        q.SpoolDamping, Field(description="xi; the paper does not give it, 0.5 reproduces its critical gains")
     ] = 0.5
-    rated_current_A: Annotated[Positive | None, Field(lt=10, description="current at which it is fully open")] = None
+    rated_current_A: Annotated[q.Current | None, Field(description="current at which it is fully open")] = None
 
 
 class Supply(Record):
     """The hydraulic supply. It has no part in the linear model."""
 
-    pressure_Pa: Annotated[Positive, Field(ge=1e6, le=1e8, description="p_S, above the tank")] = 20e6
-    flow_m3_per_s: Annotated[Positive | None, Field(lt=1, description="largest that it keeps up its pressure at")] = (
-        None
-    )
+    pressure_Pa: Annotated[q.SupplyPressure, Field(description="p_S, above the tank")] = 20e6
+    flow_m3_per_s: Annotated[q.FlowRate | None, Field(description="largest that it keeps up its pressure at")] = None
 
 
 class Sensor(Record):
     """Displacement sensor with its amplifier, and the low-pass filter that may follow it."""
 
-    gain_V_per_m: Annotated[Positive, Field(description="F, sensor and op-amp gain")]
-    filter_Hz: Annotated[Positive | None, Field(description="break frequency of a first-order low-pass filter")] = None
-    noise_V: Annotated[NonNegative | None, Field(description="RMS of what the sensor gives when nothing moves")] = None
-    resolution_m: Annotated[NonNegative | None, Field(lt=1, description="least displacement it tells")] = None
+    gain_V_per_m: Annotated[q.SensorGain, Field(description="F, sensor and op-amp gain")]
+    filter_Hz: Annotated[
+        q.ComponentFrequency | None, Field(description="break frequency of a first-order low-pass filter")
+    ] = None
+    noise_V: Annotated[q.Noise | None, Field(description="RMS of what the sensor gives when nothing moves")] = None
+    resolution_m: Annotated[q.Resolution | None, Field(description="least displacement it tells")] = None
 
 
 class Proportional(Record):
     """C(s) = 1."""
 
     kind: Annotated[Literal["proportional"], Field(description="which law, with its own figures")] = "proportional"
-    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain")]
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain")]
 
 
 class Lag(Record):
     """C(s) = (1 + s / zero) / (1 + s / pole)."""
 
     kind: Annotated[Literal["lag"], Field(description="which law, with its own figures")] = "lag"
-    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain at zero frequency")]
-    pole_Hz: Annotated[Positive, Field(description="lower break frequency")]
-    zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
+    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
 
 
 class Section(Record):
     """C_i(s) = (1 + 2 d s / z + s^2 / z^2) / (1 + 2 e s / p + s^2 / p^2), one second-order section of a controller."""
 
-    zero_Hz: Annotated[Positive, Field(le=1e5, description="z, natural frequency of the numerator")]
-    zero_damping_ratio: Annotated[Positive, Field(le=100, description="d, of the numerator; small is a notch")]
-    pole_Hz: Annotated[Positive, Field(le=1e5, description="p, natural frequency of the denominator")]
-    pole_damping_ratio: Annotated[Positive, Field(le=100, description="e, of the denominator; small is a resonance")]
+    zero_Hz: Annotated[q.Frequency, Field(description="z, natural frequency of the numerator")]
+    zero_damping_ratio: Annotated[q.SectionDamping, Field(description="d, of the numerator; small is a notch")]
+    pole_Hz: Annotated[q.Frequency, Field(description="p, natural frequency of the denominator")]
+    pole_damping_ratio: Annotated[q.SectionDamping, Field(description="e, of the denominator; small is a resonance")]
 
 
 class Structured(Record):
     """C(s) = (1 + s / zero) / (1 + s / pole) times its second-order sections: a lag with up to three of them."""
 
     kind: Annotated[Literal["structured"], Field(description="which law, with its own figures")] = "structured"
-    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain at zero frequency")]
-    pole_Hz: Annotated[Positive, Field(description="lower break frequency")]
-    zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
+    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
     section: Annotated[
         tuple[Section, ...], Field(min_length=1, max_length=3, description="second-order sections behind the lag")
     ]
@@ -147,9 +153,9 @@ Controller = Annotated[Proportional | Lag | Structured | Observer, Field(discrim
 class Compliance(Record):
     """What a compliant [controller] stands for: the servo's command moves by the force on the tip over a stiffness."""
 
-    end_stiffness_N_per_m: Annotated[Positive, Field(description="static stiffness F / x of the end, as commanded")]
+    end_stiffness_N_per_m: Annotated[q.Stiffness, Field(description="static stiffness F / x of the end, as commanded")]
     force_filter_Hz: Annotated[
-        Positive, Field(description="break frequency of the low-pass that the estimated force goes through")
+        q.ComponentFrequency, Field(description="break frequency of the low-pass that the estimated force goes through")
     ]
     servo: Annotated[
         Proportional | Lag | Structured, Field(discriminator="kind", description="law that holds the tip at a command")
@@ -160,11 +166,12 @@ class Payload(Record):
     """Masses at the tips beyond the bare rig."""
 
     outer_end_mass_kg: Annotated[
-        tuple[NonNegative, NonNegative] | None, Field(description="range [least, most] of mass on the outer beam's tip")
+        tuple[q.MassOrNone, q.MassOrNone] | None,
+        Field(description="range [least, most] of mass on the outer beam's tip"),
     ] = None
-    inner_end_mass_kg: Annotated[NonNegative, Field(description="mass added to the inner beam's tip")] = 0.0
+    inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass added to the inner beam's tip")] = 0.0
     largest_force_N: Annotated[
-        NonNegative | None,
+        q.ForceOrNone | None,
         Field(description="steady force on the tip beside the payload's weight, for effects of the load"),
     ] = None
 
@@ -179,7 +186,7 @@ class Payload(Record):
             yield Problem("outer_end_mass_kg", f"empty mass range: {pair[0]} is above {pair[1]}; write [least, most]")
 
 
-Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Point = tuple[q.Position, q.Position, q.Position]
 """Seen from the tip: along the beam and away from it (x), sideways (y), upwards (z)."""
 
 
@@ -203,16 +210,17 @@ class Arm(Record):
         Point | None, Field(description="where the servos measure, likewise; the tip, on the axis, where absent")
     ] = None
     end_polar_inertia_kg_m2: Annotated[
-        NonNegative, Field(description="of the end module about the beam's axis, without the tube")
+        q.PolarInertia, Field(description="of the end module about the beam's axis, without the tube")
     ] = 0.0
     payload_polar_inertia_kg_m2: Annotated[
-        NonNegative, Field(description="of the payload about its own centre line along x, whatever its mass")
+        q.PolarInertia, Field(description="of the payload about its own centre line along x, whatever its mass")
     ] = 0.0
     torsional_stiffness_N_m_per_rad: Annotated[
-        Positive | None, Field(description="of the outer beam from clamp to tip; else from its section and material")
+        q.TorsionalStiffness | None,
+        Field(description="of the outer beam from clamp to tip; else from its section and material"),
     ] = None
     torsional_damping_ratio: Annotated[
-        NonNegative | None, Field(lt=1, description="zeta of torsion without payload; else that of the outer beam")
+        q.StructuralDamping | None, Field(description="zeta of torsion without payload; else that of the outer beam")
     ] = None
     second_controller: Annotated[
         Controller | None, Field(description="law of the compensator in y; that of [controller] where absent")
@@ -223,34 +231,40 @@ class Tolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
     stiffness: Annotated[
-        NonNegative, Field(description="relative standard deviation of the tip stiffness of either beam")
+        q.RelativeStd, Field(description="relative standard deviation of the tip stiffness of either beam")
     ] = 0.0
     effective_mass: Annotated[
-        NonNegative, Field(description="relative standard deviation of the effective mass of either beam")
+        q.RelativeStd, Field(description="relative standard deviation of the effective mass of either beam")
     ] = 0.0
     beam_damping_ratio: Annotated[
-        NonNegative, Field(description="relative standard deviation of the damping ratio of either beam")
+        q.RelativeStd, Field(description="relative standard deviation of the damping ratio of either beam")
     ] = 0.0
-    oil_stiffness: Annotated[NonNegative, Field(description="relative standard deviation of the oil spring")] = 0.0
-    piston_area: Annotated[NonNegative, Field(description="relative standard deviation of the piston area")] = 0.0
+    oil_stiffness: Annotated[q.RelativeStd, Field(description="relative standard deviation of the oil spring")] = 0.0
+    piston_area: Annotated[q.RelativeStd, Field(description="relative standard deviation of the piston area")] = 0.0
     flow_gain: Annotated[
-        NonNegative, Field(description="relative standard deviation of the flow gain of the valve")
+        q.RelativeStd, Field(description="relative standard deviation of the flow gain of the valve")
     ] = 0.0
-    leakage: Annotated[NonNegative, Field(description="relative standard deviation of the leakage of the valve")] = 0.0
-    valve_natural_frequency: Annotated[
-        NonNegative, Field(description="relative standard deviation of the valve's natural frequency")
-    ] = 0.0
-    valve_damping_ratio: Annotated[
-        NonNegative, Field(description="relative standard deviation of the valve's damping ratio")
-    ] = 0.0
-    sensor_gain: Annotated[NonNegative, Field(description="relative standard deviation of the gain of the sensor")] = (
+    leakage: Annotated[q.RelativeStd, Field(description="relative standard deviation of the leakage of the valve")] = (
         0.0
     )
-    sensor_filter: Annotated[
-        NonNegative, Field(description="relative standard deviation of the break frequency of the sensor's filter")
+    valve_natural_frequency: Annotated[
+        q.RelativeStd, Field(description="relative standard deviation of the valve's natural frequency")
     ] = 0.0
-    outer_end_mass: Annotated[NonNegative, Field(description="relative standard deviation of the outer end mass")] = 0.0
-    inner_end_mass: Annotated[NonNegative, Field(description="relative standard deviation of the inner end mass")] = 0.0
+    valve_damping_ratio: Annotated[
+        q.RelativeStd, Field(description="relative standard deviation of the valve's damping ratio")
+    ] = 0.0
+    sensor_gain: Annotated[
+        q.RelativeStd, Field(description="relative standard deviation of the gain of the sensor")
+    ] = 0.0
+    sensor_filter: Annotated[
+        q.RelativeStd, Field(description="relative standard deviation of the break frequency of the sensor's filter")
+    ] = 0.0
+    outer_end_mass: Annotated[q.RelativeStd, Field(description="relative standard deviation of the outer end mass")] = (
+        0.0
+    )
+    inner_end_mass: Annotated[q.RelativeStd, Field(description="relative standard deviation of the inner end mass")] = (
+        0.0
+    )
 
 
 class Goal(Record):
@@ -259,15 +273,15 @@ class Goal(Record):
     Source: Zalucky and Hardt (1984), whose goal is -100 dB of inch per pound-force.
     """
 
-    compliance_m_per_N: Annotated[Positive, Field(description="limit of |x / F_d|")] = COMPLIANCE_LIMIT_M_PER_N
-    peak_sensitivity: Annotated[Positive, Field(gt=1, description="limit of max |1 / (1 + L)|")] = 2.0
+    compliance_m_per_N: Annotated[q.ComplianceLimit, Field(description="limit of |x / F_d|")] = COMPLIANCE_LIMIT_M_PER_N
+    peak_sensitivity: Annotated[q.PeakSensitivity, Field(description="limit of max |1 / (1 + L)|")] = 2.0
     loop_gain: Annotated[
-        Positive | None,
+        q.LoopGain | None,
         Field(description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"),
     ] = None
-    loop_gain_from_Hz: Annotated[Positive, Field(le=1e5, description="from where on loop_gain is a limit")] = 250.0
+    loop_gain_from_Hz: Annotated[q.Frequency, Field(description="from where on loop_gain is a limit")] = 250.0
     controller_effort_A_per_V: Annotated[
-        Positive | None,
+        q.LawGain | None,
         Field(description="limit of |C / (1 + L)|, current over volts of noise or command; none: no limit"),
     ] = None
 
@@ -278,7 +292,7 @@ class Guarantee(Record):
     bandwidth_Hz: Annotated[NonNegative, Field(description="up to which the compliance is proved to keep to its goal")]
     peak_sensitivity: Annotated[Positive, Field(description="proved bound of max |1 / (1 + L)|")]
     outer_end_mass_kg: Annotated[
-        tuple[NonNegative, NonNegative],
+        tuple[q.MassOrNone, q.MassOrNone],
         Field(description="range [least, most] of mass on the outer tip that it holds for"),
     ]
     certificate: Annotated[FileName, Field(description="file of the proof, beside the prototype")]
@@ -312,12 +326,21 @@ class Prototype(Record):
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
-        """The inner beam fits inside the outer one."""
-        figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
-        if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
-            yield Problem(
-                "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
-            )
+        """The beams fit each other."""
+        yield from beams_that_do_not_fit(table)
+
+
+def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:
+    """What is wrong between the beams of a table: the inner one goes inside the outer, and is about as long."""
+    figures = numbers(table, "inner_beam.width_m", "outer_beam.width_m", "outer_beam.wall_m")
+    if figures and figures[0] > (opening := figures[1] - 2 * figures[2]) - FIT_M > 0:
+        yield Problem(
+            "inner_beam.width_m", f"{figures[0]} does not fit inside the outer beam, whose opening is {opening:.6g}"
+        )
+    pair = numbers(table, "inner_beam.free_length_m", "outer_beam.free_length_m")
+    if pair and min(pair) > 0 and max(pair) > LENGTHS_APART * min(pair):
+        words = f"is {pair[0]:g} m, more than a factor of {LENGTHS_APART:g} from the outer beam's {pair[1]:g} m"
+        yield Problem("inner_beam.free_length_m", words)
 
 
 def read_prototype(path: str | Path) -> Prototype:

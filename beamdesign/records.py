@@ -249,6 +249,9 @@ def _reason(item: Any) -> str:
     match kind:
         case "missing":
             return "missing"
+        case "implausible":
+            key = [step for step in item["loc"] if isinstance(step, str)][-1]
+            return str(context["range"].refusal(_shown(given), key))
         case "relation" | "said":
             return str(item["msg"])
         case "finite_number":

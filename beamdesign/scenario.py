@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
+from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.prototype import Controller
-from beamdesign.records import FileName, InputError, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.records import FileName, InputError, Problem, Record, numbers
 
 CHANNELS = ("disturbance_N", "command_V")
 
@@ -17,8 +18,8 @@ CHANNELS = ("disturbance_N", "command_V")
 class _Amplitude(Record):
     """A signal on one channel: a force where `amplitude_N` is given, a command where `amplitude_V` is."""
 
-    amplitude_N: Annotated[FiniteFloat | None, Field(description="peak of a force on the outer tip")] = None
-    amplitude_V: Annotated[FiniteFloat | None, Field(description="peak of a command")] = None
+    amplitude_N: Annotated[q.SignedForce | None, Field(description="peak of a force on the outer tip")] = None
+    amplitude_V: Annotated[q.SignedVoltage | None, Field(description="peak of a command")] = None
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -44,27 +45,27 @@ class Step(_Amplitude):
     """From zero to the amplitude along half a cosine, and back where it has a length."""
 
     kind: Annotated[Literal["step"], Field(description="shape of the signal")] = "step"
-    at_s: Annotated[NonNegative, Field(description="when it begins")] = 0.1
-    rise_s: Annotated[Positive, Field(description="how long it takes to rise")] = 0.002
-    length_s: Annotated[Positive | None, Field(description="after which it goes back to zero; none: it stays")] = None
+    at_s: Annotated[q.DurationOrNone, Field(description="when it begins")] = 0.1
+    rise_s: Annotated[q.Duration, Field(description="how long it takes to rise")] = 0.002
+    length_s: Annotated[q.Duration | None, Field(description="after which it goes back to zero; none: it stays")] = None
 
 
 class Sine(_Amplitude):
     """A sine from time zero, faded in over a given time."""
 
     kind: Annotated[Literal["sine"], Field(description="shape of the signal")] = "sine"
-    frequency_Hz: Annotated[Positive, Field(description="of the sine")]
-    fade_s: Annotated[NonNegative, Field(description="over which it fades in; 0: at once")] = 0.1
+    frequency_Hz: Annotated[q.Frequency, Field(description="of the sine")]
+    fade_s: Annotated[q.DurationOrNone, Field(description="over which it fades in; 0: at once")] = 0.1
 
 
 class Multisine(_Amplitude):
     """Equal lines at multiples of 1/duration within a band, with random phases; scaled to the amplitude as its peak."""
 
     kind: Annotated[Literal["multisine"], Field(description="shape of the signal")] = "multisine"
-    low_Hz: Annotated[Positive, Field(description="lower end of the band")] = 1.0
-    high_Hz: Annotated[Positive, Field(description="upper end of the band")] = 100.0
+    low_Hz: Annotated[q.Frequency, Field(description="lower end of the band")] = 1.0
+    high_Hz: Annotated[q.Frequency, Field(description="upper end of the band")] = 100.0
     seed: Annotated[int, Field(ge=0, description="of the random phases; the same seed gives the same signal")] = 0
-    fade_s: Annotated[NonNegative, Field(description="over which it fades in; 0: at once")] = 0.1
+    fade_s: Annotated[q.DurationOrNone, Field(description="over which it fades in; 0: at once")] = 0.1
 
 
 class LoadSteps(_Amplitude):
@@ -72,10 +73,11 @@ class LoadSteps(_Amplitude):
 
     kind: Annotated[Literal["load_steps"], Field(description="shape of the signal")] = "load_steps"
     levels: Annotated[
-        tuple[FiniteFloat, ...], Field(min_length=1, description="one after another, as shares of the amplitude")
+        tuple[q.Level, ...],
+        Field(min_length=1, description="one after another, as shares of the amplitude"),
     ] = (1.0, 0.0, -1.0, 0.0)
-    dwell_s: Annotated[Positive, Field(description="how long each level lasts")] = 0.5
-    rise_s: Annotated[Positive, Field(description="how long each change takes")] = 0.01
+    dwell_s: Annotated[q.Duration, Field(description="how long each level lasts")] = 0.5
+    rise_s: Annotated[q.Duration, Field(description="how long each change takes")] = 0.01
 
 
 class FromCsv(Record):
@@ -91,9 +93,9 @@ Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discrimin
 class Sampled(Record):
     """A controller that works at sample times instead of continuously."""
 
-    period_s: Annotated[Positive, Field(description="from sample to sample; a whole multiple of sample_s")]
+    period_s: Annotated[q.Duration, Field(description="from sample to sample; a whole multiple of sample_s")]
     delay_periods: Annotated[int, Field(ge=0, le=100, description="how many periods late its output is")] = 0
-    least_volt_V: Annotated[NonNegative, Field(description="step of the converter that reads the sensor")] = 0.0
+    least_volt_V: Annotated[q.Noise, Field(description="step of the converter that reads the sensor")] = 0.0
 
 
 class Measurement(Record):
@@ -101,33 +103,32 @@ class Measurement(Record):
 
     seed: Annotated[int, Field(ge=0, description="of the random noise; the same seed gives the same noise")] = 0
     disturbance_std_N: Annotated[
-        NonNegative, Field(description="standard deviation of the noise on the force channel")
+        q.ForceOrNone, Field(description="standard deviation of the noise on the force channel")
     ] = 0.0
-    current_std_A: Annotated[
-        NonNegative, Field(description="standard deviation of the noise on the current channel")
-    ] = 0.0
+    current_std_A: Annotated[q.Noise, Field(description="standard deviation of the noise on the current channel")] = 0.0
     displacement_std_m: Annotated[
-        NonNegative, Field(description="standard deviation of the noise on the displacement channels")
+        q.Resolution, Field(description="standard deviation of the noise on the displacement channels")
     ] = 0.0
-    displacement_step_m: Annotated[NonNegative, Field(description="resolution; 0 for none")] = 0.0
+    displacement_step_m: Annotated[q.Resolution, Field(description="resolution; 0 for none")] = 0.0
 
 
 class WallAhead(Record):
     """A wall before the outer tip: a spring and a dashpot that the tip touches from one side."""
 
-    at_m: Annotated[FiniteFloat, Field(description="where it stands: it presses on a tip that is beyond")]
-    stiffness_N_per_m: Annotated[Positive, Field(le=1e10, description="of its spring")]
-    damping_N_s_per_m: Annotated[NonNegative, Field(description="of its dashpot")] = 0.0
+    at_m: Annotated[q.Position, Field(description="where it stands: it presses on a tip that is beyond")]
+    stiffness_N_per_m: Annotated[q.Stiffness, Field(description="of its spring")]
+    damping_N_s_per_m: Annotated[q.Damping, Field(description="of its dashpot")] = 0.0
     rounding_m: Annotated[
-        Positive, Field(description="over which touch sets in; half of it is what the spring yields at the face itself")
+        q.Rounding,
+        Field(description="over which touch sets in; half of it is what the spring yields at the face itself"),
     ] = 1e-7
 
 
 class PayloadChange(Record):
     """A payload that is gripped, released or exchanged during a record."""
 
-    at_s: Annotated[Positive, Field(description="when")]
-    outer_end_mass_kg: Annotated[NonNegative, Field(description="mass on the outer tip from then on")]
+    at_s: Annotated[q.DurationOrNone, Field(description="when")]
+    outer_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the outer tip from then on")]
     joining: Annotated[
         Literal["matched", "from_rest"],
         Field(description="whether what joins has the tip's velocity, or is at rest and takes some of it"),
@@ -139,11 +140,13 @@ class ScenarioRecord(Record):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="also of its CSV file")]
     input: Annotated[tuple[Input, ...], Field(description="signals that add up; none: nothing is done to the rig")] = ()
-    outer_end_mass_kg: Annotated[NonNegative, Field(description="mass on the outer tip")] = 0.0
+    outer_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the outer tip")] = 0.0
     inner_end_mass_kg: Annotated[
-        NonNegative | None, Field(description="mass added to the inner tip; none: that of the prototype's payload")
+        q.MassOrNone | None, Field(description="mass added to the inner tip; none: that of the prototype's payload")
     ] = None
-    preload_N: Annotated[FiniteFloat, Field(description="constant force on the outer tip, on top of the inputs")] = 0.0
+    preload_N: Annotated[q.SignedForce, Field(description="constant force on the outer tip, on top of the inputs")] = (
+        0.0
+    )
     wall: Annotated[WallAhead | None, Field(description="what the outer tip may touch; none: nothing")] = None
     controller: Annotated[Controller | None, Field(description="the law during this record; none: the prototype's")] = (
         None
@@ -152,7 +155,8 @@ class ScenarioRecord(Record):
         PayloadChange | None, Field(description="scheduled controller: a payload that changes during the record")
     ] = None
     start_m: Annotated[
-        NonNegative | None, Field(description="actuator bench: where the piston starts; none: at the retracted stop")
+        q.StartPosition | None,
+        Field(description="actuator bench: where the piston starts; none: at the retracted stop"),
     ] = None
 
 
@@ -160,13 +164,13 @@ class Scenario(Record):
     """Records to be made of one rig."""
 
     name: Annotated[str, Field(description="what the scenario is called in tables")]
-    duration_s: Annotated[Positive, Field(le=600, description="length of every record")]
-    sample_s: Annotated[Positive, Field(ge=1e-5, le=0.01, description="from row to row of the records")] = 0.5e-3
+    duration_s: Annotated[q.Duration, Field(description="length of every record")]
+    sample_s: Annotated[q.SamplePeriod, Field(description="from row to row of the records")] = 0.5e-3
     start: Annotated[
         Literal["rest", "loaded"], Field(description="rest: before the preload comes on; loaded: at rest under it")
     ] = "loaded"
     displacement_limit_m: Annotated[
-        Positive, Field(le=1, description="of the outer tip; a loop that passes it has diverged")
+        q.Excursion, Field(description="of the outer tip; a loop that passes it has diverged")
     ] = 0.02
     sampled: Sampled | None = None
     measurement: Measurement = Measurement()

@@ -272,7 +272,7 @@ def changed(source: Path, into: Path, old: str, new: str) -> Path:
     [
         ("width_m = 0.140", "width_mm = 140", "outer_beam.width_mm", "wrong unit mm: give width_m, in m"),
         ("gain_V_per_m", "gian_V_per_m", "sensor.gian_V_per_m", "did you mean gain_V_per_m?"),
-        ("effective_mass_kg = 3.9", "effective_mass_kg = -3.9", "outer_beam.effective_mass_kg", "greater than 0"),
+        ("effective_mass_kg = 3.9", "effective_mass_kg = -3.9", "outer_beam.effective_mass_kg", "1e-06 to 100000 kg"),
         ("[0.0, 6.8]", "[6.8, 0.0]", "payload.outer_end_mass_kg", "write [least, most]"),
         ('kind = "lag"', 'kind = "lagg"', "controller", "did you mean 'lag'?"),
         ('"6061-T6"', '"6061-T7"', "outer_beam.material", "6061-T6"),

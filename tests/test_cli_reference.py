@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.prototype import read_prototype
+from beamdesign.quantities import unit_of
 from beamdesign.records import InputError
-from beamdesign.report.reference import FILES, effects, find, keys, unit_of
+from beamdesign.report.reference import FILES, effects, find, keys
 from beamdesign.report.reference_words import reference_markdown
 from beamdesign.templates import TEMPLATES
 
@@ -130,6 +131,10 @@ def test_bounds_and_defaults_are_those_of_the_schema_that_pydantic_makes_of_the_
             fields = [field for field in given if field.get("description") == key.meaning]
             told = set()
             for part in filter(None, key.bounds.split(", ")):
+                if part.startswith("from "):
+                    low, high = part.removeprefix("from ").removesuffix(" or 0").split(" to ")
+                    told |= {("minimum", 0.0 if part.endswith(" or 0") else float(low)), ("maximum", float(high))}
+                    continue
                 word, value = part.rsplit(" ", 1)
                 told.add((words[word], float(value)))
             assert any(told <= schema_bounds(field) for field in fields), (key.path, told)
@@ -141,8 +146,8 @@ def test_bounds_and_defaults_are_those_of_the_schema_that_pydantic_makes_of_the_
 
 def test_explained_bounds_are_what_the_reader_enforces(remedy: Any) -> None:
     (wall,) = {key.bounds for key in find("outer_beam.wall_m") if key.file == "prototype"}
-    assert wall == "above 0, below 1"
-    for bad in (0.0, 1.0):
+    assert wall == "from 1e-05 to 1"
+    for bad in (0.0, 0.9e-5, 1.1):
         with pytest.raises(ValueError, match="wall_m"):
             remedy.outer_beam.but(width_m=1.9, wall_m=bad)
 
@@ -166,7 +171,12 @@ def test_units_are_read_from_the_suffix(name: str, unit: str) -> None:
 def test_a_key_is_explained_with_every_place_it_may_stand(tmp_path: Path) -> None:
     answer = tmp_path / "key.json"
     said = invoke("explain", "tip_force_N", "--json", str(answer))
-    for part in ("transverse force at the tip", "a number in N, above 0", "needed", "load.tip_force_N (study)"):
+    for part in (
+        "transverse force at the tip",
+        "a number in N, from 1e-06 to 1e+07",
+        "needed",
+        "load.tip_force_N (study)",
+    ):
         assert part in said
     (key,) = json.loads(answer.read_text())["keys"]
     assert (key["path"], key["unit"], key["default"]) == ("load.tip_force_N", "N", "needed")

@@ -186,7 +186,7 @@ def test_what_is_unstable_is_not_specified(tmp_path: Path) -> None:
         (("--sampling-rate-Hz", "40"), "upper break, 26 Hz"),
         (("--sampling-rate-Hz", "nan"), "--sampling-rate-Hz"),
         (("--load-N", "-1"), "--load-N"),
-        (("--outer-end-mass", "3:1"), "empty mass range"),
+        (("--outer-end-mass", "3:1"), "empty range"),
     ],
 )
 def test_bad_input_is_named(given: tuple[str, str], said: str, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """`beamdesign arm`: two compensators across each other and torsion: what is proved, and what error remains."""
 
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,11 +15,11 @@ from beamdesign.cli.arm_words import (
     say_travel,
 )
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import figures_of, mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     folder_to_write,
-    mass_range,
     say,
     write_json,
 )
@@ -77,25 +76,22 @@ def arm(
     load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
+    from beamdesign import quantities as q
     from beamdesign.arm.anywhere import prove_anywhere
     from beamdesign.arm.figures import arm_of, sensor_of
     from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.arm.result import work_out
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
 
-    if allowed_mm is not None and not (isfinite(allowed_mm) and allowed_mm > 0):
-        raise InputError("arm", [("--allowed-mm", f"must be a finite number above zero, is {allowed_mm:g}")])
+    refuse_implausible("arm", {"--allowed-mm": (allowed_mm, q.Millimetres)})
     record = read_prototype(prototype)
     given = arm_of(record)
     if offset_m is not None:
-        given = given.but(offset_m=_three(offset_m, "--offset-m", "m"))
+        given = given.but(offset_m=_three(offset_m, "--offset-m", q.Position))
     if sensor_m is not None:
-        given = given.but(sensor_m=_three(sensor_m, "--sensor-m", "m"))
+        given = given.but(sensor_m=_three(sensor_m, "--sensor-m", q.Position))
     record = record.but(arm=given)
-    within = None if within_m is None else _three(within_m, "--within-m", "m")
-    if within is not None and min(within) < 0:
-        raise InputError("arm", [("--within-m", "a distance must not be negative")])
+    within = None if within_m is None else _three(within_m, "--within-m", q.Distance)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     force = _force(record, force_N, masses[1], prototype)
     found = work_out(record, masses, force)
@@ -136,21 +132,15 @@ def arm(
         raise typer.Exit(1)
 
 
-def _three(text: str, option: str, unit: str) -> "Vector":
-    from beamdesign.records import InputError
-
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(option, [(text, f"expected three figures in {unit} as X,Y,Z, such as 0,0.1,0")]) from None
-    if not all(map(isfinite, (x, y, z))):
-        raise InputError(option, [(text, "all three must be finite")])
+def _three(text: str, option: str, quantity: Any) -> "Vector":
+    x, y, z = figures_of(option, text, quantity, "three figures as X,Y,Z, such as 0,0.1,0", count=3)
     return x, y, z
 
 
 def _force(record: "Prototype", text: str | None, payload: float, source: Path) -> "Vector":
     """The load: given, or weight of the largest payload and the prototype's largest force, downwards."""
     from beamdesign.members import STANDARD_GRAVITY
+    from beamdesign.quantities import Force, SignedForce
     from beamdesign.records import InputError
 
     if text is None:
@@ -160,13 +150,8 @@ def _force(record: "Prototype", text: str | None, payload: float, source: Path) 
             raise InputError(source, [("payload.largest_force_N", reason)])
         return 0.0, 0.0, -down
     if "," in text:
-        return _three(text, "--force-N", "N")
-    try:
-        down = float(text)
-    except ValueError:
-        raise InputError("--force-N", [(text, "expected a force in N, or three as X,Y,Z")]) from None
-    if not (isfinite(down) and down > 0):
-        raise InputError("--force-N", [(text, "must be a finite number above zero; it acts downwards")])
+        return _three(text, "--force-N", SignedForce)
+    (down,) = figures_of("--force-N", text, Force, "a force in N, which acts downwards, or three as X,Y,Z", count=1)
     return 0.0, 0.0, -down
 
 

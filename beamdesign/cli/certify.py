@@ -1,6 +1,5 @@
 """`beamdesign certify`: stability and performance proved over a range of end masses, and proved again from text."""
 
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +7,8 @@ import typer
 
 from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, say, say_table, write_json
+from beamdesign.cli.figures import mass_range, refuse_implausible
+from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, say, say_table, write_json
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
@@ -45,7 +45,6 @@ def certify(
         float,
         typer.Option(
             metavar="SIGMAS",
-            min=0.0,
             help="Also prove it of the worst rigs so many standard deviations off, as `tune`.",
         ),
     ] = 0.0,
@@ -73,32 +72,36 @@ def certify(
     are off are sought on samples, and each is decided exactly as the nominal one is.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
     """
+    from beamdesign import quantities as q
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
     figures = {
-        "--bandwidth-Hz": bandwidth_Hz,
-        "--peak-sensitivity": peak_sensitivity,
-        "--loop-gain": loop_gain,
-        "--controller-effort-A-per-V": controller_effort_A_per_V,
-        "--decay-rate-per-s": decay_rate_per_s,
-        "--gain-margin": gain_margin,
+        "--bandwidth-Hz": (bandwidth_Hz, q.Frequency),
+        "--peak-sensitivity": (peak_sensitivity, q.LoopGain),
+        "--loop-gain": (loop_gain, q.LoopGain),
+        "--controller-effort-A-per-V": (controller_effort_A_per_V, q.LawGain),
+        "--decay-rate-per-s": (decay_rate_per_s, q.DecayRate),
+        "--gain-margin": (gain_margin, q.GainFactor),
+        "--robust": (robust or None, q.Sigmas),
     }
     if replay is not None:
-        given = figures | {"--outer-end-mass": outer_end_mass, "--out": out, "--robust": robust or None}
+        given: dict[str, Any] = {name: value for name, (value, _) in figures.items()}
+        given |= {"--outer-end-mass": outer_end_mass, "--out": out}
         if meaningless := [
             (name, "has no meaning with --replay") for name, value in given.items() if value is not None
         ]:
             raise InputError("certify", meaningless)
         _replay(replay, None if prototype is None else read_prototype(prototype), json)
         return
+    refuse_implausible("certify", figures)
     if prototype is None:
         raise InputError("certify", [("PROTOTYPE", "missing; or give --replay CERTIFICATE")])
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    asked = _asked(record, figures)
+    asked = _asked(record, {name: value for name, (value, _) in figures.items()})
     path = certificate_file(out, f"{prototype.stem}.certificate.toml")
 
     from beamdesign.proof.certifying import certify as prove
@@ -138,15 +141,7 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
 def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked"]:
     """The claims made on the command line."""
     from beamdesign.proof.certificate import Asked
-    from beamdesign.records import InputError
 
-    problems = [
-        (name, f"must be a finite number above zero, is {value:g}")
-        for name, value in figures.items()
-        if value is not None and not (isfinite(value) and value > 0)
-    ]
-    if problems:
-        raise InputError("certify", problems)
     asked = []
     if (bandwidth := figures["--bandwidth-Hz"]) is not None:
         asked.append(Asked("compliance", record.goal.compliance_m_per_N, bandwidth))

@@ -1,6 +1,6 @@
 """`beamdesign certify-box`: stability proved over a box of tolerances, end masses and delay."""
 
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,11 +8,11 @@ import typer
 
 from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     file_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -36,7 +36,9 @@ def certify_box(
         float, typer.Option("--delay-s", help="Allow every pure delay in the loop up to this, s.")
     ] = 0.0,
     scaling: Annotated[bool, typer.Option(help="Find the largest scaling of the tolerances that is stable.")] = False,
-    budget: Annotated[int, typer.Option(min=1, help="Most pieces of frequency and parameters to look at.")] = 4000,
+    budget: Annotated[
+        int, typer.Option(min=1, max=1_000_000, help="Most pieces of frequency and parameters to look at.")
+    ] = 4000,
     seconds: Annotated[float, typer.Option(help="Most time for the search of one box.")] = inf,
     out: Annotated[
         Path | None,
@@ -51,17 +53,15 @@ def certify_box(
     Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
     """
+    from beamdesign import quantities as q
     from beamdesign.controller import without_added_sensors
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
-    problems = [
-        (name, f"must be a number from zero up, is {value:g}")
-        for name, value in (("--sigmas", sigmas), ("--delay-s", delay_s))
-        if not (isfinite(value) and value >= 0)
-    ]
-    if problems:
-        raise InputError("certify-box", problems)
+    refuse_implausible(
+        "certify-box",
+        {"--sigmas": (sigmas, q.Sigmas), "--delay-s": (delay_s, q.Delay), "--seconds": (seconds, q.TimeLimit)},
+    )
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])

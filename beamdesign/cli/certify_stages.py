@@ -5,7 +5,8 @@ from pathlib import Path
 import typer
 
 from beamdesign.cli.certificate_file import certificate_file, write_certificate
-from beamdesign.cli.output import mass_range, progress, say, write_json
+from beamdesign.cli.figures import mass_range
+from beamdesign.cli.output import progress, say, write_json
 from beamdesign.cli.tune_scheduled import switching_fields
 
 

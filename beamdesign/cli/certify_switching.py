@@ -1,6 +1,6 @@
 """`beamdesign certify-switching`: what is proved while the payload changes in motion."""
 
-from math import isfinite, isinf
+from math import isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +8,8 @@ import typer
 
 from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, mass_range, progress, say, write_json
+from beamdesign.cli.figures import mass_range, refuse_implausible
+from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, progress, say, write_json
 
 if TYPE_CHECKING:
     from beamdesign.proof.lyapunov import Switching
@@ -41,6 +42,7 @@ def certify_switching(
     rate asked for, or else some rate, is proved both for payload that joins with the tip's velocity and for
     payload at rest; 1 otherwise.
     """
+    from beamdesign import quantities as q
     from beamdesign.controller import without_sections
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -63,11 +65,8 @@ def certify_switching(
     problems = []
     if not low < high:
         problems.append(("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
-    if rate is not None and not (isfinite(rate) and rate > 0):
-        problems.append(("--rate", f"must be a finite number above zero, is {rate:g}"))
     path = certificate_file(out, f"{prototype.stem}.switching.toml")
-    if problems:
-        raise InputError("certify-switching", problems)
+    refuse_implausible("certify-switching", {"--rate": (rate, q.MassRate)}, problems)
 
     from beamdesign.proof.lyapunov import describe, switching
     from beamdesign.proof.switching_document import switching_document

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     default_folder,
     folder_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -68,13 +68,24 @@ def code(
     what rate and rounding cost in margin is told. Exit status 1, and no code, if that loop is not proved stable over
     the range; a higher rate or a longer word may be.
     """
+    from beamdesign import quantities as q
     from beamdesign.controller import without_added_sensors
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
     from beamdesign.rig.parameters import problem_without_controller
 
-    _refuse_bad_options(rate_Hz, word_length, in_floats, full_scale_V, largest_current_A)
+    wrong = []
+    if word_length is not None and in_floats:
+        wrong.append(("--word-length", "floats have their own; leave out this or --float"))
+    elif word_length is not None and not 8 <= word_length <= 32:
+        wrong.append(("--word-length", f"must be from 8 to 32 bits, is {word_length}"))
+    figures = {
+        "--rate-Hz": (rate_Hz, q.SamplingRate),
+        "--full-scale-V": (full_scale_V, q.FullScale),
+        "--largest-current-A": (largest_current_A, q.LargestCurrent),
+    }
+    refuse_implausible("code", figures, wrong)
     record = read_prototype(prototype)
     faults = problems(record.effects)
     if record.controller is None:
@@ -120,27 +131,6 @@ def code(
         say(str(path))
     if compile_here:
         _compile(folder)
-
-
-def _refuse_bad_options(
-    rate_Hz: float, word_length: int | None, in_floats: bool, full_scale_V: float, largest_current_A: float | None
-) -> None:
-    from math import isfinite
-
-    from beamdesign.records import InputError
-
-    given = (("--rate-Hz", rate_Hz), ("--full-scale-V", full_scale_V), ("--largest-current-A", largest_current_A))
-    wrong = [
-        (name, f"must be a finite number above zero, is {value:g}")
-        for name, value in given
-        if value is not None and not (isfinite(value) and value > 0)
-    ]
-    if word_length is not None and in_floats:
-        wrong.append(("--word-length", "floats have their own; leave out this or --float"))
-    elif word_length is not None and not 8 <= word_length <= 32:
-        wrong.append(("--word-length", f"must be from 8 to 32 bits, is {word_length}"))
-    if wrong:
-        raise InputError("code", wrong)
 
 
 def _why_not(found: "Judgement") -> str:

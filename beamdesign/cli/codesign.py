@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     default_folder,
     folder_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -42,14 +42,14 @@ def codesign(
     """
     from beamdesign.design import codesign as room
     from beamdesign.problem import read_problem
-    from beamdesign.records import InputError, to_toml
+    from beamdesign.quantities import Bandwidth
+    from beamdesign.records import to_toml
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
-    if not 0 < bandwidth_Hz < 500:
-        raise InputError("--bandwidth-Hz", [(f"{bandwidth_Hz:g}", "must lie between 0 and 500 Hz")])
+    refuse_implausible("codesign", {"--bandwidth-Hz": (bandwidth_Hz, Bandwidth)})
     with progress("co-design") as update:
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update)
     point = found.point

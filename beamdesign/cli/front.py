@@ -1,35 +1,18 @@
 """`beamdesign front`: moving mass against guaranteed bandwidth against payload range, every point proved."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import figures_of
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_csv, write_json
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
     from beamdesign.design.codesign import Codesign
-
-
-def _figures(text: str, option: str) -> list[float]:
-    """Positive figures of a list such as 3,5,8.
-
-    Raises:
-        InputError: for anything else.
-    """
-    from math import isfinite
-
-    from beamdesign.records import InputError
-
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if not values or not all(isfinite(value) and value > 0 for value in values):
-        raise InputError(option, [(text, "expected positive figures separated by commas, such as 3,5,8")])
-    return values
 
 
 def _row(design: "Codesign") -> dict[str, Any]:
@@ -76,14 +59,18 @@ def front(
     """
     from beamdesign.design.front import pareto_front
     from beamdesign.problem import read_problem
+    from beamdesign.quantities import Bandwidth, Mass
     from beamdesign.report.canvas import new_figure, save
     from beamdesign.report.trade_curves import plot_front
 
     problem = read_problem(study)
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # validated
-    bandwidths = _figures(bandwidths_Hz, "--bandwidths-Hz")
-    ends = [masses[1]] if payloads_kg is None else _figures(payloads_kg, "--payloads-kg")
+    expected = "positive figures separated by commas, such as 3,5,8"
+    bandwidths = figures_of("--bandwidths-Hz", bandwidths_Hz, Bandwidth, expected)
+    ends: Sequence[float] = [masses[1]]
+    if payloads_kg is not None:
+        ends = figures_of("--payloads-kg", payloads_kg, Mass, expected)
     with progress("front") as update:
         found = pareto_front(problem, bandwidths, [(min(masses[0], end), end) for end in ends], update)
     rows = [_row(design) for design in found.designs]

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import refuse_implausible
 from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
 from beamdesign.files import fresh_folder, settled
 
@@ -20,7 +21,7 @@ def limits(
     ],
     payload: Annotated[
         float | None,
-        typer.Option(metavar="KG", min=0.0, help="Mass on the outer tip; the prototype's largest payload by default."),
+        typer.Option(metavar="KG", help="Mass on the outer tip; the prototype's largest payload by default."),
     ] = None,
     preload: Annotated[float, typer.Option(metavar="N", help="Constant force on the outer tip.")] = 0.0,
     out: Annotated[
@@ -36,10 +37,12 @@ def limits(
     """
     from beamdesign.operating_limits import envelope, sensor_reach
     from beamdesign.prototype import read_prototype
+    from beamdesign.quantities import MassOrNone, SignedForce
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
     from beamdesign.rig.parameters import problem_without_controller
 
+    refuse_implausible("limits", {"--payload": (payload, MassOrNone), "--preload": (preload, SignedForce)})
     rig = read_prototype(prototype)
     wrong = problems(rig.effects)
     if rig.controller is None:

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -168,34 +167,6 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     writer.writeheader()
     writer.writerows({key: in_csv(value) for key, value in row.items()} for row in rows)
     write_whole(path, text.getvalue())
-
-
-def mass_range(text: str | None, default: tuple[float, float] | None, source: str | Path) -> tuple[float, float]:
-    """The range of outer end masses in kg, from LO:HI or else from the prototype's payload.
-
-    Raises:
-        InputError: where neither gives a range of finite masses from zero up.
-    """
-    from beamdesign.records import InputError
-
-    if text is None:
-        if default is None:
-            raise InputError(
-                source, [("payload.outer_end_mass_kg", "missing; give it there or as --outer-end-mass LO:HI")]
-            )
-        return default
-    parts = text.split(":")
-    try:
-        low, high = (float(part) for part in parts)
-    except ValueError:
-        raise InputError("--outer-end-mass", [(text, "expected two masses in kg as LO:HI, such as 0:6.8")]) from None
-    if not (isfinite(low) and isfinite(high)):
-        raise InputError("--outer-end-mass", [(text, "both masses must be finite")])
-    if low < 0:
-        raise InputError("--outer-end-mass", [(text, "a mass cannot be negative")])
-    if low > high:
-        raise InputError("--outer-end-mass", [(text, f"empty mass range: {low:g} is above {high:g}")])
-    return low, high
 
 
 def reporting(name: str) -> AbstractContextManager[None]:

@@ -1,17 +1,16 @@
 """`beamdesign remedies`: the paper's four remedies for payload, side by side."""
 
-from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     folder_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -42,14 +41,14 @@ def remedies(
     """
     from beamdesign.design import remedies as room
     from beamdesign.problem import read_problem
+    from beamdesign.quantities import MassOrNone
     from beamdesign.records import InputError
     from beamdesign.report.canvas import new_figure, save
     from beamdesign.report.trade_curves import plot_remedies
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
-    if not (isfinite(added_mass_kg) and added_mass_kg >= 0):
-        raise InputError("--added-mass-kg", [(f"{added_mass_kg:g}", "must be finite and not negative")])
+    refuse_implausible("remedies", {"--added-mass-kg": (added_mass_kg, MassOrNone)})
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:
             raise InputError(study, [(name, "the remedies start from given sections: width_m and wall_m are needed")])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import refuse_implausible
 from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
@@ -70,17 +71,14 @@ def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
 
 
 def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
-    from math import isfinite
-
     from beamdesign.design.sizing import check_prototype
     from beamdesign.problem import Clearance, Safety, Sections
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
+    from beamdesign.quantities import Force
 
     prototype = read_prototype(path)
     force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
-    if not (isfinite(force) and force > 0):
-        raise InputError("--tip-force-N", [(str(force), "must be a finite force greater than 0")])
+    refuse_implausible("size", {"--tip-force-N": (force, Force)})
     pair = check_prototype(prototype, force, str(path))
     say(
         f"{prototype.name}: sections checked for a tip force of {force:g} N "

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     default_folder,
     folder_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -53,22 +53,19 @@ def spec(
     realised; tolerances that keep the proof; an acceptance test with limits, and the data set folder to fill in for
     `beamdesign gap diagnose`. Exit status 1 if the loop is not stable over the range, with the reason.
     """
-    from math import isfinite
-
+    from beamdesign import quantities as q
     from beamdesign.controller import without_sections
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
     from beamdesign.rig.parameters import problem_without_controller
 
-    given = (("--sampling-rate-Hz", sampling_rate_Hz), ("--load-N", load_N), ("--noise-share", noise_share))
-    wrong = [
-        (name, f"must be a finite number above zero, is {value:g}")
-        for name, value in given
-        if value is not None and not (isfinite(value) and value > 0)
-    ]
-    if wrong:
-        raise InputError("spec", wrong)
+    figures = {
+        "--sampling-rate-Hz": (sampling_rate_Hz, q.SamplingRate),
+        "--load-N": (load_N, q.Force),
+        "--noise-share": (noise_share, q.Share),
+    }
+    refuse_implausible("spec", figures)
     record = read_prototype(prototype)
     faults = problems(record.effects)
     if record.controller is None:

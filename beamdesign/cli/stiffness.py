@@ -1,17 +1,16 @@
 """`beamdesign stiffness`: a controller that gives the end of the link a commanded stiffness, proved for contact."""
 
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import figures_of, mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     folder_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -86,26 +85,21 @@ def stiffness(
     for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Without a
     stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to be.
     """
+    from beamdesign import quantities as q
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
 
     record = read_prototype(prototype)
     problems = []
     if contact not in CONTACTS:
         problems.append(("--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"))
-    ranges = [
-        _range(option, words, problems)
-        for option, words in (("--wall-N-per-m", wall_N_per_m), ("--wall-damping-N-s-per-m", wall_damping_N_s_per_m))
-    ]
-    if end_stiffness_N_per_m is not None:
-        _check(end_stiffness_N_per_m, problems)
-    elif keep_controller:
+    if end_stiffness_N_per_m is None and keep_controller:
         problems.append(("--keep-controller", "is for --end-stiffness-N-per-m; without it no other controller is made"))
-    if problems:
-        raise InputError("stiffness", problems)
+    refuse_implausible("stiffness", {"--end-stiffness-N-per-m": (end_stiffness_N_per_m, q.Stiffness)}, problems)
+    least, most = figures_of("--wall-N-per-m", wall_N_per_m, q.WallStiffness, "two figures as LO:HI", ":", 2)
+    damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, q.Damping, "two figures as LO:HI", ":", 2)
+    walls = (least, most), (damping[0], damping[1])
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    walls = ranges[0], ranges[1]
     if end_stiffness_N_per_m is None:
         _judge(record, prototype, masses, walls, CONTACTS[contact], out, json)
         return
@@ -133,16 +127,12 @@ def give_stiffness(
     from beamdesign.design.stiffness_search import design
     from beamdesign.polynomial import exact
     from beamdesign.proof.contact import Wall
-    from beamdesign.records import InputError, to_toml
+    from beamdesign.records import to_toml
     from beamdesign.report.quantity import mass_range_text, quantity
     from beamdesign.study.drawn_stiffness import drawn_rigs
     from beamdesign.study.drawn_stiffness import in_words as drawn_in_words
     from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
 
-    problems: list[tuple[str, str]] = []
-    _check(end_stiffness, problems)
-    if problems:
-        raise InputError("stiffness", problems)
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall = Wall(stiffest, damping)
     with progress("end stiffness") as update:
@@ -233,23 +223,6 @@ def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
         ("command followed at rest, share of it", found.command_at_rest),
         ("guaranteed peak sensitivity", at_most(found.peak_sensitivity, "1")),
     ]
-
-
-def _check(end_stiffness: float, problems: list[tuple[str, str]]) -> None:
-    if not (isfinite(end_stiffness) and end_stiffness > 0):
-        problems.append(("--end-stiffness-N-per-m", f"must be a finite number above zero, is {end_stiffness:g}"))
-
-
-def _range(option: str, words: str, problems: list[tuple[str, str]]) -> tuple[float, float]:
-    """Figures from LO:HI; what is wrong with them goes to the problems."""
-    try:
-        low, high = (float(part) for part in words.split(":"))
-    except ValueError:
-        problems.append((option, f"expected two figures as LO:HI, is {words!r}"))
-        return 0.0, 0.0
-    if not 0 <= low <= high < float("inf"):
-        problems.append((option, f"must run from zero or more upwards and be finite, is {words}"))
-    return low, high
 
 
 def _servo(record: "Prototype", source: Path) -> "Servo":

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beamdesign.cli.completion import toml_files
+from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
     JsonOption,
     RangeOption,
     folder_to_write,
-    mass_range,
     progress,
     say,
     say_table,
@@ -73,7 +73,6 @@ def tune(
         float,
         typer.Option(
             metavar="SIGMAS",
-            min=0.0,
             help="Also guarantee it for the worst rigs so many standard deviations of [tolerance] off.",
         ),
     ] = 0.0,
@@ -106,6 +105,7 @@ def tune(
     controller is. With --robust the same is proved of the worst rigs that the tolerances allow, one by one. Exit
     status 1 if no design can be proved.
     """
+    from beamdesign import quantities as q
     from beamdesign.design import tuning
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError, to_toml
@@ -116,13 +116,20 @@ def tune(
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
     if controller not in KINDS:
         raise InputError("--controller", [(controller, f"expected one of {', '.join(KINDS)}")])
-    if not 0 <= largest_inner_end_mass_kg < inf:
-        raise InputError(
-            "--largest-inner-end-mass-kg", [(f"{largest_inner_end_mass_kg:g}", "must be finite and not negative")]
-        )
+    figures = {
+        "--largest-inner-end-mass-kg": (largest_inner_end_mass_kg, q.MassOrNone),
+        "--peak-sensitivity": (peak_sensitivity, q.PeakSensitivity),
+        "--loop-gain": (None if loop_gain == inf else loop_gain, q.LoopGain),
+        "--loop-gain-from-Hz": (loop_gain_from_Hz, q.Frequency),
+        "--controller-effort-A-per-V": (
+            None if controller_effort_A_per_V == inf else controller_effort_A_per_V,
+            q.LawGain,
+        ),
+        "--robust": (robust, q.Sigmas),
+        "--end-stiffness-N-per-m": (end_stiffness_N_per_m, q.Stiffness),
+    }
+    refuse_implausible("tune", figures)
     if peak_sensitivity is not None:
-        if not 1 < peak_sensitivity < inf:
-            raise InputError("--peak-sensitivity", [(f"{peak_sensitivity:g}", "must be finite and greater than 1")])
         record = record.but(goal=record.goal.but(peak_sensitivity=peak_sensitivity))
     sensors = _sensors(controller, added_sensor or [])
     given = {
@@ -242,15 +249,8 @@ def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
 
 def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
     """The goal with the limits of the command; those of a structured controller where neither says anything."""
-    from beamdesign.records import InputError
-
     changes: dict[str, float | None] = {}
     for name, value in given.items():
-        option = "--" + name.replace("_", "-")
-        if value is not None and not value > 0:
-            raise InputError(option, [(f"{value:g}", "must be greater than 0")])
-        if value == inf and name == "loop_gain_from_Hz":
-            raise InputError(option, [("inf", "must be finite; --loop-gain inf is no limit")])
         if value is not None:
             changes[name] = None if value == inf else value
         elif kind in ("structured", "lqg", "hinf") and name in VALVE_LIMITS and getattr(goal, name) is None:

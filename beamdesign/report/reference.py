@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from beamdesign.quantities import Plausible, unit_of
 from beamdesign.records import Record
 
 FILES = {
@@ -25,9 +26,6 @@ FILES = {
     "bench data set": "beamdesign.gap.bench.data:_File",
 }
 """Kinds of file, each with the record that it is read as."""
-
-_TOKEN = r"(?:N|m|m2|m3|m6|kg|s|s2|Pa|A|V|Hz|rad)"
-_SUFFIX = re.compile(rf"_({_TOKEN}(?:_(?:per_)?{_TOKEN})*)$")
 
 
 @dataclass(frozen=True)
@@ -165,16 +163,6 @@ def nearest(word: str) -> tuple[str, ...]:
     return tuple(close or difflib.get_close_matches(word.rpartition(".")[2], words(), n=3, cutoff=0.5))
 
 
-def unit_of(name: str) -> str:
-    """SI unit that the suffix of a key states, such as m³/s/A; empty where it has none."""
-    found = _SUFFIX.search(name)
-    if found is None:
-        return ""
-    over, *under = found[1].split("_per_")
-    parts = [over.replace("_", " "), *(step for part in under for step in part.split("_"))]
-    return "/".join(parts).translate(str.maketrans("236", "²³⁶"))
-
-
 def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
     table, source = _described(record)
     for name, field in record.model_fields.items():
@@ -285,6 +273,8 @@ def _bounds(field: FieldInfo) -> str:
     low: list[tuple[float, str]] = []
     high: list[tuple[float, str]] = []
     for limit in (*field.metadata, *_limits(field.annotation)):
+        if isinstance(limit, Plausible):
+            return f"from {limit}"
         for side, word, into in (
             ("gt", "above", low), ("ge", "at least", low), ("lt", "below", high), ("le", "at most", high)
         ):  # fmt: skip

@@ -8,10 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.files import write_whole
 from beamdesign.prototype import Lag, Prototype, Section, Structured
-from beamdesign.records import InputError, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.records import InputError, Problem, Record, numbers
 from beamdesign.spelling import shorter
 
 KIND = "scheduled"
@@ -21,14 +22,14 @@ class Stage(Record):
     """One law of a scheduled controller: a lag, or one with second-order sections, and the payloads that it is for."""
 
     outer_end_mass_kg: Annotated[
-        tuple[NonNegative, NonNegative],
+        tuple[q.MassOrNone, q.MassOrNone],
         Field(
             description="payloads [least, most] for which this law's guarantee holds; overlaps with the next stage's"
         ),
     ]
-    gain_A_per_V: Annotated[Positive, Field(description="K_sa, servo-amplifier gain at zero frequency")]
-    pole_Hz: Annotated[Positive, Field(description="lower break frequency")]
-    zero_Hz: Annotated[Positive, Field(description="upper break frequency")]
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
+    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
     section: Annotated[
         tuple[Section, ...], Field(max_length=3, description="second-order sections before the lag; as many in all")
     ] = ()
@@ -54,31 +55,32 @@ class Stage(Record):
 class Estimator(Record):
     """How the payload is estimated from current and volts, and when an estimate counts; see `scheduling.estimator`."""
 
-    noise_V: Annotated[Positive, Field(description="RMS of the sensor's noise as the law samples it")] = 0.002
-    window_s: Annotated[Positive, Field(le=2, description="length of the records that the models are fitted to")] = 0.08
-    update_s: Annotated[Positive, Field(le=1, description="time between estimates")] = 0.01
+    noise_V: Annotated[q.EstimatorNoise, Field(description="RMS of the sensor's noise as the law samples it")] = 0.002
+    window_s: Annotated[q.Window, Field(description="length of the records that the models are fitted to")] = 0.08
+    update_s: Annotated[q.Update, Field(description="time between estimates")] = 0.01
     forgetting_s: Annotated[
-        Positive, Field(description="time of useful records after which an old one counts for 1/e")
+        q.Duration, Field(description="time of useful records after which an old one counts for 1/e")
     ] = 0.3
     model_error: Annotated[
-        NonNegative, Field(lt=1, description="share of the motion that may stay unexplained in a useful record")
+        q.Unexplained,
+        Field(description="share of the motion that may stay unexplained in a useful record"),
     ] = 0.1
     largest_std_kg: Annotated[
-        Positive, Field(description="excitation threshold: estimates less certain than this change nothing")
+        q.Mass, Field(description="excitation threshold: estimates less certain than this change nothing")
     ] = 0.15
-    band_kg: Annotated[
-        Positive, Field(description="error of the estimate that the stages' overlaps leave room for")
-    ] = 0.4
+    band_kg: Annotated[q.Mass, Field(description="error of the estimate that the stages' overlaps leave room for")] = (
+        0.4
+    )
 
 
 class Scheduled(Record):
     """Several laws, one for each part of the payload's range, chosen by an estimate of the payload."""
 
     kind: Annotated[Literal["scheduled"], Field(description="which law, with its own figures")] = "scheduled"
-    period_s: Annotated[Positive, Field(le=0.01, description="from sample to sample of the law and the estimator")] = (
+    period_s: Annotated[q.SamplePeriod, Field(description="from sample to sample of the law and the estimator")] = (
         0.5e-3
     )
-    dwell_s: Annotated[Positive, Field(description="least time between two changes of stage")] = 0.1
+    dwell_s: Annotated[q.Duration, Field(description="least time between two changes of stage")] = 0.1
     stage: Annotated[
         tuple[Stage, ...], Field(min_length=2, max_length=12, description="from the lightest payloads to the heaviest")
     ]

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
-from beamdesign.records import FileName, InputError, NonNegative, Positive, Problem, Record
+from beamdesign.quantities import RelativeStd
+from beamdesign.records import FileName, InputError, Positive, Problem, Record
 from beamdesign.study.document_keys import known_keys, wrong_key
 from beamdesign.study.tasks import TASKS, Task
 
@@ -100,7 +101,7 @@ class Spread(Record):
     rounds: Annotated[int, Field(ge=1, le=100, description="of the search for the worst case")] = 8
     outputs: Annotated[tuple[str, ...], Field(description="columns whose sensitivity is told")] = ()
     tolerance: Annotated[
-        dict[str, NonNegative], Field(description="relative standard deviations in place of the base's")
+        dict[str, RelativeStd], Field(description="relative standard deviations in place of the base's")
     ] = Field(default_factory=dict)
 
 

@@ -6,9 +6,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.prototype import Controller
-from beamdesign.records import FileName, InputError, NonNegative, Positive, Problem, Record
+from beamdesign.records import FileName, InputError, Problem, Record
 
 _ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it misspelt
 
@@ -16,8 +17,8 @@ _ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it m
 class Taken(Record):
     """What every entry of a data set says of the rig at that time."""
 
-    outer_end_mass_kg: Annotated[NonNegative, Field(description="mass on the outer tip while it was taken")] = 0.0
-    inner_end_mass_kg: Annotated[NonNegative, Field(description="mass on the inner tip while it was taken")] = 0.0
+    outer_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the outer tip while it was taken")] = 0.0
+    inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the inner tip while it was taken")] = 0.0
 
 
 class TimeEntry(Taken):
@@ -38,7 +39,7 @@ class ResponseEntry(Taken):
         Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg"),
     ]
     controller: Controller | None = None
-    amplitude_N: Annotated[Positive, Field(description="amplitude of the force it was taken with")] = 1.0
+    amplitude_N: Annotated[q.Force, Field(description="amplitude of the force it was taken with")] = 1.0
 
 
 class GainEntry(Taken):
@@ -48,10 +49,10 @@ class GainEntry(Taken):
         dict[str, Any] | None,
         Field(description="the law whose gain was raised, without the gain; none: the prototype's"),
     ] = None
-    gain_A_per_V: Annotated[Positive, Field(description="gain at which sustained oscillation set in")]
-    relative_std: Annotated[Positive, Field(le=1, description="relative standard deviation of that gain")] = 0.03
-    frequency_Hz: Annotated[Positive | None, Field(description="frequency of the oscillation")] = None
-    predicted_gain_A_per_V: Annotated[Positive | None, Field(description="what its builders had predicted")] = None
+    gain_A_per_V: Annotated[q.LawGain, Field(description="gain at which sustained oscillation set in")]
+    relative_std: Annotated[q.PositiveStd, Field(description="relative standard deviation of that gain")] = 0.03
+    frequency_Hz: Annotated[q.Frequency | None, Field(description="frequency of the oscillation")] = None
+    predicted_gain_A_per_V: Annotated[q.LawGain | None, Field(description="what its builders had predicted")] = None
 
 
 class Index(Record):
