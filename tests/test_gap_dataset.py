@@ -178,7 +178,7 @@ SPOILED_INDEX: dict[str, tuple[Change, str, str]] = {
         lambda d: d.entry("force")["controller"].pop("pole_Hz"), "record.controller.pole_Hz", "entry 1: missing",
     ),
     "negative mass": (
-        lambda d: d.entry("force").update(outer_end_mass_kg=-1.0), "record.outer_end_mass_kg", "outside the plausible range",
+        lambda d: d.entry("force").update(outer_end_mass_kg=-1.0), "record.outer_end_mass_kg", "plausible range",
     ),
     "mass in words": (
         lambda d: d.entry("force").update(outer_end_mass_kg="none"), "record.outer_end_mass_kg", "must be a number",
