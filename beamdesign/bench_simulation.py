@@ -1,6 +1,6 @@
 """Time records of an actuator on a bench: what piston and chambers do under a recorded command."""
 
-from math import ceil
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -9,11 +9,10 @@ from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import Assembly, assemble
 from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
 from beamdesign.rig.compiled import integrate
-from beamdesign.rig.equilibrium import linearise
+from beamdesign.rig.substeps import Place, substeps_at
 from beamdesign.scenario import Scenario, inputs_of
 
 BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
-LONGEST_STEP_S = 1e-4
 _STEPS_PER_RADIAN = 0.5  # classical Runge-Kutta is stable to 2.78 radians of a decaying pole
 _BOUND = 2.0  # strokes: end stops hold the piston, so that only a failed integration passes this
 
@@ -82,8 +81,8 @@ def replay(
     assembly = assemble(structure)
     parameters = np.array(list(bench_parameters(prototype).values()))
     start = bench_start(prototype, start_m)
-    step = float(times[1] - times[0])
-    substeps = _substeps(assembly, parameters, start, command_V, step)
+    places = _stiff_places(assembly, parameters, start, command_V)
+    substeps = substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
     fine = np.arange(2 * substeps * (len(times) - 1) + 1) / (2 * substeps)
     inputs = np.zeros((len(fine), 2))
     inputs[:, 0] = load_N
@@ -129,14 +128,15 @@ def simulate_bench(prototype: BenchPrototype, scenario: Scenario) -> dict[str, n
     }
 
 
-def _substeps(assembly: Assembly, parameters: np.ndarray, start: np.ndarray, command: np.ndarray, sample: float) -> int:
-    """Steps per sample by the fastest pole where the equations are stiffest: at either stop, with the valve open."""
+def _stiff_places(
+    assembly: Assembly, parameters: np.ndarray, start: np.ndarray, command: np.ndarray
+) -> Iterator[Place]:
+    """Where the equations are stiffest: at either stop, with the valve open."""
     place = {name: k for k, name in enumerate(assembly.states)}
     figure = dict(zip(assembly.parameters, parameters, strict=True))
     supply, tank = figure["supply_pressure"], figure["tank_pressure"]
     supply = figure.get("pressure_dependent_flow.supply_pressure_Pa", supply)
     volts = float(np.abs(command - figure["null"]).max())
-    fastest = 1.0
     for sign, where, pressures in ((1.0, figure["stroke"], (supply, tank)), (-1.0, 0.0, (tank, supply))):
         for pressed in (1e-5, -1e-5):
             for share in (0.0, 0.01, 0.5):  # of the way from the stall to the middle
@@ -145,7 +145,4 @@ def _substeps(assembly: Assembly, parameters: np.ndarray, start: np.ndarray, com
                 x[place["flow_m3_per_s"]] = sign * figure["flow_gain"] * figure["gain"] * volts
                 for side, pressure in zip("ab", pressures, strict=True):
                     x[place[f"pressure_{side}_Pa"]] = pressure + share * (supply + tank - 2 * pressure)
-                u = np.array([0.0, sign * volts, 0.0])
-                poles = np.linalg.eigvals(linearise(assembly, x, u, parameters).a)
-                fastest = max(fastest, float(np.abs(poles).max()))
-    return max(1, ceil(sample / min(LONGEST_STEP_S, 1 / (_STEPS_PER_RADIAN * fastest)) - 1e-9))
+                yield x, np.array([0.0, sign * volts, 0.0])

@@ -14,9 +14,11 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from beamdesign.harmonic_balance import NoBalance, forced_motion
+from beamdesign.fourier_balance import DISPLACEMENT, FreeRig, NoBalance
+from beamdesign.harmonic_balance import forced_motion
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Structure, assemble
+from beamdesign.rig.equilibrium import equilibrium, linearise
 
 Varied = Literal["load", "force", "air"]
 PUBLISHED_EFFECTS = ("pressure_dependent_flow", "unequal_piston_areas")
@@ -78,7 +80,10 @@ def departure(
 
 
 def _linear(prototype: Prototype, frequency: float, outer_end_mass: float) -> float:
-    return forced_motion(linear_part(prototype), 1.0, frequency, outer_end_mass, harmonics=1).amplitude_m
+    rig, u = FreeRig(linear_part(prototype), outer_end_mass), np.zeros(3)
+    model = linearise(rig.assembly, equilibrium(rig.assembly, u, rig.parameters), u, rig.parameters)
+    states = np.linalg.solve(2j * np.pi * frequency * np.eye(len(model.a)) - model.a, model.b[:, 0])
+    return float(abs(model.c[DISPLACEMENT] @ states + model.d[DISPLACEMENT, 0]))
 
 
 def linear_part(prototype: Prototype) -> Prototype:

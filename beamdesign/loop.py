@@ -164,8 +164,16 @@ class LoopAtMass:
         return roots(self.disturbance)
 
     def gain_crossings(self) -> list[Crossing]:
-        """Factors on the gain at which a closed-loop root lies on the axis, ascending."""
-        return crossings(Affine(self.opened, self.returned))
+        """Factors on the gain at which a closed-loop root lies on the axis, ascending.
+
+        Raises:
+            ValueError: where a root lies there at every gain.
+        """
+        try:
+            return crossings(Affine(self.opened, self.returned))
+        except ArithmeticError as error:
+            reason = "this loop has an undamped mode on the imaginary axis that no gain can move (uncontrollable)"
+            raise ValueError(reason) from error
 
     def loop_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """L at the given frequencies, complex."""
@@ -224,13 +232,21 @@ class LoopAtMass:
         changes = [] if slack.is_zero() else [root for root, count in real_roots(slack) if root > 0 and count % 2]
         return sqrt(float(changes[0].mid())) / (2 * pi) if changes else inf
 
+    def crossovers_Hz(self) -> list[float]:
+        """Frequencies at which |L| = 1, ascending."""
+        difference = squared_magnitude(self.returned) - squared_magnitude(self.opened)
+        return [sqrt(float(root.mid())) / (2 * pi) for root, _ in real_roots(difference) if root > 0]
+
     def margins(self) -> Margins:
-        """Gain and phase margins from exact crossings, not from a sweep."""
+        """Gain and phase margins from exact crossings, not from a sweep.
+
+        Raises:
+            ValueError: where a root lies on the axis at every gain.
+        """
         gains = self.gain_crossings()
         above = [c for c in gains if c.value > 1]
         below = [c for c in gains if 0 < c.value < 1]
-        difference = squared_magnitude(self.returned) - squared_magnitude(self.opened)
-        crossovers = [sqrt(float(root.mid())) / (2 * pi) for root, _ in real_roots(difference) if root > 0]
+        crossovers = self.crossovers_Hz()
         phases = [abs(degrees(atan2(value.imag, value.real))) for value in -self.loop_response(np.array(crossovers))]
         return Margins(
             gain_up=above[0].value if above else inf,
@@ -255,7 +271,7 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> Critical
     The controller's breaks are kept, its own gain does not matter. With effects it is the least of all linear members.
 
     Raises:
-        ValueError: without a controller, or where the loop oscillates at no gain or is unstable at every low one.
+        ValueError: without a controller, or where the loop oscillates at no gain, at every one or at every low one.
     """
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")

@@ -15,8 +15,9 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
 from beamdesign.rig.compiled import NOT_SAMPLED, integrate
-from beamdesign.rig.equilibrium import equilibrium, linearise
+from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, problem_without_controller, structure_of
+from beamdesign.rig.substeps import refuse_too_many, substeps_at
 from beamdesign.sampled import digital_law
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
 
@@ -29,7 +30,6 @@ COLUMNS = (
     "load_pressure_Pa",
     "inner_displacement_m",
 )
-LONGEST_STEP_S = 1e-4
 _STEPS_PER_RADIAN = 1.0
 _WALL_STEPS_PER_RADIAN = 4.0
 _TEST_LOAD_N = 1000.0
@@ -119,17 +119,20 @@ def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
     return np.vstack([fine, samples[-1:]])
 
 
-def substeps_for(assembly: Assembly, parameters: np.ndarray, sample_s: float) -> int:
-    """Integration steps per sample: at most 0.1 ms, and one per radian of the fastest pole at rest and under load."""
-    fastest = 1.0
+def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) -> int:
+    """Integration steps per sample of a record: one per radian of the fastest pole at rest and under load.
+
+    Raises:
+        InputError: where the record would take too many; see `beamdesign.rig.substeps`.
+    """
+    places = []
     for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
         u = np.array([load, 0.0, 0.0])
         try:
-            x = equilibrium(assembly, u, parameters)
+            places.append((equilibrium(assembly, u, parameters), u))
         except ValueError:
             continue
-        fastest = max(fastest, float(np.abs(np.linalg.eigvals(linearise(assembly, x, u, parameters).a)).max()))
-    return max(1, ceil(sample_s / min(LONGEST_STEP_S, 1 / (_STEPS_PER_RADIAN * fastest)) - 1e-9))
+    return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
 
 
 def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
@@ -148,7 +151,7 @@ def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, po
         start = equilibrium(continuous, before, parameters)
     except ValueError as error:
         raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
-    substeps = max(substeps_for(continuous, parameters, scenario.sample_s), _wall_substeps(rig, row, scenario.sample_s))
+    substeps = max(substeps_for(continuous, parameters, times), _wall_substeps(rig, row, times))
     inputs[:, 0] += row.preload_N
 
     digital = NOT_SAMPLED
@@ -178,13 +181,16 @@ def _wall_figures(row: ScenarioRecord) -> tuple[float, ...]:
     return () if wall is None else (wall.at_m, wall.stiffness_N_per_m, wall.damping_N_s_per_m, wall.rounding_m)
 
 
-def _wall_substeps(rig: Prototype, row: ScenarioRecord, sample_s: float) -> int:
+def _wall_substeps(rig: Prototype, row: ScenarioRecord, times: np.ndarray) -> int:
     """Steps per sample with which a bounce of the outer beam's mass alone on the wall keeps its energy to 1e-3."""
     if row.wall is None:
         return 1
     mass = figures(rig)["outer_mass"] + row.outer_end_mass_kg
     fastest = max((row.wall.stiffness_N_per_m / mass) ** 0.5, row.wall.damping_N_s_per_m / mass)
-    return ceil(sample_s * _WALL_STEPS_PER_RADIAN * fastest)
+    needed = (times[1] - times[0]) * _WALL_STEPS_PER_RADIAN * fastest
+    reason = f"{mass:g} kg bounces at {fastest / (2 * np.pi):.3g} Hz"
+    refuse_too_many(needed * len(times), f"record.{row.name}.wall.stiffness_N_per_m", reason)
+    return ceil(needed)
 
 
 def _judged(

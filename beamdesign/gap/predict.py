@@ -109,8 +109,7 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
         start = equilibrium(assembly, np.zeros(3), parameters)
     except ValueError as error:
         raise InputError(prototype.name, [("(figures)", str(error))]) from error
-    step = float(given.times[-1] - given.times[0]) / (len(given.times) - 1)
-    substeps = substeps_for(assembly, parameters, step)
+    substeps = substeps_for(assembly, parameters, given.times)
     inputs = half_steps(np.column_stack([without_noise(given.disturbance_N), given.command_V]), substeps)
     y = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]

@@ -1,10 +1,10 @@
 """Replay of any certificate, by the kind it states; each kind has a stand-alone file that proves it again."""
 
-import tomllib
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+from beamdesign.proof.replay_limits import BeyondLimits, read_certificate
 from beamdesign.records import InputError
 
 ROOMS = {
@@ -17,6 +17,8 @@ ROOMS = {
     "beamdesign.stages": "beamdesign.proof.replay_stages",
 }
 """Kinds of certificates, and the stand-alone module that replays each."""
+_WRONG_ENTRIES = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
+"""What comes of entries that are no figures, and of figures that make no loop."""
 
 
 @dataclass(frozen=True)
@@ -45,17 +47,18 @@ def replay(path: str | Path) -> Replayed:
         InputError: where the file is not a certificate that can be read.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-        kind = tomllib.loads(text).get("kind")
+        text, table = read_certificate(path)
     except OSError as error:
         raise InputError(path, [("(certificate)", error.strerror or str(error))]) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(path, [("(certificate)", f"not a certificate: {error}")]) from error
-    if kind not in ROOMS:
-        raise InputError(path, [("kind", f"must be one of {', '.join(ROOMS)}, is {kind!r}")])
+    except BeyondLimits as error:
+        raise InputError(path, [("(certificate)", str(error))]) from error
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in ROOMS:
+        raise InputError(path, [("kind", f"must be one of {', '.join(ROOMS)}, is {str(kind)[:60]!r}")])
     room = import_module(ROOMS[kind])
     try:
-        outcome = room.replay(path)
-    except room.Malformed as error:
-        raise InputError(path, [("(certificate)", str(error))]) from error
+        outcome = room.replay(text)
+    except _WRONG_ENTRIES as error:
+        words = str(error) if isinstance(error, room.Malformed) else f"an entry is not of its kind: {error!r}"
+        raise InputError(path, [("(certificate)", words)]) from error
     return Replayed(kind, text, outcome.valid, outcome.reasons, outcome.claims)

@@ -80,7 +80,7 @@ def run_closed(
     x = np.array([rest[continuous.states.index(name)] for name in assembly.states], dtype=float)
 
     count, period = len(force_N), 1 / realisation.rate_Hz
-    substeps = substeps_for(continuous, parameters, period)
+    substeps = substeps_for(continuous, parameters, np.arange(count) * period)
     inputs = half_steps(np.column_stack([force_N, np.zeros(count)]), substeps)
     code, width = compiled(kinds), len(assembly.outputs)
     prepared, y = code.prepared(parameters), np.zeros((2, width))

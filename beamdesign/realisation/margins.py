@@ -11,7 +11,7 @@ from math import atan, inf, pi
 
 from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.loop import LoopAtMass, Margins
+from beamdesign.loop import LoopAtMass
 from beamdesign.polynomial import exact
 from beamdesign.realisation.loop import RealisedLoop
 from beamdesign.realisation.realise import Realisation
@@ -49,10 +49,10 @@ def sampled_figures(loop: RealisedLoop, mass_kg: float) -> LoopFigures:
 
 
 def _figures(at: LoopAtMass, true_Hz: Callable[[float], float]) -> LoopFigures:
-    margins: Margins = at.margins()
-    crossover = true_Hz(margins.crossover_Hz)
+    crossover = true_Hz(max(at.crossovers_Hz(), default=0.0))
     if not at.stable:
         return LoopFigures(inf, 0.0, 0.0, crossover)
+    margins = at.margins()
     return LoopFigures(at.peak_sensitivity(), margins.gain_up, margins.phase_deg, crossover)
 
 

@@ -105,8 +105,9 @@ def simulate_scheduled(
     def figures(mass: float) -> np.ndarray:
         return np.array(list(parameters_of(plant, mass, inner).values()))
 
-    substeps = max(substeps_for(continuous, figures(mass), period) for _, mass in course.payload_kg)
     count = len(course.force_N)
+    times = np.arange(count) * period
+    substeps = max(substeps_for(continuous, figures(mass), times) for _, mass in course.payload_kg)
     noise = noise_V * np.random.default_rng(seed).standard_normal(count)
     command = np.zeros(count) if course.command_V is None else course.command_V
     inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)

@@ -148,7 +148,7 @@ def digital_controller(
     assert prototype.controller is not None
     controller = without_sections(prototype.controller, prototype.name, "a difference equation")
     closed = loop(prototype)
-    crossover = max(closed.at(mass).margins().crossover_Hz for mass in looked_at)
+    crossover = max(max(closed.at(mass).crossovers_Hz(), default=0.0) for mass in looked_at)
     upper = max(controller.pole_Hz, controller.zero_Hz) if isinstance(controller, Lag) else 0.0
     rate = rate_Hz or sensible_rate_Hz(crossover, upper)
     for _ in range(1 if rate_Hz else _TRIES):
