@@ -49,8 +49,8 @@ class BenchActuator(Record):
         if (pair := numbers(table, "rod_m", "bore_m")) and pair[0] >= pair[1] > 0:
             yield Problem("rod_m", f"{pair[0]:g} is not less than the bore, {pair[1]:g}")
         elif (given := numbers(table, "rod_m", "bore_m", "piston_area_m2")) and given[1] > 0:
-            mean = pi / 4 * (given[1] ** 2 - given[0] ** 2 / 2)
-            if abs(given[2] / mean - 1) > AREA_ROUNDING:
+            mean = pi / 4 * (given[1] * given[1] - given[0] * given[0] / 2)
+            if abs(given[2] - mean) > AREA_ROUNDING * mean:
                 yield Problem(
                     "piston_area_m2", f"{given[2]:g} is not the mean of both sides, {mean:.4g} by bore and rod"
                 )

@@ -46,8 +46,8 @@ def read_certificate(path: str | Path) -> tuple[str, dict[str, Any]]:
         raise BeyondLimits("it is nested too deeply") from error
     except BeyondLimits:
         raise
-    except ValueError as error:  # no text, no TOML, or an integer of thousands of digits
-        raise BeyondLimits(f"not a certificate: {error}") from error
+    except (ValueError, SyntaxError) as error:  # no text, TOML or expression, or an integer of thousands of digits
+        raise BeyondLimits(f"not a certificate: {str(error)[:200]}") from error
     return text, table
 
 
