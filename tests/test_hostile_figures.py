@@ -92,8 +92,6 @@ def test_levels_and_amplitudes_of_a_scenario_are_plausible(amplitude: dict[str, 
 ALL = sorted(
     name for name, value in vars(quantities).items() if hasattr(value, "__metadata__") and name != "FiniteFloat"
 )
-    name for name, value in vars(quantities).items() if name != "FiniteFloat" and hasattr(value, "__metadata__")
-)
 
 
 @settings(max_examples=300, deadline=None)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from beamdesign import quantities as q
 from beamdesign.materials import material_names
 from beamdesign.prototype import (
     Actuator,
@@ -36,34 +37,37 @@ BESIDE = sorted((ROOT.parent / "shared" / "rig").glob("*/prototype.toml"))
 """Rigs that may lie beside the project; where none do, there is nothing to read."""
 
 
-def figures(least: float = 0.0, below: float = 1e12) -> st.SearchStrategy[float]:
-    return st.floats(least, below, exclude_min=True, exclude_max=True)
+def figures(quantity: Any) -> st.SearchStrategy[float]:
+    """All that is plausible of a quantity."""
+    bounds = q.range_of(quantity)
+    inside = st.floats(bounds.low, bounds.high)
+    return inside | st.just(0.0) if bounds.or_zero else inside
 
 
 texts = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)
-lags = st.builds(Lag, gain_A_per_V=figures(), pole_Hz=figures(), zero_Hz=figures())
-masses = st.tuples(figures(), figures()).map(lambda ends: tuple(sorted(ends)))
+lags = st.builds(Lag, gain_A_per_V=figures(q.LawGain), pole_Hz=figures(q.Frequency), zero_Hz=figures(q.Frequency))
+masses = st.tuples(figures(q.MassOrNone), figures(q.MassOrNone)).map(lambda ends: tuple(sorted(ends)))
 
 
 @st.composite
 def beams(draw: st.DrawFn, width: float | None = None) -> Beam:
     """Lumped figures, a geometry, or both."""
     which = draw(st.sampled_from(["lumped", "geometry", "both"]))
-    fields: dict[str, Any] = {"damping_ratio": draw(st.floats(0, 1, exclude_max=True))}
+    fields: dict[str, Any] = {"damping_ratio": draw(figures(q.StructuralDamping))}
     if which != "geometry":
-        fields |= {"stiffness_N_per_m": draw(figures()), "effective_mass_kg": draw(figures())}
+        fields |= {"stiffness_N_per_m": draw(figures(q.Stiffness)), "effective_mass_kg": draw(figures(q.Mass))}
     if which != "lumped":
-        width = width or draw(figures(1e-3, 2.0))
+        width = width or draw(st.floats(0.01, 2.0))
         wall = width * draw(st.floats(0.01, 0.49))
-        length = draw(figures(0.1, 100.0))
+        length = draw(st.floats(1.0, 3.0))
         fields |= {
             "width_m": width,
             "wall_m": wall,
             "corner_radius_m": draw(st.sampled_from([0.0, min(wall * 1.01, width / 2)])),
-            "free_length_m": length * draw(st.floats(0.1, 1.0)),
+            "free_length_m": length * draw(st.floats(0.4, 1.0)),
             "length_m": length,
             "material": draw(st.sampled_from(material_names())),
-            "end_mass_kg": draw(st.floats(0, 1e3)),
+            "end_mass_kg": draw(figures(q.MassOrNone)),
         }
     return Beam(**fields)
 
@@ -76,27 +80,33 @@ def prototypes(draw: st.DrawFn) -> Prototype:
         name=draw(texts),
         outer_beam=outer,
         inner_beam=draw(beams(None if opening is None else opening * 0.9)),
-        actuator=draw(st.builds(Actuator, piston_area_m2=figures(below=1.0), oil_stiffness_N_per_m=figures())),
+        actuator=draw(
+            st.builds(Actuator, piston_area_m2=figures(q.PistonArea), oil_stiffness_N_per_m=figures(q.Stiffness))
+        ),
         servovalve=draw(
             st.builds(
                 Servovalve,
-                flow_gain_m3_per_s_per_A=figures(below=10.0),
-                leakage_m3_per_s_per_Pa=st.floats(0, 1e-8, exclude_max=True),
-                natural_frequency_Hz=figures(),
-                damping_ratio=figures(below=10.0),
+                flow_gain_m3_per_s_per_A=figures(q.FlowPerCurrent),
+                leakage_m3_per_s_per_Pa=figures(q.Leakage),
+                natural_frequency_Hz=figures(q.ComponentFrequency),
+                damping_ratio=figures(q.SpoolDamping),
             )
         ),
-        sensor=draw(st.builds(Sensor, gain_V_per_m=figures(), filter_Hz=st.none() | figures())),
-        controller=draw(st.none() | lags | st.builds(Proportional, gain_A_per_V=figures())),
-        payload=draw(st.builds(Payload, outer_end_mass_kg=st.none() | masses, inner_end_mass_kg=st.floats(0, 1e3))),
-        goal=draw(st.builds(Goal, compliance_m_per_N=figures(), peak_sensitivity=figures(1.0))),
-        tolerance=draw(st.builds(Tolerance, stiffness=figures(), inner_end_mass=figures())),
+        sensor=draw(
+            st.builds(Sensor, gain_V_per_m=figures(q.SensorGain), filter_Hz=st.none() | figures(q.ComponentFrequency))
+        ),
+        controller=draw(st.none() | lags | st.builds(Proportional, gain_A_per_V=figures(q.LawGain))),
+        payload=draw(st.builds(Payload, outer_end_mass_kg=st.none() | masses, inner_end_mass_kg=figures(q.MassOrNone))),
+        goal=draw(
+            st.builds(Goal, compliance_m_per_N=figures(q.ComplianceLimit), peak_sensitivity=figures(q.PeakSensitivity))
+        ),
+        tolerance=draw(st.builds(Tolerance, stiffness=figures(q.RelativeStd), inner_end_mass=figures(q.RelativeStd))),
         guarantee=draw(
             st.none()
             | st.builds(
                 Guarantee,
-                bandwidth_Hz=figures(),
-                peak_sensitivity=figures(),
+                bandwidth_Hz=figures(q.Frequency),
+                peak_sensitivity=figures(q.PeakSensitivity),
                 outer_end_mass_kg=masses,
                 certificate=texts,
                 certificate_sha256=texts,

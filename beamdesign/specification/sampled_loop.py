@@ -27,6 +27,7 @@ from beamdesign.specification.difference_equation import DifferenceEquation
 
 _BITS = 128
 _PIECES = 4000
+_NARROWEST = fmpq(1, 2**20)  # of the range: where such a piece gives no proof, narrower ones do not either
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ def prove_sampled(loop: ClosedOverMass, low_kg: float, high_kg: float) -> Sample
             seen += 1
             if _contracts(loop.enclosed(first, last), values, vectors):
                 proved += 1
-            elif len(open_pieces) + proved >= _PIECES or first == last:
+            elif len(open_pieces) + proved >= _PIECES or last - first <= _NARROWEST * (high - low):
                 reason = f"no proof between {nearest(first):.6g} and {nearest(last):.6g} kg"
                 return SampledVerdict(None, reason, proved, largest, seen)
             else:
