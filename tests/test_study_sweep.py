@@ -206,7 +206,7 @@ def test_failures_stay_as_rows_with_their_reason(sweep, command, tmp_path, monke
     assert fields["counts"] == {"done": 1, "failed": 1, "refused": 1, "no": 1}
     assert "ZeroDivisionError: a fault" in output
     rows = parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist()
-    assert "greater than 0" in rows[2]["reason"]
+    assert "plausible range" in rows[2]["reason"]
     assert rows[3]["reason"]
     status, output, _ = command("status", tmp_path / "sweep.toml", "--out", tmp_path / "out")
     assert status == 0
