@@ -114,7 +114,7 @@ EdgeRatio = Annotated[FiniteFloat, Plausible(0.01, 2.0)]
 
 # Signals and laws.
 Current = Annotated[FiniteFloat, Plausible(1e-5, 10.0)]
-SensorGain = Annotated[FiniteFloat, Plausible(5.0, 1e8)]
+SensorGain = Annotated[FiniteFloat, Plausible(0.1, 1e8)]
 Noise = Annotated[FiniteFloat, Plausible(1e-12, 100.0, or_zero=True)]
 Resolution = Annotated[FiniteFloat, Plausible(1e-12, 0.1, or_zero=True)]
 SignedVoltage = Annotated[FiniteFloat, Plausible(-1e3, 1e3)]
