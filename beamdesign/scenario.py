@@ -9,6 +9,7 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.columns import read_columns, uniform_times
 from beamdesign.prototype import Controller
 from beamdesign.records import FileName, InputError, Problem, Record, numbers
 
@@ -216,7 +217,8 @@ def read_scenario(path: str | Path) -> Scenario:
                     inputs_from_csv(Path(signal.file), scenario.times)
                 except InputError as error:
                     wrong += [
-                        Problem(f"record.{i}.input.{j}.file", f"{error.source}: {p.reason}") for p in error.problems
+                        Problem(f"record.{i}.input.{j}.file", f"{error.source}: {p.key}: {p.reason}")
+                        for p in error.problems
                     ]
             signals.append(signal)
         rows.append(row.but(input=tuple(signals)))
@@ -271,21 +273,14 @@ def inputs_from_csv(path: Path, times: np.ndarray) -> np.ndarray:
     """(N, 2) inputs read from a CSV file with the same sample times.
 
     Raises:
-        InputError: where the file cannot be read, a column is missing, or the times are not those of the scenario.
+        InputError: where the file cannot be read, with row and column; where a column is missing, or the times are
+            not those of the scenario.
     """
-    try:
-        with open(path, encoding="utf-8") as file:
-            names = file.readline().strip().split(",")
-            table = np.loadtxt(file, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(path, [("(file)", reason)]) from error
-    if "t_s" not in names or not set(CHANNELS) & set(names) or table.shape[1] != len(names):
+    columns = read_columns(path, only=("t_s", *CHANNELS))
+    if "t_s" not in columns or not set(CHANNELS) & set(columns):
         raise InputError(path, [("(columns)", "needs t_s and disturbance_N, command_V or both")])
-    if not np.all(np.isfinite(table)):
-        raise InputError(path, [("(columns)", "holds figures that are not finite")])
-    own = table[:, names.index("t_s")]
+    own = columns["t_s"]
+    uniform_times(path, own)
     if len(own) < len(times) or np.abs(own[: len(times)] - own[0] - times).max() > 0.01 * (times[1] - times[0]):
         raise InputError(path, [("t_s", "does not have the sample times of the scenario")])
-    columns = [table[: len(times), names.index(c)] if c in names else np.zeros(len(times)) for c in CHANNELS]
-    return np.column_stack(columns)
+    return np.column_stack([columns.get(name, np.zeros(len(own)))[: len(times)] for name in CHANNELS])

@@ -241,8 +241,12 @@ def test_a_set_needs_conditions_and_both_chambers(tmp_path: Path):
     with pytest.raises(InputError, match="one condition only"):
         read_bench_set(write_set(tmp_path / "one", Truth(), (4.0,)))
     folder = write_set(tmp_path / "two", Truth(), (4.0, 8.0))
-    text = (folder / "dataset.toml").read_text().replace("4V_b", "4V_a").replace("replicate = 2", "replicate = 3")
+    text = (folder / "dataset.toml").read_text()
+    (folder / "dataset.toml").write_text(text.replace("4V_b", "4V_a"))
+    with pytest.raises(InputError, match="is the same file as entry 1"):
+        read_bench_set(folder)
     (folder / "dataset.toml").write_text(text)
+    (folder / "records" / "4V_b_1.csv").write_bytes((folder / "records" / "4V_a_1.csv").read_bytes())
     with pytest.raises(InputError, match="stands twice"):
         read_bench_set(folder)
     (folder / "dataset.toml").write_text(text.replace('rig = "actuator_bench"', 'rig = "twin_beam"'))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from recorded_rig import Recorded, as_csv, recorded
 
-from beamdesign.gap.data.columns import read_columns, uniform_times
+from beamdesign.columns import read_columns, uniform_times
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.data.dataset_index import kind_of
 from beamdesign.gap.examination.plausibility import examine

@@ -77,7 +77,7 @@ REFUSED: dict[str, tuple[Spoil, str, str]] = {
         "values are in lbf, by their scale",
     ),
     "pounds": (scale("disturbance_N", 1 / 4.4482216), "disturbance_N", "in lbf, by their scale: multiply by 4.44822"),
-    "milliseconds": (scale("t_s", 1e3), "t_s", "times are in ms"),
+    "milliseconds": (scale("t_s", 1e3), "t_s", "are these milliseconds"),
     "sign of displacement": (scale("displacement_m", -1), "displacement_m", "its sign is the other way round"),
     "sign of current": (scale("current_A", -1), "current_A", "its sign is the other way round"),
     "sign of force": (scale("disturbance_N", -1), "disturbance_N", "its sign is the other way round"),

@@ -35,8 +35,8 @@ def predict(
     from beamdesign.gap.predict import predict_set
     from beamdesign.simulate import write_tables
 
-    with progress("simulating"):
-        found = predict_set(prototype, dataset)
+    with progress("simulating") as update:
+        found = predict_set(prototype, dataset, update)
     with fresh_folder(out) as fresh:
         written = [write_tables({record.name: record.samples}, record.columns, fresh) for record in found]
     paths = [path for each in written for path in settled(each, fresh, out)]

@@ -1,14 +1,14 @@
 """What a prototype would have recorded under the inputs of a data set; nothing that was measured is looked at."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
-from beamdesign.gap.data.columns import read_columns, uniform_times
-from beamdesign.gap.data.dataset_index import index_of, kind_of, read_index
+from beamdesign.columns import read_columns, uniform_times
+from beamdesign.gap.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype, read_prototype
 from beamdesign.records import InputError, read_table
@@ -22,6 +22,8 @@ COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
 FURTHEST_M = 0.5
 """Displacement of the outer tip at which a loop has diverged."""
+MOST_STEPS = 50_000_000
+"""Integration steps of one record: a minute's work, and a gigabyte or two."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,8 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
         believed_sensor_gain: V/m, by which volts became the displacement of the data set.
 
     Raises:
-        InputError: without a controller, for effects that cannot be, or where there is no equilibrium to start from.
+        InputError: without a controller, for effects that cannot be, where there is no equilibrium to start from, or
+            where the record takes more than `MOST_STEPS`.
     """
     rig = prototype if given.controller is None else prototype.but(controller=given.controller)
     kinds = structure_of(rig)
@@ -119,20 +122,32 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
     return Predicted(given.name, COLUMNS, samples, "" if len(y) == len(given.times) else reason)
 
 
-def predict_set(prototype_file: str | Path, folder: str | Path) -> tuple[Predicted, ...]:
+def predict_set(
+    prototype_file: str | Path, folder: str | Path, progress: Callable[[float, str], None] = lambda share, text: None
+) -> tuple[Predicted, ...]:
     """Every record of a data set as a prototype predicts it; a bench by a bench.
+
+    Args:
+        prototype_file: of the model.
+        folder: of the data set.
+        progress: called with the share that is done and with what is being done.
 
     Raises:
         InputError: where either cannot be read, or where they are of different kinds of rig.
     """
     if kind_of(folder) == "actuator_bench":
-        return tuple(_predict_bench(read_bench_prototype(prototype_file), Path(folder)))
+        return tuple(_predict_bench(read_bench_prototype(prototype_file), Path(folder), progress))
     inputs, gain = read_inputs(folder)
     prototype = read_prototype(prototype_file)
-    return tuple(predict(prototype, given, gain) for given in inputs)
+    found, done, total = [], 0, sum(len(given.times) for given in inputs)
+    for given in inputs:
+        progress(done / total, f"{given.name}, {given.times[-1] - given.times[0]:.4g} s")
+        found.append(predict(prototype, given, gain))
+        done += len(given.times)
+    return tuple(found)
 
 
-def _predict_bench(prototype: BenchPrototype, folder: Path) -> list[Predicted]:
+def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Callable[[float, str], None]) -> list[Predicted]:
     from beamdesign.bench_simulation import BENCH_COLUMNS as MADE
     from beamdesign.bench_simulation import replay
 
@@ -140,7 +155,8 @@ def _predict_bench(prototype: BenchPrototype, folder: Path) -> list[Predicted]:
     files = _files(path)
     found: list[Predicted] = []
     made: dict[bytes, np.ndarray] = {}
-    for file in files:
+    for k, file in enumerate(files):
+        progress(k / len(files), file)
         times, command = _columns(path.parent / file, ("t_s", "command_V"))
         key = command.tobytes() + times.tobytes()
         if key not in made:  # both chambers of a condition come from two runs of one command
@@ -152,13 +168,13 @@ def _predict_bench(prototype: BenchPrototype, folder: Path) -> list[Predicted]:
 def _files(path: Path) -> list[str]:
     """Of the records in a dataset.toml, whatever else it says of them."""
     rows = read_table(path).get("record")
-    files = [row.get("file") if isinstance(row, dict) else None for row in rows] if isinstance(rows, list) else []
-    good = [file for file in files if isinstance(file, str) and (path.parent / file).is_file()]
-    if len(good) < len(files):
-        raise InputError(path, [("record.file", f"no file {file}") for file in files if file not in good])
-    if not good:
+    named = [row.get("file") if isinstance(row, dict) else None for row in rows] if isinstance(rows, list) else []
+    files = [file if isinstance(file, str) else "" for file in named]
+    if wrong := wrong_files("record.file", files, path.parent):
+        raise InputError(path, wrong)
+    if not files:
         raise InputError(path, [("record", "the set holds no time record to predict")])
-    return good
+    return files
 
 
 def _columns(path: Path, names: Sequence[str]) -> list[np.ndarray]:

@@ -1,11 +1,14 @@
 """Trade curves that lie beside a result: rows of the front.csv that `beamdesign front` has written there."""
 
 import csv
+from io import StringIO
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.axes import Axes
 
+from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.report.canvas import STYLES
 
 NAME = "front.csv"
@@ -22,11 +25,12 @@ class TradePoint(NamedTuple):
 def read_trade(folder: Path) -> tuple[TradePoint, ...]:
     """The proved points of a folder's front; none where there is no such file, or none that can be read."""
     try:
-        with open(folder / NAME, encoding="utf-8", newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("proved") == "True"]
-        return tuple(TradePoint(*(float(row[key]) for key in TradePoint._fields)) for row in rows)
-    except (OSError, KeyError, ValueError):
+        text = read_bytes(folder / NAME, LARGEST_TABLE).decode()
+        rows = [row for row in csv.DictReader(StringIO(text, newline="")) if row.get("proved") == "True"]
+        points = tuple(TradePoint(*(float(row[key]) for key in TradePoint._fields)) for row in rows)
+    except (OSError, KeyError, ValueError, TypeError, csv.Error):  # TypeError: a row that ends early
         return ()
+    return points if all(isfinite(figure) for point in points for figure in point) else ()
 
 
 def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, float]) -> Axes:

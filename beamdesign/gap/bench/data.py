@@ -4,6 +4,7 @@ A data set of this kind names `rig = "actuator_bench"`, and per record its `cond
 one condition come from two runs.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,8 @@ from pydantic import Field
 
 from beamdesign import records
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
-from beamdesign.gap.data.dataset import read_columns, uniform_times
+from beamdesign.columns import read_columns, uniform_times
+from beamdesign.gap.data.dataset_index import wrong_files
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
@@ -104,10 +106,12 @@ def read_bench_set(folder: str | Path) -> BenchSet:
     entry = records.read(_File, path)
     if entry.rig != "actuator_bench":
         raise InputError(path, [("rig", f"{entry.rig!r} is not a bench; expected 'actuator_bench'")])
+    if wrong := wrong_files("record.file", [row.file for row in entry.record], path.parent):
+        raise InputError(path, wrong)
     prototype = read_bench_prototype(path.parent / entry.prototype)
     runs = tuple(_run(path.parent / row.file, row, prototype) for row in entry.record)
-    taken = [(run.condition, run.replicate, run.side) for run in runs]
-    twice = [each for each in dict.fromkeys(taken) if taken.count(each) > 1]
+    taken = Counter((run.condition, run.replicate, run.side) for run in runs)
+    twice = [each for each, count in taken.items() if count > 1]
     if twice:
         raise InputError(path, [("record", f"{c}, replicate {r}, chamber {s} stands twice") for c, r, s in twice])
     conditions = dict.fromkeys(run.condition for run in runs)

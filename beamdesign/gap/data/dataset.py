@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from beamdesign import records
+from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controller import without_sections
-from beamdesign.gap.data.columns import read_columns, uniform_times
 from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Controller, Prototype, read_prototype

@@ -1,6 +1,8 @@
 """dataset.toml: which files came back from a rig, and how each was taken."""
 
 import difflib
+import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +13,7 @@ from beamdesign import records
 from beamdesign.prototype import Controller
 from beamdesign.records import FileName, InputError, Problem, Record
 
+_TOLD = 20  # entries whose files are wrong that are spelt out
 _ALIKE = 0.8  # how much of a key must be as in one of ours to be taken for it misspelt
 
 
@@ -98,7 +101,7 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
     entry = records.parse(Index, table, path)
     if entry.rig != "twin_beam":
         raise InputError(path, [("rig", f"{entry.rig!r} is not a rig this reader knows; expected 'twin_beam'")])
-    problems = _missing_files(entry, path.parent)
+    problems = _wrong_files(entry, path.parent)
     if not (entry.record or entry.frequency_response or entry.critical_gain):
         problems.append(Problem("record", "the set holds no record, no frequency_response and no critical_gain"))
     if problems:
@@ -143,19 +146,41 @@ def _single_tables(table: dict[str, Any]) -> list[Problem]:
     ]
 
 
-def _missing_files(entry: Index, folder: Path) -> list[Problem]:
-    named = [("prototype", "", entry.prototype)]
-    named += [("record.file", f"entry {k}: ", row.file) for k, row in enumerate(entry.record, start=1)]
-    named += [
-        ("frequency_response.file", f"entry {k}: ", row.file) for k, row in enumerate(entry.frequency_response, start=1)
-    ]
-    return [Problem(key, place + _no_file(folder, file)) for key, place, file in named if not (folder / file).is_file()]
+def _wrong_files(entry: Index, folder: Path) -> list[Problem]:
+    wrong = (
+        [] if os.path.isfile(folder / entry.prototype) else [Problem("prototype", _no_file(folder, entry.prototype))]
+    )
+    wrong += wrong_files("record.file", [row.file for row in entry.record], folder)
+    return wrong + wrong_files("frequency_response.file", [row.file for row in entry.frequency_response], folder)
+
+
+def wrong_files(key: str, files: Sequence[str], folder: Path) -> list[Problem]:
+    """What is wrong with the files that the entries of a list name: there is none, or an earlier entry is called so.
+
+    Args:
+        key: of the problems.
+        files: as they are named, one per entry.
+        folder: of the dataset.toml.
+    """
+    wrong, first = [], dict[str, int]()
+    for k, file in enumerate(files, start=1):
+        if not os.path.isfile(folder / file):  # unlike is_file, bears names that no file can have
+            wrong.append(Problem(key, f"entry {k}: {_no_file(folder, file)}"))
+        elif (earlier := first.setdefault(Path(file).stem, k)) != k:
+            other = files[earlier - 1]
+            words = "the same file as" if (folder / file).samefile(folder / other) else f"called like {other} of"
+            wrong.append(Problem(key, f"entry {k}: {file} is {words} entry {earlier}; each needs a name of its own"))
+        if len(wrong) > _TOLD:
+            return [*wrong[:-1], Problem(key, f"and perhaps more of the {len(files) - k + 1} entries from {k} on")]
+    return wrong
 
 
 def _no_file(folder: Path, file: str) -> str:
     """What to say of a file that is not there: its folder may hold one of a similar name."""
+    if not file or os.path.exists(folder / file):
+        return f"no regular file {file!r}"
     around = (folder / file).parent
-    if not around.is_dir():
+    if not os.path.isdir(around):
         return f"no file {file}: there is no folder {Path(file).parent}"
     close = difflib.get_close_matches(Path(file).name, sorted(p.name for p in around.iterdir() if p.is_file()), 1)
     return f"no file {file}" + (f"; did you mean {(Path(file).parent / close[0]).as_posix()}?" if close else "")

@@ -2,17 +2,30 @@
 
 import csv
 from collections.abc import Sequence
-from io import StringIO
+from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
 
+from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.records import InputError, Problem
 from beamdesign.spelling import fault
 
+LARGEST = {
+    "s": (1e10, 1e6), "N": (1e7, 1.0), "V": (1e3, 1e3), "A": (100.0, 1e6), "m": (10.0, 1e6), "Pa": (1e9, 1.0),
+    "Hz": (1e6, 1.0), "m_per_N": (1.0, 1e6), "deg": (1e6, 1.0),
+}  # fmt: skip
+"""By unit of a column: what no rig goes beyond (times may count from 1970), and how much larger it may be written.
+
+Figures in millimetres are for an examination to tell, which knows the rig.
+"""
+INTERVALS_S = (1e-6, 0.025)
+"""Least and largest interval between samples: modes of 10 Hz need 50 samples a second, recorders make a million."""
+_TIMES = {"milliseconds": 1e-3, "microseconds": 1e-6, "minutes": 60.0, "days, as spreadsheets count": 86_400.0}
 _OFF_PLACE = 0.26  # of a sample interval; times are written with few digits
 _FEWEST = 3
 _SHOWN = 24
+_LARGE = 500_000  # characters, from which a faster parser is worth its loading
 
 
 def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
@@ -25,14 +38,15 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
         only: the columns that count, as far as they are there, whatever stands in the others; all where empty.
 
     Raises:
-        InputError: naming file, column and row where something is not a finite number, or where the file has no rows.
+        InputError: naming file, column and row where something is not a finite number or beyond `LARGEST`, or where
+            the file is no regular one, is too large, or has no rows.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(path, [("(file)", error.strerror or str(error))]) from error
+        text = TextIOWrapper(BytesIO(read_bytes(path, LARGEST_TABLE)), encoding="utf-8-sig").read()
     except UnicodeDecodeError as error:
         raise InputError(path, [("(file)", f"is not text in UTF-8: {error.reason}")]) from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise InputError(path, [("(file)", getattr(error, "strerror", None) or str(error))]) from error
     if not text.strip():
         raise InputError(path, [("(file)", "is empty")])
     header, _, body = text.partition("\n")
@@ -41,26 +55,63 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
         raise InputError(path, [("(file)", "holds no rows below the column names")])
     if "\0" in body:
         raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
-    try:
-        used = [k for k, name in enumerate(names) if not only or name in only]
-        if not used:
-            return {}
-        values = np.loadtxt(StringIO(body), delimiter=",", ndmin=2, comments=None, usecols=used if only else None)
-    except ValueError:
-        raise InputError(path, _bad_cells(names, body, only)) from None
-    if not only and values.shape[1] != len(names):
-        raise InputError(path, _bad_cells(names, body))
-    names = [names[k] for k in used]
-    wrong = []
-    for k, name in enumerate(names):
-        bad = np.nonzero(~np.isfinite(values[:, k]))[0]
-        if len(bad):
-            row = _row_of(body, int(bad[0]))
-            count = "1 value is" if len(bad) == 1 else f"{len(bad)} values are"
-            wrong.append(Problem(name, f"{count} not finite, the first in row {row}"))
-    if wrong:
+    used = [name for name in names if not only or name in only]
+    columns = _fast(body, names, used) if len(body) > _LARGE and used else None
+    if columns is None:
+        columns = _careful(path, body, names, used)
+    if wrong := [problem for name in used for problem in _impossible(name, columns[name], body)]:
         raise InputError(path, wrong)
-    return {name: values[:, k].copy() for k, name in enumerate(names)}
+    return columns
+
+
+def _fast(body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray] | None:
+    """The columns of a large file; None where anything is odd."""
+    import pyarrow
+    from pyarrow import csv as arrow
+
+    try:
+        table = arrow.read_csv(
+            BytesIO(body.encode()),
+            arrow.ReadOptions(column_names=names, use_threads=False),
+            arrow.ParseOptions(quote_char=False),
+            arrow.ConvertOptions(column_types=dict.fromkeys(used, "float64"), include_columns=used, null_values=[]),
+        )
+    except pyarrow.ArrowInvalid:
+        return None
+    return {name: table[name].to_numpy() for name in used}
+
+
+def _careful(path: Path, body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray]:
+    """The same of any file, with row and column of what cannot be read."""
+    if not used:
+        return {}
+    picked = None if used == names else [names.index(name) for name in used]
+    try:
+        values = np.loadtxt(StringIO(body), delimiter=",", ndmin=2, comments=None, usecols=picked)
+    except ValueError:
+        raise InputError(path, _bad_cells(names, body, used)) from None
+    if values.shape[1] != len(used):
+        raise InputError(path, _bad_cells(names, body, used))
+    return {name: values[:, k].copy() for k, name in enumerate(used)}
+
+
+def _impossible(name: str, values: np.ndarray, body: str) -> list[Problem]:
+    """What is wrong with the figures of a column, whatever the rig."""
+    bad = np.nonzero(~np.isfinite(values))[0]
+    if len(bad):
+        count = "1 value is" if len(bad) == 1 else f"{len(bad)} values are"
+        return [Problem(name, f"{count} not finite, the first in row {_row_of(body, int(bad[0]))}")]
+    unit = max((unit for unit in LARGEST if name.endswith(f"_{unit}")), key=len, default=None)
+    if unit is None:
+        return []
+    largest, finer = LARGEST[unit]
+    beyond = np.nonzero(np.abs(values) > largest * finer)[0]
+    if not len(beyond):
+        return []
+    others = "" if len(beyond) == 1 else f", as are {len(beyond) - 1} more beyond what is possible"
+    where = f"row {_row_of(body, int(beyond[0]))} is {values[beyond[0]]:g}{others}"
+    scale = unit.replace("_per_", "/")
+    return [Problem(name, f"{where}: from {-largest:g} to {largest:g} {scale} is plausible")]
 
 
 def _names(path: Path, header: str) -> list[str]:
@@ -96,7 +147,7 @@ def _row_of(body: str, position: int) -> int:
     return filled[position]
 
 
-def _bad_cells(names: list[str], body: str, only: Sequence[str] = ()) -> list[Problem]:
+def _bad_cells(names: list[str], body: str, used: Sequence[str]) -> list[Problem]:
     """The first row that cannot be read, in words."""
     for row, line in enumerate(body.splitlines(), start=2):
         if not line.strip():
@@ -107,9 +158,7 @@ def _bad_cells(names: list[str], body: str, only: Sequence[str] = ()) -> list[Pr
             return [Problem("(file)", f"row {row} has {found}, the header {len(names)}{_why(cells, names)}")]
         for name, cell in zip(names, cells, strict=True):
             # What Python takes for a number and a table does not: 1_000.
-            if only and name not in only:
-                continue
-            if _number(cell) is None or "_" in cell:
+            if name in used and (_number(cell) is None or "_" in cell):
                 shown = repr(next(csv.reader([cell]), [cell])[0].strip()[:_SHOWN]) if cell.strip() else "empty"
                 return [Problem(name, f"row {row} is not a number: {shown}")]
     return [Problem("(file)", "cannot be read as numbers")]
@@ -126,10 +175,10 @@ def _why(cells: list[str], names: list[str]) -> str:
 
 
 def uniform_times(path: Path, times: np.ndarray) -> None:
-    """Refuse times that do not rise in equal steps.
+    """Refuse times that do not rise in equal steps, or whose steps are none of a recorder's.
 
     Raises:
-        InputError: naming the first row at which they do not.
+        InputError: naming the first row at which they do not, or the unit they seem to be in.
     """
     if len(times) < _FEWEST:
         raise InputError(path, [("t_s", f"too short: {len(times)} samples")])
@@ -140,6 +189,12 @@ def uniform_times(path: Path, times: np.ndarray) -> None:
         row = int(back[0]) + 3
         held = "repeats" if steps[back[0]] == 0 else "goes back from"
         raise InputError(path, [("t_s", f"does not rise: row {row} {held} the time of row {row - 1}")])
+    low, high = INTERVALS_S
+    if not low <= typical <= high:
+        meant = [unit for unit, seconds in _TIMES.items() if 10 * low <= typical * seconds <= high]
+        question = f": are these {meant[0]}?" if meant else ":"
+        reason = f"steps of {typical:.3g} s{question} From {low:g} to {high:g} s is plausible"
+        raise InputError(path, [("t_s", reason)])
     gap = np.nonzero(steps > 1.5 * typical)[0]
     if len(gap) and len(gap) < 0.1 * len(steps):
         row, lost = int(gap[0]) + 3, round(float(steps[gap[0]]) / typical) - 1
