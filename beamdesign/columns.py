@@ -56,7 +56,7 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     if "\0" in body:
         raise InputError(path, [("(file)", "is not text: it holds zero bytes")])
     used = [name for name in names if not only or name in only]
-    columns = _fast(body, names, used) if len(body) > _LARGE and used else None
+    columns = _fast(text, names, used) if len(body) > _LARGE and used else None
     if columns is None:
         columns = _careful(path, body, names, used)
     if wrong := [problem for name in used for problem in _impossible(name, columns[name], body)]:
@@ -64,15 +64,15 @@ def read_columns(path: Path, only: Sequence[str] = ()) -> dict[str, np.ndarray]:
     return columns
 
 
-def _fast(body: str, names: list[str], used: list[str]) -> dict[str, np.ndarray] | None:
+def _fast(text: str, names: list[str], used: list[str]) -> dict[str, np.ndarray] | None:
     """The columns of a large file; None where anything is odd."""
     import pyarrow
     from pyarrow import csv as arrow
 
     try:
         table = arrow.read_csv(
-            BytesIO(body.encode()),
-            arrow.ReadOptions(column_names=names, use_threads=False),
+            BytesIO(text.encode()),
+            arrow.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
             arrow.ParseOptions(quote_char=False),
             arrow.ConvertOptions(column_types=dict.fromkeys(used, "float64"), include_columns=used, null_values=[]),
         )

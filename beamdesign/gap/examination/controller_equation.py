@@ -121,7 +121,7 @@ def controller_fit(record: TimeRecord, sensor_gain: float, controller: Controlle
     gain = _gain(current, asked)
     delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
     lag, with_lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
-    limit, with_limit = _saturated(current, asked)
+    limit, with_limit = _saturated(current, asked) if residual >= _SEEN else (None, residual)
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, noise):
         limit, with_limit = None, residual
     return ControllerFit(
