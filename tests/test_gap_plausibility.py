@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.examination.believed_loop import believed_loop
-from beamdesign.gap.examination.controller_equation import controller_fit, demanded
+from beamdesign.gap.examination.controller_equation import _knee, controller_fit, demanded
 from beamdesign.gap.examination.plausibility import examine
 from beamdesign.prototype import Lag, Prototype, Tolerance
 from beamdesign.records import InputError
@@ -233,6 +233,19 @@ def other_run(data: Recorded) -> None:
     data.columns["force"]["current_A"] = data.columns["force"]["current_A"][::-1].copy()
 
 
+def put(column: str, name: str, row: int | slice, value: float) -> Spoil:
+    def spoil(data: Recorded) -> None:
+        values = data.columns[name][column].copy()
+        values[row] += value
+        data.columns[name][column] = values
+
+    return spoil
+
+
+def in_law(**figures: float) -> Spoil:
+    return lambda data: data.entry("force")["controller"].update(figures)
+
+
 NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     # how: caution, record, words, whether the record is left out, whether confidence is limited
     "clipped displacement": (clip("displacement_m", 0.5, "force"), "clipped", "force", "cut off at", True, True),
@@ -270,7 +283,25 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     "the same file twice": (copied, "duplicate", "payload", "the same measurement as force", True, True),
     "masses of another record": (heavy, "masses", "force", "does not fit its end masses (6.8 and 4.4 kg)", True, True),
     "grams": (grams, "units", "payload", "is it in grams?", True, True),
-}
+    "one far displacement": (
+        put("displacement_m", "force", 300, 2.0), "outlier", "force", "displacement_m is 1.999 at 0.3 s", True, True,
+    ),
+    "one far current": (put("current_A", "force", 300, 50.0), "outlier", "force", "is 50.01 at 0.3 s", True, True),
+    "one far command": (put("command_V", "command", 300, 1e5), "outlier", "command", "command_V (1e+05)", True, True),
+    "one far force": (put("disturbance_N", "force", 300, 1e6), "force", "force", "9.996e+05 N at 0.3 s", True, True),
+    "a constant far force": (put("disturbance_N", "force", slice(None), 1e6), "force", "force", "zero", True, True),
+    "a force 50 times too large": (scale("disturbance_N", 50, "force"), "force", "force", "units of both", True, True),
+    "a current a million times too small": (
+        scale("current_A", 1e-6), "amplifier_gain", "force", "1e-06 times what the stated controller", False, True,
+    ),
+    "no current": (scale("current_A", 1e-320, "force"), "dead_channel", "force", "never changes", True, True),
+    "least gain": (in_law(gain_A_per_V=5e-324), "controller", "force", "4.94e-324 A/V", True, True),
+    "largest gain": (in_law(gain_A_per_V=1e308), "controller", "force", "no loop can be computed", True, True),
+    "large gain": (in_law(gain_A_per_V=1e30), "controller", "force", "check its figures", True, True),
+    "least zero": (in_law(zero_Hz=5e-324), "controller", "force", "no loop can be computed", True, True),
+    "least pole": (in_law(pole_Hz=5e-324), "controller", "force", "no loop can be computed", True, True),
+    "largest pole": (in_law(pole_Hz=1e308), "controller", "force", "no loop can be computed", True, True),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", NAMED)
@@ -310,6 +341,22 @@ def test_half_the_records_gone_limits_confidence(sound: Recorded, tmp_path: Path
     found = examine(read_dataset(sound.write(tmp_path)))
     assert [caution.name for caution in found.warnings] == ["short", "short", "few_records"]
     assert found.limits_confidence
+
+
+def test_one_command_that_the_current_follows_is_no_outlier(sound: Recorded, tmp_path: Path):
+    """A pulse one sample long, which a law without a lag makes a current of at once."""
+    put("command_V", "steps", 300, 50.0)(sound)
+    put("current_A", "steps", 300, 50.0 * STRAIGHT["gain_A_per_V"])(sound)
+    found = examine(read_dataset(sound.write(tmp_path)))
+    assert [caution for caution in found.warnings if caution.name == "outlier"] == []
+    assert "steps" in [record.name for record in found.data.records]
+
+
+@pytest.mark.parametrize("ratio", [1e-12, 0.3, 1.0, 3.0, 1e6, 1e200])
+def test_a_knee_holds_for_any_ratio_of_demand_to_limit(ratio: float):
+    found = _knee(np.array([-ratio, ratio]) * 0.01, 0.01, 12.0)
+    assert found == pytest.approx([-0.01 / (1 + (1 / ratio) ** 12) ** (1 / 12), found[1]])
+    assert found[1] == -found[0]
 
 
 REAL = {

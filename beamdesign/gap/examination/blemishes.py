@@ -1,4 +1,4 @@
-"""What a recorder does to a signal, seen in the signal alone: clipping, sticking, coarse steps, noise, silence."""
+"""What a recorder does to a signal, seen in the signal alone: clipping, outliers, sticking, coarse steps, noise."""
 
 from dataclasses import dataclass
 
@@ -11,6 +11,8 @@ _TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _MANY = 12
 _KINK = 3.0  # by how many of its finest steps, or of its noise, a signal runs into a plateau
 _JUMP = 8.0  # in the noise of the signal
+_FEW = 5  # samples
+_BEYOND = 10.0
 _SPIKE = 15.0  # in typical second differences
 
 
@@ -58,6 +60,13 @@ def share_between(signals: np.ndarray, step_s: float, low_Hz: float, high_Hz: fl
     frequencies = np.fft.rfftfreq(len(signals), step_s)
     total = float(power.sum())
     return float(power[(frequencies >= low_Hz) & (frequencies <= high_Hz)].sum()) / total if total > 0 else 0.0
+
+
+def outlier(signal: np.ndarray) -> int | None:
+    """Index of a sample so far beyond all others but a few that nothing which moves comes there and back."""
+    off = np.abs(signal - np.median(signal))
+    rest = float(np.partition(off, -_FEW)[-_FEW])
+    return int(np.argmax(off)) if off.max() > _BEYOND * rest > 0 else None
 
 
 def _runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:

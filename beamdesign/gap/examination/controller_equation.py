@@ -121,8 +121,8 @@ def controller_fit(record: TimeRecord, sensor_gain: float, controller: Controlle
     gain = _gain(current, asked)
     delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
     lag, with_lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
-    limit, with_limit = _saturated(current, asked) if residual >= _SEEN else (None, residual)
-    if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, noise):
+    limit, with_limit, left = _saturated(current, asked) if residual >= _SEEN else (None, residual, noise)
+    if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
     return ControllerFit(
         record.name,
@@ -178,19 +178,22 @@ def _shifted(
 
 
 def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
-    return np.asarray(asked / (1 + np.abs(asked / limit) ** sharpness) ** (1 / sharpness))
+    """Asked / (1 + |asked / limit|^sharpness)^(1 / sharpness), for ratios whose powers overflow as well."""
+    ratio = np.abs(asked / limit)
+    small = np.minimum(ratio, 1 / np.maximum(ratio, 1))
+    return np.asarray(np.copysign(limit * np.minimum(ratio, 1), asked) / (1 + small**sharpness) ** (1 / sharpness))
 
 
-def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, float]:
-    """Level of a symmetric limit, sharp or rounded, and the residual with it."""
+def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, float, float]:
+    """Level of a symmetric limit, sharp or rounded; the residual with it, and the noise taken out of that."""
     largest = float(np.abs(asked).max())
     if largest == 0:
-        return None, np.inf
+        return None, np.inf, 0.0
     levels = np.abs(current).max() * np.geomspace(0.7, 1.6, _SATURATION_LEVELS)
     trials = [(limit, sharpness) for limit in levels[levels < largest] for sharpness in _KNEES]
     errors = [float(np.sum((current - _knee(asked, *trial)) ** 2)) for trial in trials]
     if not errors:
-        return None, np.inf
+        return None, np.inf, 0.0
     level, sharpness = trials[int(np.argmin(errors))]
 
     def left(limit: float) -> float:
@@ -198,7 +201,7 @@ def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, fl
 
     bounds = (level / 1.05, level * 1.05)
     best = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-4 * level}).x)
-    return best, mismatch(current, _knee(asked, best, sharpness))[0]
+    return best, *mismatch(current, _knee(asked, best, sharpness))
 
 
 @dataclass(frozen=True)

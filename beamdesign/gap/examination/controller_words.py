@@ -86,7 +86,10 @@ def _verdict(
     if fit.with_gain < enough:
         words = f"the current is {fit.gain:.3g} times what the stated controller gives"
         if common:
-            text = f"{words}, as in all records: check gain_A_per_V, sensor.gain_V_per_m and the amplifier"
+            text = (
+                f"{words}, as in all records: check gain_A_per_V, sensor.gain_V_per_m, the unit of current_A and the "
+                "amplifier"
+            )
             return Caution("amplifier_gain", record.name, text, limits_confidence=True)
         text = f"contradicts its controller: {words}; correct its gain_A_per_V"
         return Caution("controller", record.name, text, left_out=True, limits_confidence=True)

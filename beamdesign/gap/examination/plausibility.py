@@ -58,6 +58,7 @@ def examine(data: Dataset) -> Examination:
     data = replace(data, prototype=prototype)
     warnings = list(missing)
     records = _usable(data.records, sound_records.signals, warnings)
+    records = _usable(records, lambda r: sound_records.law(r, data.prototype), warnings)
     warnings += _refuse_misread(data, records)
     records = _usable(records, lambda r: sound_records.suitability(r, data.prototype), warnings)
     found = sound_records.twins(records)

@@ -234,9 +234,10 @@ def _of_settings(view: View) -> Iterator[_Candidate]:
     for unit, factor in _TIMES.items():
         reading = Reading("t_s", f"times are in {unit}, by the speed of the motion: {_factor_words(factor)}")
         yield reading, lambda f=factor: replace(view, record=replace(record, times=record.times / f))  # type: ignore[misc]
-    law = record.controller.but(gain_A_per_V=record.controller.gain_A_per_V / 1e3)
-    words = "the gain is in mA/V, by its scale: divide by 1000"
-    yield Reading("controller.gain_A_per_V", words), lambda: replace(view, record=replace(record, controller=law))
+    if (gain := record.controller.gain_A_per_V / 1e3) > 0:  # the least floats have no thousandth
+        law = record.controller.but(gain_A_per_V=gain)
+        words = "the gain is in mA/V, by its scale: divide by 1000"
+        yield Reading("controller.gain_A_per_V", words), lambda: replace(view, record=replace(record, controller=law))
     for unit, factor in _SENSOR_GAINS.items():
         sensor = prototype.sensor.but(gain_V_per_m=prototype.sensor.gain_V_per_m / factor)
         reading = Reading("sensor.gain_V_per_m", f"the prototype's gain is in {unit}, by its scale")

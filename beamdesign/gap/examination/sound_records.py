@@ -1,14 +1,16 @@
 """Whether time records are fit to be evidence: whole, long enough, excited where it matters, begun at rest."""
 
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 
 import numpy as np
 
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.examination.believed_loop import BelievedLoop, believed_loop, loop_of
-from beamdesign.gap.examination.blemishes import clipped, finest_step, holes, noise_std, share_between, stuck
+from beamdesign.gap.examination.blemishes import clipped, finest_step, holes, noise_std, outlier, share_between, stuck
 from beamdesign.gap.examination.caution import Caution
-from beamdesign.gap.examination.controller_equation import mismatch
+from beamdesign.gap.examination.controller_equation import demanded, mismatch
+from beamdesign.gap.examination.controller_words import described
 from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype
 
@@ -24,6 +26,9 @@ _LEAST_SHARE = 0.02
 _LEAST_SIGNAL = 3.0  # over its noise
 _RESTLESS = 8.0  # in standard deviations of the noise
 _MOVED = 0.1  # of the rms
+_NOTHING = 1e-30  # in any unit
+_STIFFER = 30.0  # than believed no rig is
+_MOST_A = 1e12  # unit mistakes of two columns included
 _HEAVIEST = 50.0  # times the outer beam's own mass
 
 
@@ -33,8 +38,11 @@ def signals(record: TimeRecord) -> list[Caution]:
     if len(record.times) < _FEWEST_SAMPLES:
         return [_out(record, "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}", False)]
     for name, signal in record.measured.items():
-        if float(np.ptp(signal)) == 0:
+        if float(np.ptp(signal)) < _NOTHING:
             found.append(_out(record, "dead_channel", f"{name} never changes (is the sensor connected?)"))
+        elif name != "current_A" and (at := outlier(signal)) is not None:  # a law's kick may be one sample long
+            text = f"{name} is {signal[at]:.4g} at {record.times[at]:.4g} s, far beyond all others"
+            found.append(_out(record, "outlier", f"{text}: a sample is spoilt"))
         elif plateau := clipped(signal):
             found += _clipped(record, name, plateau.side, plateau.level, plateau.samples)
         elif gaps := stuck(signal):
@@ -68,7 +76,51 @@ def _symmetric(current: np.ndarray, side: str) -> bool:
 def suitability(record: TimeRecord, prototype: Prototype) -> list[Caution]:
     """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
     loop = loop_of(record, prototype)
-    return _settings(record, prototype) or _length(record, loop) or _content(record, prototype)
+    return (
+        _settings(record, prototype)
+        or _length(record, loop)
+        or _force(record, prototype, loop)
+        or _content(record, prototype)
+    )
+
+
+def law(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+    """Whether its controller can be computed with at all, and its current has no sample that is none of its making."""
+    current, stated = record.measured["current_A"], f"its controller ({described(record.controller)})"
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            asked = demanded(record, record.controller, prototype.sensor.gain_V_per_m)
+            loop_of(record, prototype)
+    except (ArithmeticError, ValueError):
+        return [_out(record, "controller", f"no loop can be computed with {stated}: check its figures")]
+    if (largest := float(np.abs(asked).max())) > _MOST_A:
+        text = f"{stated} makes {largest:.3g} A of command_V and displacement_m: check its figures"
+        return [_out(record, "controller", text)]
+    for at in (outlier(current), outlier(record.inputs[:, 1])):
+        if at is not None and abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])):
+            text = (
+                f"current_A is {current[at]:.4g} at {record.times[at]:.4g} s, where {stated} makes {asked[at]:.4g} of "
+                f"command_V ({record.inputs[at, 1]:.4g}) and displacement_m: a sample is spoilt"
+            )
+            return [_out(record, "outlier", text)]
+    return []
+
+
+def _force(record: TimeRecord, prototype: Prototype, loop: BelievedLoop) -> list[Caution]:
+    """A rig may stand still where it is commanded to move, but it cannot help bending under a force."""
+    force, moved = record.inputs[:, 0], float(np.sqrt(np.mean(record.measured["displacement_m"] ** 2)))
+    if not loop.stable or float(np.sqrt(np.mean(force**2))) < moved * figures(prototype)["outer_stiffness"]:
+        return []
+    bent = float(np.sqrt(np.mean(loop.driven(record.inputs, record.step)[:, 1, 0] ** 2)))
+    if bent < _STIFFER * moved:
+        return []
+    at = int(np.argmax(np.abs(force)))
+    text = (
+        f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {moved:.2g} m: check "
+        "the units of both, and zero and outliers of the force "
+        f"(it reaches {force[at]:.4g} N at {record.times[at]:.4g} s)"
+    )
+    return [_out(record, "force", text)]
 
 
 def _length(record: TimeRecord, loop: BelievedLoop) -> list[Caution]:
@@ -130,19 +182,16 @@ def remarks(record: TimeRecord, prototype: Prototype) -> list[Caution]:
 
 def twins(records: Sequence[TimeRecord]) -> list[Caution]:
     """Records that hold the same measurement twice."""
-    found = []
-    for k, record in enumerate(records):
-        for other in records[:k]:
-            if len(other.times) != len(record.times) or not all(
-                np.array_equal(other.measured[name], record.measured[name]) for name in ("current_A", "displacement_m")
-            ):
-                continue
+    found, first = [], dict[bytes, TimeRecord]()
+    for record in records:
+        channels = (record.measured[name].tobytes() for name in ("current_A", "displacement_m"))
+        other = first.setdefault(sha256(b"".join(channels)).digest(), record)
+        if other is not record:
             setting = (record.outer_end_mass, record.inner_end_mass, record.controller)
             same = setting == (other.outer_end_mass, other.inner_end_mass, other.controller)
             more = "" if same else ", though masses or controller are said to differ: one of them is not what it says"
             text = f"holds the same measurement as {other.name}{more}"
             found.append(Caution("duplicate", record.name, text, left_out=True, limits_confidence=not same))
-            break
     return found
 
 

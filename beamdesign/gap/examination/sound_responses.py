@@ -9,6 +9,7 @@ import numpy as np
 from beamdesign.gap.data.dataset import FrequencyResponse, MeasuredGain
 from beamdesign.gap.examination.believed_loop import believed_loop
 from beamdesign.gap.examination.caution import Caution
+from beamdesign.gap.examination.controller_words import described
 from beamdesign.gap.examination.sound_records import HIGH_HZ, LOW_HZ
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Prototype
@@ -37,7 +38,8 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
 
 
 def _believed(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
-    loop = believed_loop(prototype, response.controller, response.outer_end_mass, response.inner_end_mass)
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        loop = believed_loop(prototype, response.controller, response.outer_end_mass, response.inner_end_mass)
     return loop.responses(frequencies)[:, 1, 0] if loop.stable else None
 
 
@@ -48,8 +50,12 @@ def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem
     inside = (frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)
     if inside.sum() < _FEWEST:
         return [Problem("frequency_Hz", f"fewer than {_FEWEST} lines between {LOW_HZ:g} and {HIGH_HZ:g} Hz")]
-    believed = _believed(response, prototype, frequencies)
-    slower = _believed(response, prototype, frequencies / (2 * pi))
+    try:
+        believed = _believed(response, prototype, frequencies)
+        slower = _believed(response, prototype, frequencies / (2 * pi))
+    except (ArithmeticError, ValueError):
+        words = f"no loop can be computed with it ({described(response.controller)}): check its figures"
+        return [Problem("frequency_response.controller", words)]
     if believed is None or slower is None:
         return []
     measured = np.abs(response.response)
@@ -108,7 +114,7 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
         rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=gain.inner_end_mass))
         try:
             believed = critical_gain(rig, gain.outer_end_mass).gain_A_per_V
-        except ValueError:
+        except (ArithmeticError, ValueError):
             continue
         ratio = gain.gain / believed
         if 0.2 < ratio / 1e3 < 3:
