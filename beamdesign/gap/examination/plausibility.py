@@ -124,9 +124,10 @@ def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> list[Cautio
         if found:
             (refused if found[0].sure else doubtful)[record.name] = found
     # A small factor (pounds for newtons) is believed where no record with that input speaks against it.
-    alike = [r.name for r in records if r.excitation in ("disturbance", "both")]
-    if doubtful and all(name in doubtful or name in refused for name in alike):
-        refused |= doubtful
+    if doubtful:
+        alike = [r.name for r in records if r.excitation in ("disturbance", "both")]
+        if all(name in doubtful or name in refused for name in alike):
+            refused |= doubtful
     if not refused:
         return [
             Caution("units", name, f"{found[0].key}: perhaps {found[0].words}", limits_confidence=True)
