@@ -23,6 +23,8 @@ def diff(
     from beamdesign.study.difference import difference
 
     found = difference(first, second)
+    for line in found.unsound:
+        say(line)
     if found.same:
         say(f"no difference in {len(found.cases)} cases{_code(found.code_changed)}")
     else:

@@ -1,7 +1,7 @@
 """`beamdesign study run`: every case of a sweep, each computed once."""
 
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 """Exit status of a run that was interrupted, as shells have it."""
+
+CASE_SECONDS = 3600
+"""After which a case is given up, if nothing else is said."""
 
 _SHOWN_REASONS = 5
 
@@ -35,6 +38,9 @@ def run(
     cases: Annotated[
         int | None, typer.Option(min=1, help="No more cases than so many: spread over a grid, or fewer samples.")
     ] = None,
+    case_seconds: Annotated[
+        int, typer.Option(min=1, max=1_000_000, help="A case that takes longer is given up, and stays as a failed row.")
+    ] = CASE_SECONDS,
     again: Annotated[bool, typer.Option("--again", help="Compute the cases again that failed.")] = False,
     json: JsonOption = None,
 ) -> None:
@@ -46,51 +52,44 @@ def run(
     """
     from beamdesign.records import InputError
     from beamdesign.report.study_plot import draw
-    from beamdesign.study.conclusion import conclude, in_words, write_sensitivity
-    from beamdesign.study.sweep_run import default_folder, plan, refused_alike, run_sweep
+    from beamdesign.study.conclusion import in_words
+    from beamdesign.study.store import in_words as unsound_words
+    from beamdesign.study.sweep_run import default_folder, plan, run_sweep
 
     if scheduler is not None and workers != 1:
         raise InputError("study run", [("--workers", "has no meaning with --scheduler")])
+    if scheduler is not None and case_seconds != CASE_SECONDS:
+        reason = "has no meaning with --scheduler: a case that a cluster computes can be ended only there"
+        raise InputError("study run", [("--case-seconds", reason)])
     laid = plan(file, cases)
     folder = out or default_folder(file)
     try:
-        with progress(laid.sweep.name) as update, _where(workers, scheduler) as compute:
-            found = run_sweep(laid, folder, compute, update, again)
+        with progress(laid.sweep.name) as update, _where(workers, scheduler, case_seconds) as compute:
+            found = run_sweep(laid, folder, compute, update, again, draw)
     except KeyboardInterrupt:
         _interrupted(folder, laid)
         raise typer.Exit(INTERRUPTED) from None
-    if reason := refused_alike(found.records):
-        raise InputError(laid.path.parent / laid.sweep.study.base, [tuple(reason.split(": ", 1))])  # type: ignore[list-item]
-    conclusion = conclude(laid, found.records)
+    unsound = unsound_words(found.unsound, "computed again")
     _say(found, laid)
-    for line in in_words(conclusion, laid.sweep):
+    for line in (*unsound, *in_words(found.conclusion, laid.sweep), *map(str, found.files)):
         say(line)
-    pictures = draw(laid.sweep, found.records, conclusion, folder)
-    files = [*found.tables, *write_sensitivity(folder, conclusion), *pictures]
-    if conclusion:
-        files.append(folder / "conclusion.json")
-        write_json(files[-1], conclusion)
-    for path in files:
-        say(str(path))
-    write_json(json, _fields(found, laid) | {"files": files, "conclusion": conclusion})
+    write_json(json, _fields(found, laid) | {"files": found.files, "conclusion": found.conclusion, "unsound": unsound})
     if not found.counts.get("done"):
         raise typer.Exit(1)
 
 
-def _where(workers: int, scheduler: str | None) -> "AbstractContextManager[Workers]":
+def _where(workers: int, scheduler: str | None, case_seconds: int) -> "AbstractContextManager[Workers]":
     from beamdesign.study import workers as room
 
-    if scheduler is not None:
-        return room.cluster(scheduler)
-    return room.processes(workers) if workers > 1 else nullcontext(room.here)
+    return room.processes(workers, case_seconds) if scheduler is None else room.cluster(scheduler)
 
 
 def _interrupted(folder: Path, laid: "Plan") -> None:
-    from beamdesign.study.store import rows_of
+    from beamdesign.study.sweep_status import finished
 
-    finished = len(rows_of(folder)) if (folder / "study.json").exists() else 0
     print(
-        f"interrupted; {finished} of {laid.budget} cases are kept in {folder}: the same command goes on from there",
+        f"interrupted; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: the same command goes on"
+        " from there",
         file=sys.stderr,
     )
 

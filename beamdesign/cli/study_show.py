@@ -22,14 +22,17 @@ def show(
 
     Rows are numbered as in table.csv; `beamdesign study why DIR/NUMBER` tells what governs one.
     """
-    from beamdesign.study.store import read_index, rows_of
+    from beamdesign.study.store import in_words, read_index, rows_of
     from beamdesign.study.table import chosen, ordered, rows, worth_showing
 
     name = read_index(folder)["name"]
-    table = rows(rows_of(folder))
+    kept = rows_of(folder)
+    table, unsound = rows(kept.records), in_words(kept.unsound)
+    for line in unsound:
+        say(line)
     if not table:
         say(f"{name}: no case is finished")
-        write_json(json, {"name": name, "columns": [], "rows": []})
+        write_json(json, {"name": name, "columns": [], "rows": [], "unsound": unsound})
         raise typer.Exit(1)
     names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
     table = ordered(table, sort)
@@ -38,4 +41,4 @@ def show(
     hidden = [column for column in table[0] if column not in names or column in out]
     if columns is None and hidden:
         say(f"also there: {', '.join(hidden)}")
-    write_json(json, {"name": name, "columns": list(table[0]), "rows": table})
+    write_json(json, {"name": name, "columns": list(table[0]), "rows": table, "unsound": unsound})

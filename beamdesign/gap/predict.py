@@ -22,8 +22,6 @@ COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
 FURTHEST_M = 0.5
 """Displacement of the outer tip at which a loop has diverged."""
-MOST_STEPS = 50_000_000
-"""Integration steps of one record: a minute's work, and a gigabyte or two."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
 
     Raises:
         InputError: without a controller, for effects that cannot be, where there is no equilibrium to start from, or
-            where the record takes more than `MOST_STEPS`.
+            where the record takes too many steps; see `beamdesign.rig.substeps`.
     """
     rig = prototype if given.controller is None else prototype.but(controller=given.controller)
     kinds = structure_of(rig)

@@ -8,27 +8,22 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.records import InputError
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.stable_bands import plot_stable_bands
 from beamdesign.spelling import in_plot
 from beamdesign.study.document_keys import value_at
-from beamdesign.study.sweep_file import Picture, Sweep
+from beamdesign.study.sweep_file import PICTURES, Picture, Sweep
 
 Row = Mapping[str, Any]
 
 
 def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Draw every picture that a sweep asks for into a folder, as PNG and SVG; none where no case has a result.
-
-    Raises:
-        InputError: where a picture names a column that is not there.
-    """
+    """Draw every picture that a sweep asks for into a folder, as PNG and SVG; one without data says so."""
     written: list[Path] = []
-    if not any(row["outputs"] for row in records):
-        return written
     for number, asked in enumerate(sweep.picture):
-        figure = _KINDS[asked.kind](asked, records)
+        names = _columns(asked, *PICTURES[asked.kind][0])
+        lacking = [name for name in names if all(value_of(row, name) is None for row in records)]
+        figure = _empty(asked, lacking) if lacking else _KINDS[asked.kind](asked, records)
         written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
     if conclusion.get("sensitivity"):
         written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
@@ -44,23 +39,33 @@ def value_of(row: Row, name: str) -> Any:
     return value_at({**row["document"], "options": row["options"]}, name)
 
 
-def _need(asked: Picture, records: Sequence[Row], *roles: str) -> list[str]:
-    """Names of the columns of a picture.
+def _columns(asked: Picture, *roles: str) -> list[str]:
+    """Names of the columns of a picture, which a checked sweep has."""
+    return [getattr(asked, role) for role in roles]
 
-    Raises:
-        InputError: where one is not named or no row has it.
-    """
-    names, problems = [], []
-    for role in roles:
-        name = getattr(asked, role)
-        if name is None:
-            problems.append((f"picture.{role}", f"missing: a picture of kind {asked.kind!r} needs it"))
-        elif all(value_of(row, name) is None for row in records):
-            problems.append((f"picture.{role}", f"no case has {name}"))
-        names.append(name)
-    if problems:
-        raise InputError("picture", problems)
-    return names
+
+def _number(row: Row, name: str) -> Any:
+    """A column of a row where it is a number, None where it is none: a refused case may have anything there."""
+    value = value_of(row, name)
+    return value if isinstance(value, int | float) else None
+
+
+def _placed(records: Sequence[Row], *names: str) -> list[Row]:
+    """Rows that have their places along axes: numbers, or texts where no row has a number."""
+    found = list(records)
+    for name in names:
+        kind: Any = int | float if any(_number(row, name) is not None for row in found) else str
+        found = [row for row in found if isinstance(value_of(row, name), kind)]
+    return found
+
+
+def _empty(asked: Picture, lacking: Sequence[str]) -> Figure:
+    figure = new_figure(height_mm=60)
+    axes = figure.add_subplot()
+    axes.set_axis_off()
+    axes.set_title(asked.title)
+    axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
+    return figure
 
 
 def _finish(axes: Axes, asked: Picture, x: str, y: str) -> None:
@@ -99,16 +104,17 @@ def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def _lines(asked: Picture, records: Sequence[Row]) -> Figure:
-    x, y = _need(asked, records, "x", "y")
+    x, y = _columns(asked, "x", "y")
+    records = _placed(records, x)
     figure = new_figure()
     axes = figure.add_subplot()
     for k, (name, rows) in enumerate(_groups(asked, records).items()):
-        there = [(value_of(row, x), value_of(row, y)) for row in rows if value_of(row, y) is not None]
+        there = [(value_of(row, x), _number(row, y)) for row in rows if _number(row, y) is not None]
         style: dict[str, Any] = STYLES[k % len(STYLES)]
         axes.plot(
             *zip(*sorted(there), strict=True) if there else ((), ()), marker="o", ms=4, label=name or None, **style
         )
-    missing = [value_of(row, x) for row in records if value_of(row, y) is None]
+    missing = [value_of(row, x) for row in records if _number(row, y) is None]
     if missing:
         axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
     if asked.limit is not None:
@@ -120,9 +126,9 @@ def _lines(asked: Picture, records: Sequence[Row]) -> Figure:
 
 
 def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
-    x, y = _need(asked, records, "x", "y")
+    x, y = _columns(asked, "x", "y")
     names = [in_plot(_text(value_of(row, x))) for row in records]
-    heights = [value_of(row, y) or 0.0 for row in records]
+    heights = [_number(row, y) or 0.0 for row in records]
     figure = new_figure(height_mm=30 + 9 * len(names))
     axes = figure.add_subplot()
     bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
@@ -144,8 +150,9 @@ def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
 
 def _map(asked: Picture, records: Sequence[Row]) -> Figure:
     """Value of a column over two varied keys: `series` names the value here; a cross is a no."""
-    x, y, value = _need(asked, records, "x", "y", "series")
-    there = [row for row in records if isinstance(value_of(row, value), int | float)]
+    x, y, value = _columns(asked, "x", "y", "series")
+    records = _placed(records, x, y)
+    there = [row for row in records if _number(row, value) is not None]
     figure = new_figure()
     axes = figure.add_subplot()
     shown = axes.scatter(
@@ -178,7 +185,8 @@ def _stable(axes: Axes, rows: Sequence[Row], x: str, ends: tuple[str, str], name
 
 def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
     """Stable zeros over the pole, per gain; every edge is exact at each pole, and joined by straight lines."""
-    (x,) = _need(asked, records, "x")
+    (x,) = _columns(asked, "x")
+    records = _placed(records, x)
     figure = new_figure()
     axes = figure.add_subplot()
     highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
@@ -195,7 +203,8 @@ def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
 
 def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
     """Stable outer masses over the inner one, and the frequencies at which the loop oscillates at the edges."""
-    (x,) = _need(asked, records, "x")
+    (x,) = _columns(asked, "x")
+    records = _placed(records, x)
     figure = new_figure(height_mm=150)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
@@ -222,8 +231,8 @@ def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
 
 
 def _histogram(asked: Picture, records: Sequence[Row]) -> Figure:
-    (x,) = _need(asked, records, "x")
-    values = [value_of(row, x) for row in records if isinstance(value_of(row, x), int | float)]
+    (x,) = _columns(asked, "x")
+    values = [_number(row, x) for row in records if _number(row, x) is not None]
     figure = new_figure(height_mm=90)
     axes = figure.add_subplot()
     axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")

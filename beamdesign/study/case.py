@@ -4,18 +4,18 @@ import hashlib
 import json
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from math import isfinite
-from typing import Any
+from typing import Any, Literal
 
 from beamdesign import records
-from beamdesign.records import InputError
+from beamdesign.records import InputError, Problem, Record
 from beamdesign.study.code_digest import code_digest, libraries
 from beamdesign.study.tasks import TASKS
 
-STATUSES = ("done", "no", "refused", "failed")
+Status = Literal["done", "no", "refused", "failed"]
 """The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
 
 _SHORT = 12
@@ -32,6 +32,7 @@ class Case:
         varied: the varied values by key, for tables and comparisons.
         inputs_sha256: digest of task, document and options as the task reads them, defaults filled in.
         code_sha256: digest of the code that the task reaches.
+        problems: with its inputs, as far as they are known without computing; such a case is refused.
     """
 
     task: str
@@ -40,31 +41,71 @@ class Case:
     varied: dict[str, Any]
     inputs_sha256: str
     code_sha256: str
+    problems: tuple[Problem, ...] = ()
 
     @property
     def address(self) -> str:
         """Name of its result: a digest of inputs and code."""
-        return hashlib.sha256(f"{self.inputs_sha256} {self.code_sha256}".encode()).hexdigest()
+        return address_of(self.inputs_sha256, self.code_sha256)
+
+
+def address_of(inputs_sha256: str, code_sha256: str) -> str:
+    """Name of the result of inputs and code, by the digests of both."""
+    return hashlib.sha256(f"{inputs_sha256} {code_sha256}".encode()).hexdigest()
 
 
 def case(task: str, document: Mapping[str, Any], options: Mapping[str, Any], varied: Mapping[str, Any]) -> Case:
     """A case; inputs that no record accepts have an address too, since their refusal is a result."""
+    document, options = dict(document), dict(options)
+    problems: tuple[Problem, ...] = ()
     try:
-        read = [
-            records.parse(TASKS[task].record, dict(document), "base").model_dump(mode="json"),
-            records.parse(TASKS[task].options, dict(options), "options").model_dump(mode="json"),
-        ]
-    except InputError:
-        read = [plain(document), plain(options)]
-    text = json.dumps([task, *read], sort_keys=True, ensure_ascii=False)
+        read = [part.model_dump(mode="json") for part in parsed(task, document, options)]
+    except InputError as error:
+        read, problems = [plain(document), plain(options)], tuple(error.problems)
     return Case(
         task,
         plain(document),
         plain(options),
         plain(varied),
-        hashlib.sha256(text.encode()).hexdigest(),
+        _inputs_sha256(task, *read),
         code_digest(TASKS[task].module),
+        problems,
     )
+
+
+def parsed(task: str, document: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[Record, Record]:
+    """The records that a task is given.
+
+    Raises:
+        InputError: with everything that is wrong with both, keys of the options under `options`.
+    """
+    asked, found, problems = TASKS[task], [], []
+    for table, record, before in ((document, asked.record, ""), (options, asked.options, "options.")):
+        try:
+            found.append(records.parse(record, dict(table), task))
+        except InputError as error:
+            problems += [Problem(before + key, reason) for key, reason in error.problems]
+    if not problems:
+        problems += asked.lacks(found[0])
+    if problems:
+        raise InputError(task, problems)
+    return found[0], found[1]
+
+
+def inputs_hold(task: str, document: Mapping[str, Any], options: Mapping[str, Any], inputs_sha256: str) -> bool:
+    """Whether a digest is that of a case's inputs, as its task reads them or, where it does not, as they stand."""
+    if inputs_sha256 == _inputs_sha256(task, document, options):
+        return True
+    try:
+        read = [part.model_dump(mode="json") for part in parsed(task, document, options)]
+    except InputError:
+        return False
+    return inputs_sha256 == _inputs_sha256(task, *read)
+
+
+def _inputs_sha256(task: str, document: Any, options: Any) -> str:
+    text = json.dumps([task, document, options], sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def compute(found: Case) -> dict[str, Any]:
@@ -77,18 +118,23 @@ def compute(found: Case) -> dict[str, Any]:
     details: dict[str, Any] = {}
     outputs: dict[str, Any] = {}
     try:
-        task = TASKS[found.task]
-        record = records.parse(task.record, found.document, "base")
-        options = records.parse(task.options, found.options, "options")
-        answer = import_module(task.module).compute(record, options)
+        if found.problems:
+            raise InputError(found.task, found.problems)
+        record, options = parsed(found.task, found.document, found.options)
+        answer = import_module(TASKS[found.task].module).compute(record, options)
         outputs, details, reason = answer.outputs, answer.details, answer.reason
         status = "no" if reason else "done"
     except InputError as error:
-        status, reason = "refused", "; ".join(f"{key}: {why}" for key, why in error.problems)
+        status, reason = "refused", in_words(error.problems)
     except Exception as error:  # a crash is a row of its own: the others go on
         status, reason = "failed", f"{type(error).__name__}: {error}"
         details = {"traceback": traceback.format_exc()}
     return kept(found, status, reason, plain(outputs), plain(details), time.perf_counter() - begun)
+
+
+def in_words(problems: Iterable[Problem]) -> str:
+    """Why a case is refused."""
+    return "; ".join(f"{key}: {reason}" for key, reason in problems)
 
 
 def kept(

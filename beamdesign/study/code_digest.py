@@ -75,6 +75,7 @@ def _imported(path: Path) -> list[str]:
     return names
 
 
+@cache
 def libraries() -> dict[str, str]:
     """Versions of the libraries that do the arithmetic; told with each result, not part of its address."""
     found = {}

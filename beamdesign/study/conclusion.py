@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.records import InputError
-from beamdesign.study.methods import cost, figures_of
+from beamdesign.study.methods import NO_RESULT, cost, figures_of
 from beamdesign.study.sweep_file import Demand, Sweep
 from beamdesign.study.sweep_plan import Plan
 
@@ -15,11 +14,7 @@ Row = Mapping[str, Any]
 
 
 def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
-    """What the rows of a sweep come to, by what its method is for; plain values.
-
-    Raises:
-        InputError: for an output that no row has.
-    """
+    """What the rows of a sweep come to, by what its method is for; plain values."""
     sweep = laid.sweep
     found: dict[str, Any] = {}
     if sweep.specification and records:
@@ -39,7 +34,6 @@ def met(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any]:
     The bounds of a yield are those of Clopper and Pearson, Biometrika 26 (1934) 404-413.
     """
     demands = sweep.specification
-    _need_columns(records, demands, "specification")
     passed = [all(holds(demand, row["outputs"].get(name)) for name, demand in demands.items()) for row in records]
     each = {name: sum(holds(demand, row["outputs"].get(name)) for row in records) for name, demand in demands.items()}
     found: dict[str, Any] = {"met": sum(passed), "of": len(records), "each": each}
@@ -68,17 +62,11 @@ def clopper_pearson(successes: int, trials: int, confidence: float) -> tuple[flo
     return float(bounds.low), float(bounds.high)
 
 
-def _need_columns(records: Sequence[Row], names: Mapping[str, Any] | Sequence[str], key: str) -> None:
-    columns = list(dict.fromkeys(name for row in records for name in row["outputs"]))
-    if unknown := [name for name in names if columns and name not in columns]:
-        raise InputError(key, [(name, f"no such output; there are {', '.join(columns)}") for name in unknown])
-
-
 def _extreme(records: Sequence[Row], output: str, largest: bool) -> dict[str, Any] | None:
-    done = [(cost(row, output, largest), number) for number, row in enumerate(records) if row["status"] == "done"]
-    if not done:
+    found = [(cost(row, output, largest), number) for number, row in enumerate(records)]
+    least, number = min(found, default=(NO_RESULT, 0))
+    if least == NO_RESULT:
         return None
-    number = min(done)[1]
     return {"case": number, "output": output, "value": records[number]["outputs"][output]} | {
         "varied": records[number]["varied"]
     }
@@ -104,7 +92,6 @@ def sensitivity(laid: Plan, records: Sequence[Row]) -> list[dict[str, Any]]:
     from SALib.analyze import sobol
 
     outputs, figures = laid.sweep.spread.outputs, figures_of(laid.sweep, laid.base, laid.path)
-    _need_columns(records, outputs, "spread.outputs")
     names = [figure.key for figure in figures]
     problem = {"num_vars": len(names), "names": names, "bounds": [[0, 1]] * len(names)}
     by_address = {row["address"]: row for row in records}
@@ -112,12 +99,12 @@ def sensitivity(laid: Plan, records: Sequence[Row]) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for output in outputs:
         values = [row["outputs"].get(output) for row in rows]
-        if any(isinstance(value, str | list) or value is None for value in values):
-            missing = sum(not isinstance(value, int | float) for value in values)
-            raise InputError("spread.outputs", [(output, f"{missing} of {len(values)} cases have no number there")])
         series = np.array(values, dtype=float)
-        if np.ptp(series) == 0:
-            found += [{"output": output, "figure": name, "note": "does not vary"} for name in names]
+        note = "does not vary" if np.ptp(series) == 0 else ""
+        if missing := int(np.isnan(series).sum()):
+            note = f"{missing} of {len(values)} cases have no number there"
+        if note:
+            found += [{"output": output, "figure": name, "note": note} for name in names]
             continue
         indices = sobol.analyze(problem, series, calc_second_order=False, seed=laid.sweep.study.seed)
         for k, name in enumerate(names):
@@ -145,6 +132,8 @@ def in_words(found: Mapping[str, Any], sweep: Sweep) -> list[str]:
         parts = [f"{name} by {count}" for name, count in asked["each"].items()]
         if len(parts) > 1:
             said.append(f"  of its demands: {', '.join(parts)}")
+    notes = {row["output"]: row["note"] for row in found.get("sensitivity", ()) if row["note"]}
+    said += [f"no sensitivity of {output}: {note}" for output, note in notes.items()]
     if "best" in found:
         best = found["best"]
         said.append(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beamdesign.study.store import rows_of
+from beamdesign.study.store import in_words, rows_of
 
 Change = tuple[Any, Any]
 
@@ -36,6 +36,7 @@ class Difference:
         code_changed: whether another version of the code computed the second.
         only_first: varied keys of cases that only the first has.
         only_second: likewise.
+        unsound: words on results of both that do not hold and are left out.
     """
 
     cases: tuple[CaseDifference, ...]
@@ -43,6 +44,7 @@ class Difference:
     code_changed: bool
     only_first: tuple[dict[str, Any], ...]
     only_second: tuple[dict[str, Any], ...]
+    unsound: tuple[str, ...] = ()
 
     @property
     def changed(self) -> tuple[CaseDifference, ...]:
@@ -61,7 +63,8 @@ def difference(first: Path, second: Path) -> Difference:
     Raises:
         InputError: where one of them holds no study.
     """
-    before, after = _by_varied(rows_of(first)), _by_varied(rows_of(second))
+    kept = rows_of(first), rows_of(second)
+    before, after = (_by_varied(one.records) for one in kept)
     both = [key for key in before if key in after]
     cases = tuple(_case(before[key], after[key]) for key in both)
     shared = {
@@ -75,6 +78,7 @@ def difference(first: Path, second: Path) -> Difference:
         any(before[key]["code_sha256"] != after[key]["code_sha256"] for key in both),
         tuple(row["varied"] for key, row in before.items() if key not in after),
         tuple(row["varied"] for key, row in after.items() if key not in before),
+        tuple(in_words([*kept[0].unsound, *kept[1].unsound])),
     )
 
 

@@ -37,7 +37,7 @@ def case_of(address: str) -> dict[str, Any]:
     """The record of a case named DIR/NUMBER, DIR/START-OF-ADDRESS, or by its file.
 
     Raises:
-        InputError: where there is no such case.
+        InputError: where there is no such case, or its result does not hold.
     """
     path = Path(address)
     if path.suffix == ".json" and path.is_file():
@@ -52,11 +52,12 @@ def case_of(address: str) -> dict[str, Any]:
         if record is None:
             raise InputError(address, [(name, "this case is not finished; run the study on")])
         return record
-    found = [one for one in store.all_kept(folder) if one["address"].startswith(name)]
-    if len(found) != 1:
+    found = [one for one in store.addresses(folder) if one.startswith(name)]
+    record = store.kept(folder, found[0]) if len(found) == 1 else None
+    if record is None:
         some = "several cases begin so; give more digits" if found else f"no such case; rows are 0 to {len(rows) - 1}"
         raise InputError(address, [(name, some)])
-    return found[0]
+    return record
 
 
 def governing(record: dict[str, Any]) -> Governing:

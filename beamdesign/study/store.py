@@ -1,70 +1,217 @@
-"""A sweep's folder: one file per finished case, named by its address, and an index of the rows of the last run."""
+"""A sweep's folder: one file per finished case, named by its address, and an index of the rows of the last run.
 
+What is read is checked before it is believed: each record carries a digest of itself, and stands under the address of
+its own inputs and code.
+"""
+
+import hashlib
 import json
-from collections.abc import Sequence
+import os
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Annotated, Any
 
-from beamdesign.files import write_whole
-from beamdesign.records import InputError
+from pydantic import Field, FiniteFloat
+
+from beamdesign import records
+from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
+from beamdesign.records import InputError, NonNegative, Record
+from beamdesign.study.case import Case, Status, address_of, inputs_hold
+from beamdesign.study.code_digest import code_digest
+from beamdesign.study.tasks import TASKS
 
 INDEX = "study.json"
 _CASES = "cases"
+_DIGEST = "record_sha256"
+
+_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Cell = FiniteFloat | int | bool | str | None
+
+
+class _Kept(Record):
+    """The record of a case as its file has it."""
+
+    address: _Sha256
+    inputs_sha256: str
+    code_sha256: str
+    task: str
+    varied: dict[str, Any]
+    status: Status
+    reason: str
+    outputs: dict[str, _Cell | tuple[_Cell, ...]]
+    details: dict[str, Any]
+    document: dict[str, Any]
+    options: dict[str, Any]
+    seconds: NonNegative
+    libraries: dict[str, str]
+    record_sha256: str
+
+
+class _Index(Record):
+    """The index of a folder."""
+
+    name: str
+    method: str
+    complete: bool
+    rows: tuple[_Sha256, ...]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a folder holds.
+
+    Attributes:
+        records: that hold, in the order of asking.
+        unsound: why each of the others does not, with its file; they are not used.
+    """
+
+    records: tuple[dict[str, Any], ...]
+    unsound: tuple[InputError, ...]
 
 
 def keep(folder: Path, record: dict[str, Any]) -> None:
-    """Write a case's record, whole or not at all."""
-    text = json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_whole(folder / _CASES / f"{record['address']}.json", text)
+    """Write a case's record, whole or not at all, with a digest of itself."""
+    sealed = record | {_DIGEST: _digest(record)}
+    text = json.dumps(sealed, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    write_whole(_file(folder, record["address"]), text)
 
 
-def kept(folder: Path, address: str) -> dict[str, Any] | None:
-    """The record kept under an address; None where there is none, or none that can be read."""
-    return _read(folder / _CASES / f"{address}.json")
+def _digest(record: dict[str, Any]) -> str:
+    """SHA-256 of a record without its own digest, as JSON with sorted keys."""
+    own = {key: value for key, value in record.items() if key != _DIGEST}
+    return hashlib.sha256(json.dumps(own, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
-def all_kept(folder: Path) -> list[dict[str, Any]]:
-    """Every record of a folder, by address."""
-    found = (_read(path) for path in sorted((folder / _CASES).glob("*.json")))
-    return [record for record in found if record is not None]
+def _file(folder: Path, address: str) -> Path:
+    return folder / _CASES / f"{address}.json"
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def addresses(folder: Path) -> list[str]:
+    """Names of all results in a folder, sorted; none where there is no folder.
+
+    Raises:
+        InputError: where it cannot be read.
+    """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        names = os.listdir(folder / _CASES)
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise InputError(folder / _CASES, [("(folder)", f"cannot be read: {error.strerror}")]) from None
+    return sorted(name.removesuffix(".json") for name in names if name.endswith(".json") and name[0] != ".")
+
+
+def kept(folder: Path, address: str, asked: Case | None = None) -> dict[str, Any] | None:
+    """The record kept under an address, None where there is none.
+
+    Args:
+        folder: of the sweep.
+        address: name of its file.
+        asked: the case whose address it is, where that is known: its inputs need not be read once more.
+
+    Raises:
+        InputError: where there is a file, and it does not hold.
+    """
+    path = _file(folder, address)
+    found = _read(_Kept, path)
+    if found is not None and (wrong := _wrong(found, address, asked)):
+        raise InputError(path, [wrong])
+    return found
+
+
+def _read(shape: type[Record], path: Path) -> dict[str, Any] | None:
+    """A JSON file of a certain shape, None where there is no such file.
+
+    Raises:
+        InputError: where it cannot be read or is of another shape.
+    """
+    try:
+        found = json.loads(read_bytes(path, LARGEST_TABLE), parse_constant=_refuse)
+        records.parse(shape, found, path)
+    except FileNotFoundError:
         return None
-    return found if isinstance(found, dict) and "status" in found else None
+    except OSError as error:
+        raise InputError(path, [("(file)", f"cannot be read: {error.strerror}")]) from None
+    except (ValueError, RecursionError):
+        raise InputError(path, [("(file)", "is no JSON that can be read")]) from None
+    return dict(found)
 
 
-def write_index(folder: Path, name: str, method: str, addresses: Sequence[str], complete: bool) -> None:
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON")
+
+
+def _wrong(found: dict[str, Any], address: str, asked: Case | None) -> tuple[str, str] | None:
+    """Key and reason of what does not hold between the parts of a record; None where everything does.
+
+    Inputs of other code are not read anew: its records may have had other keys and defaults.
+    """
+    if found[_DIGEST] != _digest(found):
+        return _DIGEST, "is not the digest of the record, which has been changed"
+    if found["address"] != address_of(found["inputs_sha256"], found["code_sha256"]):
+        return "address", "is not that of its inputs and code"
+    if found["address"] != address:
+        return "address", "is not the name of the file, which is a copy of another"
+    inputs = (found["task"], found["document"], found["options"])
+    if asked is not None and inputs == (asked.task, asked.document, asked.options):
+        return None
+    task = TASKS.get(found["task"])
+    of_this_code = task is not None and code_digest(task.module) == found["code_sha256"]
+    if (asked is not None or of_this_code) and (task is None or not inputs_hold(*inputs, found["inputs_sha256"])):
+        return "inputs_sha256", "is not the digest of its inputs"
+    return None
+
+
+def gathered(folder: Path, names: Iterable[str], asked: Mapping[str, Case] = MappingProxyType({})) -> Kept:
+    """What a folder holds of some addresses, cases of which may be known."""
+    found, unsound = [], []
+    for address in names:
+        try:
+            record = kept(folder, address, asked.get(address))
+        except InputError as error:
+            unsound.append(error)
+            continue
+        if record is not None:
+            found.append(record)
+    return Kept(tuple(found), tuple(unsound))
+
+
+def in_words(unsound: Sequence[InputError], done: str = "not used") -> list[str]:
+    """What does not hold, by its reasons, and what is done about it."""
+    each = Counter(error.problems[0] for error in unsound)
+    one = {error.problems[0]: error.source for error in unsound}
+    return [
+        f"{count} kept results do not hold and are {done}: {problem.key} {problem.reason}, such as {one[problem]}"
+        for problem, count in each.items()
+    ]
+
+
+def write_index(folder: Path, name: str, method: str, rows: Sequence[str], complete: bool) -> None:
     """Write down which cases make up the rows, in their order."""
-    fields = {"name": name, "method": method, "complete": complete, "rows": list(addresses)}
+    fields = {"name": name, "method": method, "complete": complete, "rows": list(rows)}
     write_whole(folder / INDEX, json.dumps(fields, indent=1) + "\n")
 
 
 def read_index(folder: Path) -> dict[str, Any]:
-    """The index of a folder.
+    """The index of a folder; of one whose first run is not finished, all that it holds, by address.
 
     Raises:
-        InputError: where the folder holds no study.
+        InputError: where the folder holds no study, or its index is none.
     """
-    try:
-        found = json.loads((folder / INDEX).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(folder, [("(folder)", f"holds no study: no {INDEX} in it")]) from None
-    except (OSError, ValueError) as error:
-        raise InputError(folder / INDEX, [("(file)", f"cannot be read: {error}")]) from None
-    if not isinstance(found, dict) or not isinstance(found.get("rows"), list):
-        raise InputError(folder / INDEX, [("rows", "missing: this is no index of a study")])
-    return found
+    there = addresses(folder)
+    found = _read(_Index, folder / INDEX)
+    if found is None and not there:
+        raise InputError(folder, [("(folder)", f"holds no study: no {INDEX} in it")])
+    return found or {"name": folder.name, "method": "", "complete": False, "rows": there}
 
 
-def rows_of(folder: Path) -> list[dict[str, Any]]:
+def rows_of(folder: Path) -> Kept:
     """Records of the rows of a folder that are finished, in the order of the study.
 
     Raises:
         InputError: where the folder holds no study.
     """
-    found = (kept(folder, address) for address in read_index(folder)["rows"])
-    return [record for record in found if record is not None]
+    return gathered(folder, read_index(folder)["rows"])

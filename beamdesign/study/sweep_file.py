@@ -10,7 +10,7 @@ from beamdesign import records
 from beamdesign.quantities import RelativeStd
 from beamdesign.records import FileName, InputError, Positive, Problem, Record
 from beamdesign.study.document_keys import known_keys, wrong_key
-from beamdesign.study.tasks import TASKS, Task
+from beamdesign.study.tasks import TASKS, Kind, Task
 
 SAMPLED = ("latin_hypercube", "sobol")
 METHODS = ("grid", *SAMPLED, "optimise", "tolerance", "worst_case", "sensitivity")
@@ -105,6 +105,23 @@ class Spread(Record):
     ] = Field(default_factory=dict)
 
 
+_FIGURES: tuple[Kind, ...] = ("numbers", "yes or no")
+_ANY: tuple[Kind, ...] = (*_FIGURES, "text")
+
+PICTURES: dict[str, tuple[dict[str, tuple[Kind, ...]], tuple[str, ...]]] = {
+    "lines": ({"x": _ANY, "y": _FIGURES}, ()),
+    "bars": ({"x": _ANY, "y": _FIGURES}, ()),
+    "map": ({"x": _ANY, "y": _ANY, "series": _FIGURES}, ()),
+    "lag_breaks": ({"x": ("numbers",)}, ("stable_zero_from_Hz", "stable_zero_to_Hz")),
+    "end_masses": (
+        {"x": ("numbers",)},
+        ("stable_from_kg", "stable_to_kg", "crossings_kg", "crossing_frequencies_Hz"),
+    ),
+    "histogram": ({"x": _FIGURES}, ()),
+}
+"""Of each kind of picture: the columns that it is told, with what they may hold, and the lists that it draws."""
+
+
 class Picture(Record):
     """What is drawn of the finished table."""
 
@@ -173,6 +190,7 @@ def _problems(sweep: Sweep) -> Iterator[Problem]:
     for name in sweep.options:
         if reason := wrong_key(f"options.{name}", known):
             yield Problem(f"options.{name}", reason.replace("options.", ""))
+    yield from _column_problems(sweep, task, known)
     if method == "optimise" and (sweep.optimise is None or not sweep.vary):
         yield Problem("optimise", "missing: which output to minimise or maximise, and at least one [[vary]]")
     if method in ("tolerance", "worst_case", "sensitivity"):
@@ -186,3 +204,35 @@ def _problems(sweep: Sweep) -> Iterator[Problem]:
         yield Problem("spread.output", "missing: the column whose worst case is sought")
     if method == "sensitivity" and not sweep.spread.outputs:
         yield Problem("spread.outputs", "missing: the columns whose sensitivity is told")
+
+
+def _column_problems(sweep: Sweep, task: Task, known: Mapping[str, int]) -> Iterator[Problem]:
+    """What is wrong with the columns that a sweep names, by what its task gives."""
+    of_numbers = [("spread.outputs", name) for name in sweep.spread.outputs]
+    of_numbers += [("spread.output", sweep.spread.output)] if sweep.spread.output is not None else []
+    of_numbers += [("optimise.output", sweep.optimise.output)] if sweep.optimise is not None else []
+    for key, name in of_numbers:
+        yield from _no_column(key, name, task, ("numbers",))
+    for name, demand in sweep.specification.items():
+        limits = demand.at_least is not None or demand.at_most is not None
+        kinds = _ANY if demand.equals is None else ("text",) if isinstance(demand.equals, str) else ("yes or no",)
+        yield from _no_column("specification", name, task, ("numbers",) if limits else kinds)
+    for number, picture in enumerate(sweep.picture, 1):
+        roles, lists = PICTURES[picture.kind]
+        for role in ("x", "y", "series"):
+            name, key = getattr(picture, role), f"picture {number}: {role}"
+            if name is None and role in roles:
+                yield Problem(key, f"missing: a picture of kind {picture.kind!r} needs it")
+            elif name is not None and (name in task.columns or wrong_key(name, known)):
+                yield from _no_column(key, name, task, roles.get(role, _ANY))
+        for name in lists:
+            yield from _no_column(f"picture {number}: kind {picture.kind!r}", name, task, ("lists",))
+
+
+def _no_column(key: str, name: str, task: Task, kinds: tuple[Kind, ...]) -> Iterator[Problem]:
+    """Why a name is no column that holds what is asked for."""
+    there = [column for column, kind in task.columns.items() if kind in kinds]
+    if name not in there:
+        holds = f"holds {task.columns[name]}" if name in task.columns else "is no output"
+        choice = f"outputs that hold {' or '.join(kinds)} are {', '.join(there)}" if there else "there is none such"
+        yield Problem(key, f"{name} {holds}; {choice}")

@@ -1,21 +1,34 @@
-"""A sweep carried out: what is kept is read, the rest computed and kept at once, so that nothing is computed twice."""
+"""A sweep carried out: what is kept is read, the rest computed and kept at once, so that nothing is computed twice.
 
+Everything that can be checked is checked before anything is written; the table and what goes with it change together.
+"""
+
+import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from beamdesign import records
+from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.records import InputError, Problem
 from beamdesign.study import store, workers
-from beamdesign.study.case import Case
+from beamdesign.study.case import Case, plain
 from beamdesign.study.sampling import case_at, points
 from beamdesign.study.sweep_file import Sweep, read_sweep
 from beamdesign.study.sweep_plan import Plan
 from beamdesign.study.table import write_tables
 
 Progress = Callable[[float, str], None]
+
+Draw = Callable[[Sweep, Sequence[dict[str, Any]], Mapping[str, Any], Path], list[Path]]
+"""Draws the pictures of a finished sweep from its rows and its conclusion into a folder; gives the files."""
+
+CONCLUSION = "conclusion.json"
+
+_SET = (store.INDEX, "table.*", "sensitivity.*", CONCLUSION, "picture.*", "picture_[0-9]*.*")
+"""Files that a run writes together, so that they are of one sweep."""
 
 ADAPTIVE = ("optimise", "worst_case")
 """Methods whose cases follow from the results of earlier ones."""
@@ -26,51 +39,71 @@ class Progression:
     """Evaluates cases: from the store where it has them, by workers otherwise; rows in the order of first asking.
 
     Attributes:
+        laid: the sweep as planned.
         folder: of the store.
         compute: the workers.
         told: progress.
-        budget: how many rows there will be at most.
         again: whether rows that failed are computed again.
         records: of the rows so far, by address, in order.
+        counts: of these by status.
         computed: how many were computed rather than read.
+        unsound: kept results that do not hold, and are computed again.
     """
 
+    laid: Plan
     folder: Path
     compute: workers.Workers
     told: Progress
-    budget: int
     again: bool = False
     records: dict[str, dict[str, Any]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
     computed: int = 0
+    unsound: list[InputError] = field(default_factory=list)
 
     def evaluate(self, cases: Sequence[Case]) -> list[dict[str, Any]]:
-        """Records of cases, in their order."""
+        """Records of cases, in their order.
+
+        Raises:
+            InputError: where none of the cases so far has inputs that are accepted; nothing is written then.
+        """
+        if not self.records and all(one.problems for one in cases):
+            raise refusal(self.laid, cases)
         missing: dict[str, Case] = {}
         for found in cases:
             if found.address in self.records or found.address in missing:
                 continue
-            record = store.kept(self.folder, found.address)
+            record = self._kept(found)
             if record is None or (self.again and record["status"] == "failed"):
                 missing[found.address] = found
                 continue
             # The same inputs may have been reached by other varied keys.
-            self.records[found.address] = record | {"varied": found.varied}
+            self._have(found, record | {"varied": found.varied})
         waiting = list(missing.values())
         self._tell()
         for place, record in self.compute(waiting) if waiting else ():
             store.keep(self.folder, record)
-            self.records[waiting[place].address] = record
             self.computed += 1
+            self._have(waiting[place], record)
             self._tell()
         for found in cases:  # finished in any order, they stand in that of asking
             self.records[found.address] = self.records.pop(found.address)
         return [self.records[found.address] for found in cases]
 
+    def _kept(self, found: Case) -> dict[str, Any] | None:
+        try:
+            return store.kept(self.folder, found.address, found)
+        except InputError as error:
+            self.unsound.append(error)
+            return None
+
+    def _have(self, found: Case, record: dict[str, Any]) -> None:
+        self.records[found.address] = record
+        self.counts[record["status"]] += 1
+
     def _tell(self) -> None:
-        counts = Counter(record["status"] for record in self.records.values())
-        words = ", ".join(f"{count} {status}" for status, count in counts.items() if status != "done")
-        done = len(self.records)
-        self.told(min(1.0, done / max(1, self.budget)), f"{done} of {self.budget}{': ' + words if words else ''}")
+        words = ", ".join(f"{count} {status}" for status, count in self.counts.items() if status != "done")
+        done, budget = len(self.records), self.laid.budget
+        self.told(min(1.0, done / max(1, budget)), f"{done} of {budget}{': ' + words if words else ''}")
 
 
 @dataclass(frozen=True)
@@ -83,6 +116,9 @@ class SweepRun:
         computed: how many were computed in this run; the others were kept from earlier ones.
         complete: whether the sweep is finished; an interrupted one is not.
         tables: files of the table.
+        files: all files of the set, the index left out.
+        conclusion: what the rows come to; of an interrupted run nothing.
+        unsound: kept results that did not hold, and were computed again.
     """
 
     folder: Path
@@ -90,6 +126,9 @@ class SweepRun:
     computed: int
     complete: bool
     tables: tuple[Path, ...]
+    files: tuple[Path, ...]
+    conclusion: dict[str, Any]
+    unsound: tuple[InputError, ...] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -133,7 +172,12 @@ def default_folder(path: Path) -> Path:
 
 
 def run_sweep(
-    laid: Plan, folder: Path, compute: workers.Workers = workers.here, told: Progress | None = None, again: bool = False
+    laid: Plan,
+    folder: Path,
+    compute: workers.Workers = workers.here,
+    told: Progress | None = None,
+    again: bool = False,
+    draw: Draw | None = None,
 ) -> SweepRun:
     """Carry out a sweep; what an interruption leaves is a folder from which the same call goes on.
 
@@ -143,33 +187,78 @@ def run_sweep(
         compute: where the cases are computed.
         told: progress.
         again: compute rows again that failed.
+        draw: the pictures; none are drawn without.
 
     Raises:
+        InputError: where every case is refused, or results that are there cannot be read; the table, if there is one,
+            stays that of the earlier run.
         KeyboardInterrupt: after the finished rows have been written.
     """
-    progression = Progression(folder, compute, told or (lambda share, words: None), laid.budget, again)
-    method = laid.sweep.study.method
-    store.write_index(folder, laid.sweep.name, method, [one.address for one in laid.cases], False)
-    complete = False
+    store.addresses(folder)
+    progression = Progression(laid, folder, compute, told or (lambda share, words: None), again)
     try:
-        if method in ADAPTIVE:
+        if laid.sweep.study.method in ADAPTIVE:
             from beamdesign.study.methods import adapt
 
             adapt(laid, progression.evaluate)
         else:
             progression.evaluate(laid.cases)
-        complete = True
-    finally:
-        rows = progression.records
-        order = [one.address for one in laid.cases] or list(rows)
-        found = [rows[address] for address in order if address in rows]
-        store.write_index(folder, laid.sweep.name, method, order, complete)
-        tables = tuple(write_tables(folder, found))
-    return SweepRun(folder, tuple(found), progression.computed, complete, tables)
+    except KeyboardInterrupt:
+        if progression.records:
+            _written(progression, False, None)
+        raise
+    if set(progression.counts) == {"refused"}:
+        reasons = dict.fromkeys(row["reason"] for row in progression.records.values())
+        raise InputError(laid.path, _first(Problem(*reason.split(": ", 1)) for reason in reasons))
+    return _written(progression, True, draw)
 
 
-def refused_alike(records_: Sequence[dict[str, Any]]) -> str:
-    """The one reason for which every row was refused; empty where that is not so."""
-    reasons = {record["reason"] for record in records_}
-    alike = len(reasons) == 1 and all(record["status"] == "refused" for record in records_)
-    return next(iter(reasons)) if alike else ""
+def _written(progression: Progression, complete: bool, draw: Draw | None) -> SweepRun:
+    """Write the set of files of a run, in place of that of an earlier one."""
+    laid, rows, folder = progression.laid, progression.records, progression.folder
+    order = [one.address for one in laid.cases] or list(rows)
+    found = [rows[address] for address in order if address in rows]
+    conclusion: dict[str, Any] = {}
+    if complete:
+        from beamdesign.study.conclusion import conclude, write_sensitivity
+
+        conclusion = conclude(laid, found)
+    with fresh_folder(folder, _SET) as fresh:
+        store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
+        tables = write_tables(fresh, found)
+        files = list(tables)
+        if conclusion:
+            files += write_sensitivity(fresh, conclusion)
+        if draw is not None:
+            files += draw(laid.sweep, found, conclusion, fresh)
+        if conclusion:
+            files.append(fresh / CONCLUSION)
+            write_whole(files[-1], json.dumps(plain(conclusion), indent=2, allow_nan=False) + "\n")
+    return SweepRun(
+        folder,
+        tuple(found),
+        progression.computed,
+        complete,
+        tuple(settled(tables, fresh, folder)),
+        tuple(settled(files, fresh, folder)),
+        conclusion,
+        tuple(progression.unsound),
+    )
+
+
+_SHOWN = 5
+
+
+def refusal(laid: Plan, cases: Sequence[Case]) -> InputError:
+    """That none of some cases is accepted, and why; of the sweep's file where that says it, of the base otherwise."""
+    reasons = _first(problem for one in cases for problem in one.problems)
+    own = {"options", *(key for one in cases for key in one.varied)}
+    said_here = any(key in own or key.startswith("options.") for key, _ in reasons)
+    return InputError(laid.path if said_here else laid.path.parent / laid.sweep.study.base, reasons)
+
+
+def _first(problems: Iterable[Problem]) -> list[Problem]:
+    """The first few of some problems, each once, and how many more there are."""
+    each = list(dict.fromkeys(problems))
+    more = [Problem("further", f"{len(each) - _SHOWN} reasons of the same cases")] if len(each) > _SHOWN else []
+    return each[:_SHOWN] + more

@@ -4,8 +4,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from beamdesign.records import InputError
 from beamdesign.study import store
+from beamdesign.study.case import in_words
 from beamdesign.study.code_digest import code_digest
 from beamdesign.study.sweep_file import task_of
 from beamdesign.study.sweep_plan import Plan
@@ -23,6 +23,8 @@ class SweepStatus:
         reasons: status, reason and number of the rows without a result, the most frequent first.
         stale: results in the folder of another version of the code.
         foreign: results of this version that are no rows of this sweep.
+        unsound: words on results that do not hold; they are not used.
+        impossible: whether no case of the sweep has inputs that are accepted.
     """
 
     counts: dict[str, int]
@@ -31,34 +33,51 @@ class SweepStatus:
     reasons: tuple[tuple[str, str, int], ...]
     stale: int
     foreign: int
+    unsound: tuple[str, ...]
+    impossible: bool
 
 
 def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
-    """Compare a plan with what is kept in a folder, which need not exist."""
-    everything = store.all_kept(folder)
+    """Compare a plan with what is kept in a folder, which need not exist.
+
+    Cases whose inputs are known to be refused count as finished.
+
+    Raises:
+        InputError: where what is in the folder cannot be read.
+    """
+    cases = {one.address: one for one in laid.cases}
+    everything = store.gathered(folder, store.addresses(folder), cases)
     code = code_digest(task_of(laid.sweep).module)
-    addresses = [one.address for one in laid.cases]
-    complete = True
+    current = {record["address"]: record for record in everything.records if record["code_sha256"] == code}
+    addresses, complete = list(cases), True
     if laid.sweep.study.method in ADAPTIVE:
-        try:
-            index = store.read_index(folder)
-        except InputError:
-            index = {"rows": [], "complete": False}
-        current = {record["address"] for record in everything if record["code_sha256"] == code}
-        addresses = [address for address in index["rows"] if address in current]
-        complete = index["complete"] and len(addresses) == len(index["rows"])
-    planned = set(addresses)
-    rows = [record for record in everything if record["address"] in planned]
-    remaining = len(planned) - len(rows) if complete else None
+        index = store.read_index(folder) if everything.records else {}
+        asked = index.get("rows", [])
+        addresses = [address for address in asked if address in current]
+        complete = index.get("complete", False) and len(addresses) == len(asked)
+    rows = [current[address] for address in addresses if address in current]
+    refused = [one for address, one in cases.items() if one.problems and address not in current]
+    remaining = len(addresses) - len(rows) - len(refused) if complete else None
     seconds = [record["seconds"] for record in rows]
     left = remaining * sum(seconds) / len(seconds) if remaining and seconds else None
-    amiss = Counter((row["status"], row["reason"]) for row in rows if row["status"] != "done")
-    stale = sum(record["code_sha256"] != code for record in everything)
+    results = [(row["status"], row["reason"]) for row in rows] + [
+        ("refused", in_words(one.problems)) for one in refused
+    ]
+    amiss = Counter(result for result in results if result[0] != "done")
     return SweepStatus(
-        dict(Counter(record["status"] for record in rows)),
+        dict(Counter(status for status, _ in results)),
         remaining,
         left,
         tuple((status, reason, count) for (status, reason), count in amiss.most_common()),
-        stale,
-        len(everything) - stale - len(rows),
+        len(everything.records) - len(current),
+        len(set(current) - set(addresses)),
+        tuple(store.in_words(everything.unsound)),
+        bool(cases) and all(one.problems for one in cases.values()),
     )
+
+
+def finished(laid: Plan, folder: Path) -> int:
+    """How many cases of a sweep have a file in a folder; none is opened."""
+    there = store.addresses(folder)
+    rows = {one.address for one in laid.cases} or set(store.read_index(folder)["rows"] if there else ())
+    return len(rows.intersection(there))

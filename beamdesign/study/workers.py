@@ -1,13 +1,18 @@
-"""Where cases are computed: in this process, in several, or on a Dask cluster; what dies is tried again."""
+"""Where cases are computed: in this process, in others, or on a Dask cluster; what dies is tried again."""
 
+import ctypes
 import os
 import signal
+import sys
 import threading
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from math import inf
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection, wait
 from types import FrameType
 from typing import Any
 
@@ -24,6 +29,10 @@ Workers = Callable[[Sequence[Case]], Iterator[Outcome]]
 TRIES = 3
 """How often a case is begun whose process dies, before that is its result."""
 
+CASE_SECONDS = 3600.0
+"""After which a case is given up, if nothing else is said."""
+
+_PR_SET_PDEATHSIG = 1
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -58,53 +67,119 @@ def _heeded() -> Iterator[None]:
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Workers]:
-    """Compute in so many processes of this machine, which end with this one however it ends."""
+def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Workers]:
+    """Compute in so many processes of this machine, which end with this one however it ends.
+
+    Args:
+        count: of processes; each is begun when there is a case for it.
+        case_seconds: after which a case is given up, and its process ended.
+    """
     for name in _THREADS:  # one process per core is enough
         os.environ.setdefault(name, "1")
-    pools: list[ProcessPoolExecutor] = []
-
-    def pool() -> ProcessPoolExecutor:
-        if not pools:
-            pools.append(ProcessPoolExecutor(count, get_context("spawn"), _begin))
-        return pools[-1]
+    free: list[_Process] = []
+    busy: list[_Process] = []
 
     def run(cases: Sequence[Case]) -> Iterator[Outcome]:
-        waiting = [(place, 1) for place in range(len(cases))]
-        alone = False  # after a death, one at a time: so it is known which case kills
-        while waiting:
-            jobs: dict[Future[dict[str, Any]], tuple[int, int]] = {}
-            died: list[tuple[int, int]] = []
-            while jobs or (waiting and not died):
-                while waiting and not died and len(jobs) < (1 if alone else 2 * count):
-                    place, tried = waiting.pop(0)
-                    try:
-                        jobs[pool().submit(compute, cases[place])] = (place, tried)
-                    except BrokenProcessPool:
-                        died.append((place, tried - 1))
-                for future in wait(jobs, return_when=FIRST_COMPLETED).done:
-                    place, tried = jobs.pop(future)
-                    try:
-                        yield place, future.result()
-                    except BrokenProcessPool:
-                        died.append((place, tried))
-            if died:
-                pools.pop().shutdown(wait=False)
-                for place, tried in died:
-                    if alone and tried >= TRIES:
-                        yield place, dead(cases[place], tried)
-                    else:  # of those that were under way together, which one killed is not known
-                        waiting.insert(0, (place, tried + 1 if alone else 1))
-                alone = True
+        waiting = deque(range(len(cases)))
+        deaths: Counter[int] = Counter()
+        while waiting or busy:
+            while waiting and len(busy) < count:
+                busy.append(free.pop() if free else _Process())
+                busy[-1].begin(waiting[0], cases[waiting.popleft()])
+            ready = _first_of(busy, case_seconds)
+            for process in list(busy):
+                place, record = process.place, None
+                over = process.seconds > case_seconds
+                try:
+                    if process.pipe in ready:
+                        record, over = process.hear(), False
+                except (EOFError, OSError):
+                    deaths[place] += 1
+                    if deaths[place] < TRIES:
+                        waiting.appendleft(place)
+                    else:
+                        record = dead(cases[place], TRIES)
+                    over = True
+                else:
+                    if over:
+                        record = endless(cases[place], case_seconds)
+                if over or record is not None:
+                    busy.remove(process)
+                    process.end() if over else free.append(process)
+                if record is not None:
+                    yield place, record
 
     try:
         yield run
-    except BaseException:
-        for left in pools:
-            _end(left)
-        raise
-    for left in pools:
-        left.shutdown()
+    finally:
+        for process in (*free, *busy):
+            process.end()
+
+
+class _Process:
+    """A process that computes one case after another.
+
+    Attributes:
+        pipe: to it.
+        place: of the case that it is given.
+        begun: when it began that, by the monotonic clock; infinite until it has.
+    """
+
+    def __init__(self) -> None:
+        context = get_context("spawn")
+        self.pipe, its_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(its_end,), daemon=True)
+        with _deaf():
+            self._process.start()
+        its_end.close()
+
+    def begin(self, place: int, found: Case) -> None:
+        """Give it a case."""
+        self.place, self.begun = place, inf
+        with suppress(OSError):  # it has died, which shows when it is heard
+            self.pipe.send(found)
+
+    @property
+    def seconds(self) -> float:
+        """For how long it has computed its case."""
+        return time.monotonic() - self.begun
+
+    def hear(self) -> dict[str, Any] | None:
+        """The record of its case; None where it says that it begins.
+
+        Raises:
+            EOFError, OSError: where it has died.
+        """
+        record: dict[str, Any] | None = self.pipe.recv()
+        if record is None:
+            self.begun = time.monotonic()
+        return record
+
+    def end(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.pipe.close()
+
+
+def _first_of(busy: Sequence[_Process], case_seconds: float) -> list[Any]:
+    """Pipes of the processes that are the first to say something; none where the time of one is over before."""
+    left = case_seconds - max(process.seconds for process in busy)
+    return wait([process.pipe for process in busy], None if left == inf else max(0.0, left))
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Begin a process that never hears of Ctrl-C, not even before its own code runs; this one hears a little later."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # else the first process begins it, which undoes the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def dead(found: Case, tried: int) -> dict[str, Any]:
@@ -112,23 +187,30 @@ def dead(found: Case, tried: int) -> dict[str, Any]:
     return kept(found, "failed", f"the process that computed it died, {tried} times", {}, {}, 0.0)
 
 
-def _begin() -> None:
-    """In a worker: leave Ctrl-C to the parent, and end when that ends, even by a signal it cannot answer."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def endless(found: Case, case_seconds: float) -> dict[str, Any]:
+    """The record of a case that took too long."""
+    reason = f"not finished after {case_seconds:g} s, the limit of --case-seconds; --again tries it once more"
+    return kept(found, "failed", reason, {}, {}, case_seconds)
+
+
+def _serve(pipe: Connection) -> None:
+    """In a process of its own: compute cases, each begun with a word, until the parent ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    if sys.platform == "linux":  # the thread above waits for a solver that lets nothing else run
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    while True:
+        found: Case = pipe.recv()
+        with suppress(Exception):  # as told by `compute`; loading an engine is no part of a case's time
+            import_module(TASKS[found.task].module)
+        pipe.send(None)
+        pipe.send(compute(found))
 
 
 def _end_with_parent() -> None:
     if (parent := parent_process()) is not None:
         parent.join()
         os._exit(1)
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    under_way = list((pool._processes or {}).values())
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in under_way:
-        process.terminate()
 
 
 def _compute_there(found: Case) -> dict[str, Any]:

@@ -1,13 +1,15 @@
 """The tasks that a sweep can put its cases through. Their engines are loaded only by the process that computes."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from operator import attrgetter
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
-from beamdesign.records import NonNegative, Positive, Record
+from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 
 
 class NoOptions(Record):
@@ -48,6 +50,14 @@ class RangeOptions(Record):
     from_kg: NonNegative = 0.0
     to_kg: Positive = 20.0
 
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The range holds more than one mass."""
+        defaults = {name: field.default for name, field in cls.model_fields.items()}
+        ends = numbers(defaults | dict(table), "from_kg", "to_kg")
+        if ends and ends[0] >= ends[1]:
+            yield Problem("from_kg", f"{ends[0]:g} is not below to_kg, {ends[1]:g}")
+
 
 class AtMassOptions(Record):
     """Options of tasks at one mass on the outer tip."""
@@ -72,6 +82,16 @@ class ArmOptions(Record):
     ] = None
 
 
+Kind = Literal["numbers", "yes or no", "text", "lists"]
+"""What a column holds."""
+
+NEEDED = {
+    "controller": "missing; write it in the base file or vary it",
+    "payload.outer_end_mass_kg": "missing: the range [least, most]",
+}
+"""What of a prototype only some tasks need, and what to say where it is not there."""
+
+
 @dataclass(frozen=True)
 class Task:
     """A task.
@@ -81,35 +101,172 @@ class Task:
         of: what it works on.
         options: its options.
         summary: in words.
+        columns: every output that it can give, with what it holds; a case may lack some, or hold none there.
+        needs: keys of `NEEDED` that it does not do without.
     """
 
     module: str
     of: Literal["problem", "prototype"]
     options: type[Record]
     summary: str
+    columns: Mapping[str, Kind]
+    needs: tuple[str, ...] = ()
 
     @property
     def record(self) -> type[Record]:
         """Type of the base document."""
         return DesignProblem if self.of == "problem" else Prototype
 
+    def lacks(self, record: Record) -> Iterator[Problem]:
+        """What this task needs and a record has not."""
+        for key in self.needs:
+            if attrgetter(key)(record) is None:
+                yield Problem(key, NEEDED[key])
 
+
+def _columns(numbers: str, yes_or_no: str = "", text: str = "", lists: str = "") -> dict[str, Kind]:
+    kinds: dict[Kind, str] = {"numbers": numbers, "yes or no": yes_or_no, "text": text, "lists": lists}
+    return {name: kind for kind, names in kinds.items() for name in names.split()}
+
+
+_PRICES = """price_tip_force_kg_per_percent price_safety_strength_kg_per_percent
+    price_safety_local_buckling_kg_per_percent price_clearance_assembly_kg_per_mm price_clearance_under_load_kg_per_mm
+    price_least_wall_kg_per_mm price_largest_width_kg_per_mm price_width_to_wall_at_most_kg_per_percent"""
+_TUBES = "outer_width_m outer_wall_m inner_width_m inner_wall_m"
+_SIZES = f"beam_mass_kg {_TUBES} free_beam_mass_kg price_of_rounding_kg {_PRICES}"
+_PROVED = "bandwidth_Hz peak_sensitivity inner_end_mass_kg gain_A_per_V pole_Hz zero_Hz"
+_SECTIONS = " ".join(
+    f"section_{k}_{end}_{figure}" for k in (1, 2, 3) for end in ("zero", "pole") for figure in ("Hz", "damping_ratio")
+)
+_FORCES = " ".join(f"load_at_{f}_Hz_N displacement_at_{f}_Hz_m" for f in (1, 10, 100))
+_CROSSINGS = "crossings_kg crossing_frequencies_Hz"
+_LAW, _RANGE = "controller", "payload.outer_end_mass_kg"
 _ROOM = "beamdesign.study.tasks"
 
 TASKS = {
-    "run": Task(f"{_ROOM}.run", "problem", NoOptions, "sections, controller and end mass, certified"),
-    "size": Task(f"{_ROOM}.size", "problem", NoOptions, "sections of least mass, with checks and shadow prices"),
-    "codesign": Task(f"{_ROOM}.codesign", "problem", CodesignOptions, "least moving mass for a bandwidth"),
-    "remedy": Task(f"{_ROOM}.remedy", "problem", RemediesOptions, "one of the paper's remedies, optimised and proved"),
-    "tune": Task(f"{_ROOM}.tune", "prototype", TuneOptions, "controller and inner end mass, proved"),
-    "certify": Task(f"{_ROOM}.certify", "prototype", CertifyOptions, "what is proved over the payload range"),
-    "stable_masses": Task(f"{_ROOM}.stable_masses", "prototype", RangeOptions, "exact stable ranges and crossings"),
-    "lag_breaks": Task(f"{_ROOM}.lag_breaks", "prototype", NoOptions, "exact stable zero frequencies of the lag"),
-    "robust": Task(f"{_ROOM}.robust", "prototype", RangeOptions, "bandwidth and longest stable range, for tolerances"),
-    "sim_to_real": Task(
-        f"{_ROOM}.sim_to_real", "prototype", SimToRealOptions, "design, virtual rig, diagnosis, redesign"
+    "run": Task(
+        f"{_ROOM}.run",
+        "problem",
+        NoOptions,
+        "sections, controller and end mass, certified",
+        _columns(f"{_SIZES} {_PROVED} moving_mass_kg", text="governing certificate_sha256"),
     ),
-    "at_mass": Task(f"{_ROOM}.at_mass", "prototype", AtMassOptions, "margins and figures of the loop at one mass"),
-    "arm": Task(f"{_ROOM}.arm", "prototype", ArmOptions, "both planes with torsion: proof, and what error remains"),
-    "limits": Task(f"{_ROOM}.limits", "prototype", AtMassOptions, "what actuator and sensor can do at one mass"),
+    "size": Task(
+        f"{_ROOM}.size",
+        "problem",
+        NoOptions,
+        "sections of least mass, with checks and shadow prices",
+        _columns(_SIZES, text="governing"),
+    ),
+    "codesign": Task(
+        f"{_ROOM}.codesign",
+        "problem",
+        CodesignOptions,
+        "least moving mass for a bandwidth",
+        _columns(f"moving_mass_kg beam_mass_kg {_TUBES} {_PROVED}", text="governing"),
+    ),
+    "remedy": Task(
+        f"{_ROOM}.remedy",
+        "problem",
+        RemediesOptions,
+        "one of the paper's remedies, optimised and proved",
+        _columns(
+            f"bandwidth_Hz peak_sensitivity added_mass_kg inner_end_mass_kg {_TUBES}",
+            text="remedy",
+            lists="gain_A_per_V pole_Hz zero_Hz",
+        ),
+    ),
+    "tune": Task(
+        f"{_ROOM}.tune",
+        "prototype",
+        TuneOptions,
+        "controller and inner end mass, proved",
+        _columns(f"{_PROVED} {_SECTIONS}"),
+        (_RANGE,),
+    ),
+    "certify": Task(
+        f"{_ROOM}.certify",
+        "prototype",
+        CertifyOptions,
+        "what is proved over the payload range",
+        _columns(
+            "bandwidth_Hz peak_sensitivity stable_share unstable_below_kg unstable_above_kg",
+            yes_or_no="stable",
+            lists=f"stable_ranges_kg {_CROSSINGS}",
+        ),
+        (_LAW, _RANGE),
+    ),
+    "stable_masses": Task(
+        f"{_ROOM}.stable_masses",
+        "prototype",
+        RangeOptions,
+        "exact stable ranges and crossings",
+        _columns("", lists=f"stable_from_kg stable_to_kg {_CROSSINGS}"),
+        (_LAW,),
+    ),
+    "lag_breaks": Task(
+        f"{_ROOM}.lag_breaks",
+        "prototype",
+        NoOptions,
+        "exact stable zero frequencies of the lag",
+        _columns("", yes_or_no="own_zero_stable", lists="stable_zero_from_Hz stable_zero_to_Hz"),
+        (_LAW, _RANGE),
+    ),
+    "robust": Task(
+        f"{_ROOM}.robust",
+        "prototype",
+        RangeOptions,
+        "bandwidth and longest stable range, for tolerances",
+        _columns("bandwidth_Hz peak_sensitivity stable_from_kg stable_to_kg stable_width_kg", yes_or_no="stable"),
+        (_LAW, _RANGE),
+    ),
+    "sim_to_real": Task(
+        f"{_ROOM}.sim_to_real",
+        "prototype",
+        SimToRealOptions,
+        "design, virtual rig, diagnosis, redesign",
+        _columns(
+            "believed_bandwidth_Hz believed_design_gain_margin gap_before gap_after gap_closed redesigned_bandwidth_Hz"
+            " redesign_gain_margin",
+            yes_or_no="believed_design_runs named_rightly redesign_runs",
+            text="verdict",
+            lists="named",
+        ),
+        (_RANGE,),
+    ),
+    "at_mass": Task(
+        f"{_ROOM}.at_mass",
+        "prototype",
+        AtMassOptions,
+        "margins and figures of the loop at one mass",
+        _columns(
+            "critical_gain_A_per_V critical_frequency_Hz bandwidth_Hz peak_sensitivity gain_margin phase_margin_deg"
+            " static_compliance_m_per_N",
+            yes_or_no="stable",
+        ),
+        (_LAW,),
+    ),
+    "arm": Task(
+        f"{_ROOM}.arm",
+        "prototype",
+        ArmOptions,
+        "both planes with torsion: proof, and what error remains",
+        _columns(
+            "force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m twist_rad about_y_rad"
+            " about_z_rad torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz",
+            yes_or_no="stable",
+        ),
+        (_LAW, _RANGE),
+    ),
+    "limits": Task(
+        f"{_ROOM}.limits",
+        "prototype",
+        AtMassOptions,
+        "what actuator and sensor can do at one mass",
+        _columns(
+            f"{_FORCES} static_error_m_per_N",
+            text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz",
+        ),
+        (_LAW,),
+    ),
 }

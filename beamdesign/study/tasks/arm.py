@@ -5,13 +5,12 @@ from beamdesign.members import STANDARD_GRAVITY
 from beamdesign.prototype import Prototype
 from beamdesign.study.answer import Answer
 from beamdesign.study.tasks import ArmOptions
-from beamdesign.study.tasks.certify import need_controller, payload_range
+from beamdesign.study.tasks.certify import payload_range
 
 
 def compute(prototype: Prototype, options: ArmOptions) -> Answer:
     """Prove and work out one arm over its own payload range; "no" where it is not proved stable."""
     masses = payload_range(prototype)
-    need_controller(prototype)
     weight = masses[1] * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0)
     force = weight if options.force_N is None else options.force_N
     found = work_out(prototype, masses, (0.0, 0.0, -force))

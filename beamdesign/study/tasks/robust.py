@@ -4,7 +4,7 @@ from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.study.answer import Answer
 from beamdesign.study.tasks import RangeOptions
-from beamdesign.study.tasks.certify import need_controller, payload_range
+from beamdesign.study.tasks.certify import payload_range
 
 
 def compute(prototype: Prototype, options: RangeOptions) -> Answer:
@@ -12,7 +12,6 @@ def compute(prototype: Prototype, options: RangeOptions) -> Answer:
 
     Everything is exact for this one set of figures. A loop that is not stable over its payload has no bandwidth: 0.
     """
-    need_controller(prototype)
     found = certify(prototype, *payload_range(prototype))
     around = certify(prototype, options.from_kg, options.to_kg)
     low, high = max(around.stable_ranges_kg, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
