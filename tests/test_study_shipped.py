@@ -1,6 +1,7 @@
 """Every sweep that is shipped, at small size: its rows, its picture, and what its subject is known to give."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -8,12 +9,27 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from beamdesign.cli.study import study
+from beamdesign.design.free_search import PRICE_UNITS
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import read_prototype
+from beamdesign.study.case import case, compute
 from beamdesign.study.sweep_file import read_sweep
+from beamdesign.study.tasks import TASKS
 
 ROOT = Path(__file__).parents[1] / "studies"
 SWEEPS = {path.stem: path for path in sorted((ROOT / "sweeps").glob("*.toml"))}
+
+
+KINDS = {"numbers": (float, int), "yes or no": bool, "text": str, "lists": list}
+
+
+def assert_declared(record):
+    """Its task declares every output of a case, with what it holds."""
+    columns = TASKS[record["task"]].columns
+    for name, value in record["outputs"].items():
+        assert name in columns
+        assert value is None or isinstance(value, KINDS[columns[name]])
+        assert isinstance(value, bool) == (value is not None and columns[name] == "yes or no")
 
 
 @pytest.fixture
@@ -31,6 +47,8 @@ def rows(tmp_path):
         assert not set(fields["counts"]) & {"failed", "refused"}
         assert all(Path(file).stat().st_size for file in fields["files"])
         pictures = [Path(file).name for file in fields["files"] if file.endswith(".svg")]
+        for file in (tmp_path / "out" / "cases").iterdir():
+            assert_declared(json.loads(file.read_text(encoding="utf-8")))
         assert len(pictures) == len(read_sweep(SWEEPS[name]).picture) + (name == "sensitivity")
         return parquet.read_table(tmp_path / "out" / "table.parquet").to_pylist(), fields
 
@@ -41,6 +59,25 @@ def test_each_is_run_here():
     here = Path(__file__).read_text(encoding="utf-8")
     assert len(SWEEPS) >= 8
     assert [name for name in SWEEPS if f'rows("{name}"' not in here] == []
+
+
+@pytest.mark.parametrize(
+    ("task", "options"),
+    [("tune", {"controller": "structured", "sections": 1}), ("tune", {"controller": "proportional"}),
+     ("at_mass", {"outer_end_mass_kg": 2.0}), ("limits", {"outer_end_mass_kg": 2.0}), ("certify", {})],
+)  # fmt: skip
+def test_tasks_that_no_shipped_sweep_uses_declare_their_outputs_too(task, options):
+    table = tomllib.loads((ROOT / "prototypes" / "tame_lag.toml").read_text(encoding="utf-8"))
+    if options.get("controller") == "structured":
+        table["payload"] |= {"outer_end_mass_kg": [2.0, 2.5]}
+    record = compute(case(task, table, options, {}))
+    assert record["status"] in ("done", "no"), record["reason"]
+    assert_declared(record)
+
+
+def test_prices_are_declared():
+    labels = {f"price_{label}" for label, _ in PRICE_UNITS.values()}
+    assert {name for name in TASKS["size"].columns if name.startswith("price_")} == labels | {"price_of_rounding_kg"}
 
 
 def test_paper_prototype(rows):

@@ -137,13 +137,14 @@ def test_scheme_of_saltelli_has_its_size():
 
 def test_indices_of_an_additive_function_are_its_shares_of_variance(sweep, tmp_path, monkeypatch):
     """y = sum of (k + 1) z_k over standard deviations z: first-order and total index are (k + 1)^2 over their sum."""
-    laid = plan(sweep("sensitivity", 13 * 600, spread={"outputs": ["y"]}), None)
+    laid = plan(sweep("sensitivity", 13 * 600, spread={"outputs": ["bandwidth_Hz"]}), None)
     spread = spreading(read_prototype(TAME), {})
     weights = np.arange(1, len(spread) + 1)
 
     def row(one):
         sigmas = [(one.varied[figure.key] / figure.value - 1) / figure.deviation for figure in spread]
-        return {"address": one.address, "status": "done", "reason": "", "outputs": {"y": float(weights @ sigmas)}}
+        y = float(weights @ sigmas)
+        return {"address": one.address, "status": "done", "reason": "", "outputs": {"bandwidth_Hz": y}}
 
     found = conclude(laid, [row(one) for one in laid.cases])["sensitivity"]
     shares = weights**2 / (weights**2).sum()

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.study import code_digest as room
+from beamdesign.study import workers
 from beamdesign.study.case import case
 from beamdesign.study.document_keys import known_keys, with_value, wrong_key
 from beamdesign.study.sampling import points
@@ -40,8 +42,9 @@ def sweep(tmp_path):
 
 
 @pytest.fixture
-def command(tmp_path):
-    """Runs a subcommand of `study`; gives exit status, output and the fields written."""
+def command(tmp_path, monkeypatch):
+    """Runs a subcommand of `study`, cases in this process; gives exit status, output and the fields written."""
+    monkeypatch.setattr(workers, "processes", lambda *_: nullcontext(workers.here))
 
     def invoke(*arguments):
         target = tmp_path / "fields.json"
@@ -52,6 +55,11 @@ def command(tmp_path):
         return done.exit_code, done.output, json.loads(target.read_text()) if target.exists() else None
 
     return invoke
+
+
+def contents(folder):
+    """Every file below a folder, with its bytes."""
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 MASSES = {"key": "options.outer_end_mass_kg", "values": [0.0, 2.0, 10.0, 20.0]}
@@ -227,6 +235,101 @@ def test_base_that_no_case_mends_is_bad_input(sweep, command, tmp_path):
         command("run", sweep(base=bare, vary=[MASSES]), "--out", tmp_path / "out")
     with pytest.raises(InputError, match="no-such"):
         command("run", sweep(base=tmp_path / "no-such.toml"), "--out", tmp_path / "out")
+
+
+END_MASSES = (
+    (ROOT / "studies" / "sweeps" / "end_masses.toml").read_text(encoding="utf-8").replace("count = 81", "count = 3")
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("from_kg = 0.0", 'from_kg = "a"', "options.from_kg"),
+        ("from_kg = 0.0", "from_kg = 30.0", "not below to_kg"),
+        ("paper_remedy.toml", "empty.toml", "servovalve: missing"),
+        ("prototypes/paper_remedy.toml", "prototype.toml", "is a study"),
+        ("high = 8.0", "high = -1.0", "low"),
+        ("low = 0.0\nhigh = 8.0", "low = -8.0\nhigh = -1.0", "payload.inner_end_mass_kg"),
+        ('x = "payload.inner_end_mass_kg"', 'x = "inner_mass"', "picture 1: x"),
+        ('kind = "end_masses"', 'kind = "lines"', "picture 1: y: missing"),
+        ('kind = "end_masses"', 'kind = "lag_breaks"', "stable_zero_from_Hz is no output"),
+        ('kind = "end_masses"', 'kind = "bars"\ny = "crossings_kg"', "crossings_kg holds lists"),
+        ("[study]", "[specification]\nstiff = { at_least = 1.0 }\n[study]", "stiff is no output"),
+        ("[study]", "[specification]\ncrossings_kg = { at_least = 1.0 }\n[study]", "crossings_kg holds lists"),
+        ("[study]", '[optimise]\noutput = "mass"\n[study]', "optimise.output"),
+        ("[study]", '[spread]\noutput = "mass"\noutputs = ["reach"]\n[study]', "spread.outputs: reach"),
+    ],
+)
+def test_refusal_leaves_the_results_of_an_earlier_run_as_they_are(command, tmp_path, old, new, words):
+    folder, prototypes = tmp_path / "out", ROOT / "studies" / "prototypes"
+    good, path = END_MASSES.replace("../prototypes", prototypes.as_posix()), tmp_path / "sweep.toml"
+    path.write_text(good, encoding="utf-8")
+    assert command("run", path, "--out", folder)[0] == 0
+    before = contents(folder)
+    (tmp_path / "empty.toml").touch()
+    changed = END_MASSES.replace(old, new)
+    for name, there in (
+        ("../prototypes/empty.toml", tmp_path / "empty.toml"),
+        ("../prototype", ROOT / "studies/prototype"),
+    ):
+        changed = changed.replace(name, there.as_posix())
+    assert changed != good
+    path.write_text(changed, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        command("run", path, "--out", folder)
+    assert contents(folder) == before
+    with pytest.raises(InputError, match=words):
+        command("run", path, "--out", tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
+def test_each_bad_option_is_refused_before_anything_is_written(sweep, command, tmp_path):
+    path = sweep(vary=[MASSES])
+    with pytest.raises(InputError, match="--case-seconds"):
+        command("run", path, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1", "--case-seconds", 9)
+    assert command("run", path, "--out", tmp_path / "out", "--case-seconds", 0)[0] == 2
+    (tmp_path / "sweep.study").touch()
+    with pytest.raises(InputError, match="cannot be read"):
+        run_sweep(plan(path), tmp_path / "sweep.study")
+    assert not (tmp_path / "out").exists()
+
+
+def test_sweep_whose_cases_are_all_refused_has_none_to_go(sweep, command, tmp_path):
+    path = sweep(vary=[MASSES], options={"outer_end_mass_kg": 0.0})
+    assert command("status", path, "--out", tmp_path / "out")[2]["remaining"] == 4
+    path = sweep(vary=[MASSES | {"values": ["a", -1.0]}])
+    status, output, fields = command("status", path, "--out", tmp_path / "out")
+    assert (status, fields["counts"], fields["remaining"]) == (1, {"refused": 2}, 0)
+    assert "every case is refused" in output
+    assert "at least 0" in output
+
+
+def test_figures_that_are_not_finite_are_refused_and_not_left_out(sweep, command, tmp_path):
+    vary = [{"key": "payload.largest_force_N", "values": [float("inf"), 1.0]}]
+    _, _, fields = command("run", sweep(vary=vary), "--out", tmp_path / "out")
+    assert fields["counts"]["refused"] == 1
+
+
+def test_values_of_any_kind_among_good_ones_are_refused_and_the_rest_is_drawn(sweep, command, tmp_path):
+    odd = [0.5, [], "a", True, {"b": 1.0}, 5.0]
+    for kind, y in (("lines", "own_zero_stable"), ("bars", "own_zero_stable"), ("lag_breaks", "controller.zero_Hz")):
+        path = sweep(
+            task="lag_breaks",
+            vary=[{"key": "controller.pole_Hz", "values": odd}],
+            picture=[{"kind": kind, "x": "controller.pole_Hz", "y": y, "series": "controller.pole_Hz"}],
+        )
+        _, _, fields = command("run", path, "--out", tmp_path / kind)
+        assert fields["counts"]["refused"] == 4
+        assert (tmp_path / kind / "picture.png").stat().st_size > 2000
+
+
+def test_picture_without_data_says_so(sweep, command, tmp_path):
+    asked = {"kind": "lines", "x": "options.outer_end_mass_kg", "y": "bandwidth_Hz"}
+    path = sweep(vary=[MASSES | {"values": [0.0, 20.0]}], picture=[asked])
+    status, _, fields = command("run", path, "--out", tmp_path / "out")
+    assert (status, fields["counts"]) == (1, {"no": 2})
+    assert "no case has bandwidth_Hz" in (tmp_path / "out" / "picture.svg").read_text(encoding="utf-8")
 
 
 def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_address(monkeypatch):

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, ValidationError
 
 from beamdesign import records
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
@@ -41,7 +41,7 @@ class _Kept(Record):
     varied: dict[str, Any]
     status: Status
     reason: str
-    outputs: dict[str, _Cell | tuple[_Cell, ...]]
+    outputs: dict[str, _Cell | Sequence[_Cell]]
     details: dict[str, Any]
     document: dict[str, Any]
     options: dict[str, Any]
@@ -56,7 +56,7 @@ class _Index(Record):
     name: str
     method: str
     complete: bool
-    rows: tuple[_Sha256, ...]
+    rows: Sequence[_Sha256]
 
 
 @dataclass(frozen=True)
@@ -129,10 +129,12 @@ def _read(shape: type[Record], path: Path) -> dict[str, Any] | None:
         InputError: where it cannot be read or is of another shape.
     """
     try:
-        found = json.loads(read_bytes(path, LARGEST_TABLE), parse_constant=_refuse)
-        records.parse(shape, found, path)
+        found = _JSON.decode(read_bytes(path, LARGEST_TABLE).decode())
+        shape.model_validate(found)
     except FileNotFoundError:
         return None
+    except ValidationError:
+        records.parse(shape, found, path)  # which says what is wrong
     except OSError as error:
         raise InputError(path, [("(file)", f"cannot be read: {error.strerror}")]) from None
     except (ValueError, RecursionError):
@@ -142,6 +144,9 @@ def _read(shape: type[Record], path: Path) -> dict[str, Any] | None:
 
 def _refuse(constant: str) -> None:
     raise ValueError(f"{constant} is no JSON")
+
+
+_JSON = json.JSONDecoder(parse_constant=_refuse)
 
 
 def _wrong(found: dict[str, Any], address: str, asked: Case | None) -> tuple[str, str] | None:
