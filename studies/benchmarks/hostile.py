@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from hostile_inputs import COMMANDS, ENOUGH, ask, faults, laid_out, make, mutant, tree
+from hostile_inputs import COMMANDS, ENOUGH, Command, ask, faults, laid_out, make, mutant, tree
 
 STATUSES = ("0", "1", "2", "taken", "other", "faults")
 """Columns of the table; `taken` are inputs that were examined and then worked on, which is ended."""

@@ -154,7 +154,7 @@ FIGURES = (
     "true", '""', "2e-308", "1e400", "[[[[1.0]]]]",
 )  # fmt: skip
 MARK = "HOSTILE_MARK"
-CODE = f'int ran; __attribute__((constructor)) static void run(void) {{ ran = system("touch $\\{MARK}"); }}'
+CODE = f'int ran; __attribute__((constructor)) static void run(void) {{ ran = system("touch ${MARK}"); }}'
 TEXTS = (
     "", " ", "a\nb", 'a"b', "a\\", "*/ x /*", f"*\\\n/\n#include <stdlib.h>\n{CODE}\n/*", f"`touch ${MARK}`", "$HOME",
     "../../../escape", "/proc/nowhere/x", "\x1b[31mred", "\x07\x08", "\x00", "a" * 100_000, "Träger", "橋梁", "nan",
