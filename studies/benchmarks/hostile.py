@@ -265,9 +265,8 @@ def main(given: Sequence[str] | None = None) -> int:
     seeds = chosen.only or range(chosen.seed, chosen.seed + chosen.mutants)
     kills = [] if chosen.only else range(chosen.seed, chosen.seed + chosen.kills)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(chosen.workers) as pool:
-        stock, scratch = Path(folder) / "stock", Path(folder) / "scratch"
+        stock, scratch = make(Path(folder) / "stock"), Path(folder) / "scratch"
         scratch.mkdir()
-        make(stock)
         if seeds and not chosen.only:
             print(*filter(None, pool.map(partial(as_shipped, stock, scratch), COMMANDS)), sep="\n", flush=True)
         answers = []

@@ -86,10 +86,10 @@ COMMANDS = [
     Command(f"certify {_RIG} --replay made/mass_range.toml"),
     Command("certify --replay made/box.toml", share=2),
     Command("certify --replay made/switching.toml", share=2),
-    Command("certify --replay made/stages.toml"),
+    Command("certify --replay made/stages.toml", quick=False),
     Command("certify --replay made/members.toml"),
     Command("certify --replay made/contact/certificate.contact.toml"),
-    Command("certify --replay made/plane/certificate_y.toml"),
+    Command("certify --replay made/plane/certificate_y.toml", quick=False),
     Command(f"certify-box {_TAME} --sigmas 0.5 --delay-s 1e-4 --budget 300 {_PROOF}"),
     Command(f"certify-switching {_TAME} --rate 0.1 {_PROOF}"),
     Command(f"certify-switching studies/scheduled/prototype.toml {_PROOF}", quick=False),
@@ -207,13 +207,10 @@ def key(dice: random.Random, text: str) -> Change:
     return f"{_line(text, place)}: {how}", _put(text, place, new)
 
 
-def words(dice: random.Random, text: str) -> Change:
-    """A text of another kind."""
+def quoted(dice: random.Random, text: str) -> Change:
+    """Another text."""
     place, new = dice.choice(list(_TEXT.finditer(text))), dice.choice(TEXTS)
-    colon = text[place.end() :].lstrip().startswith(":")  # a key of JSON
-    return f"{_line(text, place)}: {new[:20]!r}{' as key' if colon else ''}", _put(
-        text, place, json.dumps(new, ensure_ascii=False)
-    )
+    return f"{_line(text, place)}: {new[:20]!r}", _put(text, place, json.dumps(new, ensure_ascii=False))
 
 
 def structure(dice: random.Random, text: str) -> Change:
@@ -240,20 +237,20 @@ def structure(dice: random.Random, text: str) -> Change:
 
 def raw(dice: random.Random, text: str) -> Change:
     """Other bytes."""
-    data = bytearray(text.encode())
-    where = dice.randrange(len(data) + 1)
+    data = text.encode()
+    flipped, where = bytearray(data), dice.randrange(len(data) + 1)
     for _ in range(dice.randint(1, 5)):
-        data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
+        flipped[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
     ways: dict[str, bytes] = {
-        "byte-order mark": b"\xef\xbb\xbf" + text.encode(),
-        "Latin-1": b"# Tr\xe4ger\n" + text.encode(),
+        "byte-order mark": b"\xef\xbb\xbf" + data,
+        "Latin-1": b"# Tr\xe4ger\n" + data,
         "UTF-16": text.encode("utf-16"),
-        f"NUL at {where}": text.encode()[:where] + b"\0" + text.encode()[where:],
-        f"cut at {where}": text.encode()[:where],
-        "bits flipped": bytes(data),
+        f"NUL at {where}": data[:where] + b"\0" + data[where:],
+        f"cut at {where}": data[:where],
+        "bits flipped": bytes(flipped),
         "empty": b"",
-        "CRLF": text.replace("\n", "\r\n").encode(),
-        "CR": text.replace("\n", "\r").encode(),
+        "CRLF": data.replace(b"\n", b"\r\n"),
+        "CR": data.replace(b"\n", b"\r"),
         "binary": dice.randbytes(2000),
     }
     name = dice.choice(list(ways))
@@ -261,50 +258,37 @@ def raw(dice: random.Random, text: str) -> Change:
 
 
 def column(dice: random.Random, text: str) -> Change:
-    """A table that is wrong."""
-    head, *rows = [line.split(",") for line in text.splitlines()]
-    j, i = dice.randrange(len(head)), dice.randrange(len(rows))
+    """A table with another cell, column, order or notation."""
+    every = [line.split(",") for line in text.splitlines()]
+    head, *rows = every
+    i, j, where = dice.randrange(1, len(every)), dice.randrange(len(head)), dice.randrange(len(text))
     cell = dice.choice(("", "nan", "inf", "text", "1e308", "-1e308", "5e-324", "9" * 5000, '"', "1e400", " "))
-    ways = (
-        "cell", "cell", "cell", "column dropped", "column doubled", "renamed", "semicolons", "commas", "shuffled",
-        "times doubled", "milliseconds", "reversed", "one row", "no row", "no head", "cut", "x1000", "short row",
-        "constant",
-    )  # fmt: skip
-    way = dice.choice(ways)
-    every = [head, *rows]
-    if way == "cell":
-        rows[i][j] = cell
-    elif way == "column dropped":
-        every = [row[:j] + row[j + 1 :] for row in every]
-    elif way == "column doubled":
-        every = [[*row, row[j]] for row in every]
-    elif way == "renamed":
-        head[j] += dice.choice(("x", " ", "\x1b[31m", ""))
-    elif way == "shuffled":
-        dice.shuffle(rows)
-        every = [head, *rows]
-    elif way in ("times doubled", "milliseconds"):
-        for row in rows:
-            row[0] = f"{float(row[0]) * (2 if way == 'times doubled' else 1000):.6g}"
-    elif way == "reversed":
-        every = [head, *reversed(rows)]
-    elif way in ("one row", "no row"):
-        every = every[: 2 if way == "one row" else 1]
-    elif way == "no head":
-        every = rows
-    elif way == "x1000":
-        for row in rows:
-            row[j] = f"{float(row[j]) * 1000:.6g}"
-    elif way == "constant":
-        for row in rows:
-            row[j] = cell
-    elif way == "short row":
-        rows[i].pop()
-    lines = "\n".join(",".join(row) for row in every) + "\n"
-    lines = lines.replace(",", ";") if way in ("semicolons", "commas") else lines
-    lines = lines.replace(".", ",") if way == "commas" else lines
-    told = f"{head[j] if way not in ('cell', 'constant') else f'{head[j]}, row {i} = {cell[:20]!r}'}"
-    return f"{way}: {told}", lines[: dice.randrange(len(lines))] if way == "cut" else lines
+    before, row, after = every[:i], every[i], every[i + 1 :]
+
+    def of(k: int, change: Callable[[str], str]) -> list[list[str]]:
+        return [head, *([*row[:k], change(row[k]), *row[k + 1 :]] for row in rows)]
+
+    ways: dict[str, Callable[[], list[list[str]]]] = {
+        f"row {i} {cell[:20]!r}": lambda: [*before, [*row[:j], cell, *row[j + 1 :]], *after],
+        f"every row {cell[:20]!r}": lambda: of(j, lambda _: cell),
+        "times 1000": lambda: of(j, lambda value: f"{float(value) * 1000:.9g}"),
+        "times in ms": lambda: of(0, lambda value: f"{float(value) * 1000:.9g}"),
+        "times doubled": lambda: of(0, lambda value: f"{float(value) * 2:.9g}"),
+        "dropped": lambda: [[*row[:j], *row[j + 1 :]] for row in every],
+        "doubled": lambda: [[*row, row[j]] for row in every],
+        "renamed": lambda: [[*head[:j], head[j] + dice.choice("x \x1b"), *head[j + 1 :]], *rows],
+        "shuffled": lambda: [head, *dice.sample(rows, len(rows))],
+        "reversed": lambda: [head, *rows[::-1]],
+        "one row": lambda: every[:2],
+        "no row": lambda: [head],
+        "no head": lambda: rows,
+        "short row": lambda: [*before, row[:-1], *after],
+        "semicolons": lambda: [[";".join(row)] for row in every],
+        "decimal commas": lambda: [[";".join(row).replace(".", ",")] for row in every],
+        "cut": lambda: [[text[:where]]],
+    }
+    name = dice.choices(list(ways), [5, 2, *[1] * (len(ways) - 2)])[0]
+    return f"{head[j]} {name}", "".join(",".join(row) + "\n" for row in ways[name]())
 
 
 def stored(dice: random.Random, text: str) -> Change:
@@ -313,54 +297,55 @@ def stored(dice: random.Random, text: str) -> Change:
         new = dice.choice(('{"status":"done"}', "{}", "[]", "null", "1", '"text"', "[" * 5000, '{"rows": 1}'))
         return new[:20], new
     record = json.loads(text)
-    name, value = (
-        dice.choice(list(record)),
-        dice.choice(("weird", "done", "0" * 64, 1, None, [], {}, 1e308, "\x1b[31m", [[1]], True)),
-    )
+    name = dice.choice(list(record))
+    value = dice.choice(("weird", "done", "0" * 64, 1, None, [], {}, 1e308, "\x1b[31m", [[1]], True))
     return f"{name}: {value!r}", json.dumps({**record, name: value}, indent=1)
 
 
-TOML: dict[Callable[[random.Random, str], Change], int] = {figure: 6, key: 2, words: 3, structure: 2, raw: 2}
+TOML: dict[Callable[[random.Random, str], Change], int] = {figure: 6, key: 2, quoted: 3, structure: 2, raw: 2}
 CHANGES = {
     ".toml": TOML,
     ".csv": {column: 8, raw: 2},
-    ".json": {stored: 6, figure: 2, words: 2, key: 1, raw: 2},
+    ".json": {stored: 6, figure: 2, quoted: 2, key: 1, raw: 2},
 }
 """Ways to change a file by its kind, with their shares."""
 
 
 def another_kind(dice: random.Random, path: Path) -> str:
     """Something else in a file's place."""
-    how = dice.choice(
-        ("missing", "folder", "pipe", "/dev/zero", "dangling link", "loop of links", "10 GB", "unreadable")
-    )
-    if how not in ("10 GB", "unreadable"):
-        path.unlink()
-    if how == "folder":
-        path.mkdir()
-    elif how == "pipe":
-        os.mkfifo(path)
-    elif how in ("/dev/zero", "dangling link", "loop of links"):
-        path.symlink_to({"/dev/zero": "/dev/zero", "dangling link": "nothing", "loop of links": path.name}[how])
-    elif how == "10 GB":
-        os.truncate(path, 10**10)
-    elif how == "unreadable":
-        path.chmod(0)
-    return how
+    kinds: dict[str, Callable[[], None]] = {
+        "missing": lambda: None,
+        "folder": path.mkdir,
+        "pipe": lambda: os.mkfifo(path),
+        "/dev/zero": lambda: path.symlink_to("/dev/zero"),
+        "link to nothing": lambda: path.symlink_to("nothing"),
+        "link to itself": lambda: path.symlink_to(path.name),
+        "10 GB": lambda: os.close(os.open(path, os.O_CREAT)) or os.truncate(path, 10**10),
+        "unreadable": lambda: path.touch(0),
+    }
+    path.unlink()
+    name = dice.choice(list(kinds))
+    kinds[name]()
+    return name
 
 
-def make(folder: Path) -> None:
-    """Make what is not shipped, at `folder`/made."""
-    shutil.copytree(ROOT / "studies", folder / "studies", ignore=shutil.ignore_patterns("*.svg", "*.py", "__pycache__"))
-    (folder / "made").mkdir()
-    tame = (folder / _TAME).read_text(encoding="utf-8")
-    (folder / "made" / "sticky.toml").write_text(
-        f"{tame}\n[effects.seal_friction]\ncoulomb_N = 20.0\n", encoding="utf-8"
-    )
-    for line in MADE.values():
-        subprocess.run(
-            [sys.executable, "-m", "beamdesign", *line.split()], cwd=folder, check=False, capture_output=True
-        )
+def make(folder: Path, commands: Sequence[Command] = COMMANDS, forked: bool = False) -> Path:
+    """Lay out all that commands are given, shipped or made; the folder that holds it."""
+    stock = Mutant(0, COMMANDS[0], [], folder).work
+    shutil.copytree(ROOT / "studies", stock / "studies", ignore=shutil.ignore_patterns("*.svg", "*.py", "__pycache__"))
+    tame = (stock / _TAME).read_text(encoding="utf-8")
+    (stock / "made").mkdir()
+    (stock / "made/sticky.toml").write_text(f"{tame}\n[effects.seal_friction]\ncoulomb_N = 20.0\n", encoding="utf-8")
+    wanted = [name for command in commands for name in command.files]
+    for made, line in MADE.items():
+        if any(name.startswith(made) for name in wanted):
+            ask(Mutant(0, Command(line, seconds=600), line.split(), folder), forked)
+    return stock
+
+
+def command_of(seed: int) -> Command:
+    """The command whose inputs the mutant of a seed changes."""
+    return random.Random(seed).choices(COMMANDS, [one.share for one in COMMANDS])[0]
 
 
 def mutant(seed: int, folder: Path, stock: Path) -> Mutant:
@@ -371,24 +356,23 @@ def mutant(seed: int, folder: Path, stock: Path) -> Mutant:
         folder: to be made.
         stock: where `make` has put what is not shipped.
     """
-    dice = random.Random(seed)
-    command = dice.choices(COMMANDS, [one.share for one in COMMANDS])[0]
-    made = laid_out(command, folder, stock, seed)
+    dice = random.Random(f"mutant {seed}")
+    made = laid_out(command_of(seed), folder, stock, seed)
     if dice.random() < 0.06:
         made.encoding = dice.choice(("ascii", "latin-1"))
-    inputs = [path for name in command.files for path in _files(made.work / name)]
+    inputs = [path for name in made.command.files for path in _files(made.work / name)]
     if not inputs or dice.random() < 0.12:
         _other_word(dice, made)
         return made
-    if command.line.startswith("study") and dice.random() < 0.5:  # what is stored, else the sweep
+    if made.words[0] == "study" and dice.random() < 0.5:  # what is stored, else the sweep
         inputs = [path for path in inputs if path.suffix == ".json"] or inputs
     path = dice.choice([path for path in inputs if path.suffix in CHANGES])
     made.label = str(path.relative_to(made.work))
     made.named.append(path.name)
-    if path.suffix == ".json":
-        _believe(made, stock)
+    if path.suffix == ".json" and made.command.line.startswith("study run studies/sweeps/lag_breaks"):
+        made.believed["made/store/table.csv"] = _digest(stock / "made/store/table.csv")
     if path.suffix == ".json" and dice.random() < 0.2:
-        other = dice.choice(_files(stock / "made"))
+        other = dice.choice([*_files(stock / "made/store"), *_files(stock / "made/other")])
         made.kind, made.label = "foreign", f"{made.label}: {other.relative_to(stock)}"
         shutil.copyfile(other, path)
     elif dice.random() < 0.08:
@@ -399,10 +383,10 @@ def mutant(seed: int, folder: Path, stock: Path) -> Mutant:
         way = dice.choices(list(ways), list(ways.values()))[0]
         text = path.read_text(encoding="utf-8")
         label, content = way(dice, _COMMENT.sub("", text) if path.suffix == ".toml" else text)
-        if isinstance(content, str) and dice.random() < 0.8:
-            content = _sealed(content)
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        made.kind = {raw: "bytes", words: "text", stored: "store"}.get(way, way.__name__)
+        if isinstance(content, str):
+            content = (_sealed(content) if dice.random() < 0.8 else content).encode()
+        path.write_bytes(content)
+        made.kind = way.__name__
         made.label += f": {label}"
     return made
 
@@ -415,13 +399,10 @@ def laid_out(command: Command, folder: Path, stock: Path, seed: int = -1) -> Mut
         if target.exists():
             continue
         target.parent.mkdir(parents=True, exist_ok=True)
-        if source.is_dir():
-            shutil.copytree(source, target)
-        else:
-            shutil.copyfile(source, target)
+        (shutil.copytree if source.is_dir() else shutil.copyfile)(source, target)
     made.named += [Path(name).name for name in command.files]
+    (made.work / "out").mkdir(parents=True)
     for name in ("prototype.toml", "certificate.toml", "controller.c", "table.csv", "notes.txt"):
-        (made.work / "out").mkdir(parents=True, exist_ok=True)
         (made.work / "out" / name).write_text("older\n")
     return made
 
@@ -439,12 +420,6 @@ def _other_word(dice: random.Random, made: Mutant) -> None:
     made.named += ["Usage:", "Error:", *([word[:15]] if word.isprintable() and word else [])]
 
 
-def _believe(made: Mutant, stock: Path) -> None:
-    """A sweep whose stored results were changed gives the table that it gave, or none."""
-    if made.command.line.startswith("study run studies/sweeps/lag_breaks"):
-        made.believed["made/store/table.csv"] = _digest(stock / "made/store/table.csv")
-
-
 def _sealed(text: str) -> str:
     """A certificate with the checksum of what it says now."""
     found = _SEAL.search(text)
@@ -460,8 +435,8 @@ def _files(path: Path) -> list[Path]:
 
 def _digest(path: Path) -> str:
     mode = path.lstat().st_mode
-    if not stat.S_ISREG(mode):
-        return str(stat.S_IFMT(mode))
+    if not stat.S_ISREG(mode) or not os.access(path, os.R_OK):
+        return oct(mode)
     size = path.stat().st_size
     return f"{size} bytes" if size > 10**8 else hashlib.sha256(path.read_bytes()).hexdigest()
 
