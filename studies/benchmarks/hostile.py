@@ -84,10 +84,11 @@ class Killed:
     seconds: float = 0.0
 
 
-_FORCE = ("studies/prototype.toml", "tip_force_N = 2000.0", "tip_force_N = 1000.0")
-_ERRORS = ("studies/gaps/paper_gains/dataset.toml", "relative_std = 0.05", "relative_std = 0.1")
-OTHERS = {"made/lighter.toml": _FORCE, "made/gains/dataset.toml": _ERRORS}
-"""Inputs that differ in one thing from a shipped file."""
+OTHERS = {
+    "made/lighter.toml": ("studies/prototype.toml", "", "tip_force_N = 2000.0", "tip_force_N = 1000.0"),
+    "made/gains": ("studies/gaps/paper_gains", "dataset.toml", "relative_std = 0.05", "relative_std = 0.1"),
+}
+"""Inputs that differ in one thing from shipped ones: by their place, what is shipped, the file, and the difference."""
 KILLED = {
     "run": Killed("run made/lighter.toml --out out", "run studies/prototype.toml --out out"),
     "spec": Killed(
@@ -122,11 +123,10 @@ def results(folder: Path, apart: Iterable[str]) -> dict[str, str]:
 
 def prepare(stock: Path) -> None:
     """Make the older results and those of an undisturbed run, and count the changes that its folder goes through."""
-    for target, (source, old, new) in OTHERS.items():
-        (stock / target).parent.mkdir(parents=True, exist_ok=True)
-        for path in (stock / source).parent.glob("*.toml" if target.startswith("made/gains") else Path(source).name):
-            place = (stock / target).with_name(path.name) if path.name != Path(source).name else stock / target
-            place.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    for target, (source, file, old, new) in OTHERS.items():
+        (shutil.copytree if file else shutil.copyfile)(stock / source, stock / target)
+        changed = stock / target / file
+        changed.write_text(changed.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     for name, kill in KILLED.items():
         work = stock / "kills" / name.replace(" ", "_")
         work.mkdir(parents=True)

@@ -34,7 +34,7 @@ SECONDS = 20.0
 MEMORY_BYTES = 4 * 2**30
 LARGEST_FILE_BYTES = 2**30
 """That a command may write."""
-ENOUGH = -1
+ENOUGH = 1000
 """Status of a command that had examined its inputs and gone on to its work, and was ended there."""
 
 MADE = {
@@ -43,8 +43,8 @@ MADE = {
     "made/box.toml": "certify-box studies/prototypes/tame_lag.toml --sigmas 0.5 --budget 300 --out made/box.toml",
     "made/switching.toml": "certify-switching studies/prototypes/tame_lag.toml --out made/switching.toml",
     "made/stages.toml": "certify-switching studies/scheduled/prototype.toml --out made/stages.toml",
-    "made/contact.toml": "stiffness studies/prototypes/compliant.toml --out made/contact",
-    "made/plane.toml": "arm studies/prototypes/arm.toml --out made/plane",
+    "made/contact": "stiffness studies/prototypes/compliant.toml --out made/contact",
+    "made/plane": "arm studies/prototypes/arm.toml --out made/plane",
     "made/store": "study run studies/sweeps/lag_breaks.toml --cases 4 --out made/store",
     "made/other": "study run studies/sweeps/materials.toml --cases 2 --out made/other",
 }
@@ -417,7 +417,7 @@ def _other_word(dice: random.Random, made: Mutant) -> None:
         made.words[place] = word
     else:
         made.words.append(word)
-    made.named += ["Usage:", "Error:", *([word[:15]] if word.isprintable() and word else [])]
+    made.named += ["Usage:", *([word[:15]] if word.isprintable() and word else [])]
 
 
 def _sealed(text: str) -> str:
