@@ -11,6 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "studies" / "benchmarks"))
 
+import hostile
 from hostile_inputs import COMMANDS, Answer, ask, command_of, faults, laid_out, make, mutant, tree
 
 QUICK = [command for command in COMMANDS if command.quick]
@@ -78,3 +79,16 @@ def test_every_fault_is_seen(stock: Path, tmp_path: Path, fault: str) -> None:
         (made.folder / written).write_text("fresh")
     (found,) = faults(made, answer, before)
     assert fault in found
+
+
+def test_a_folder_killed_while_it_is_written_is_of_one_result(
+    stock: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hostile, "KILLED", {"code": hostile.KILLED["code"]})
+    hostile.prepare(stock)
+    kill = hostile.KILLED["code"]
+    assert set(kill.results["older"].values()).isdisjoint(kill.results["newer"].values())
+    assert [one.label for one in (hostile.killed(stock, tmp_path, seed) for seed in range(4)) if one.faults] == []
+    for path in ("controller.c", "controller.h"):  # one file of another result is seen
+        mixed = {**kill.results["older"], path: kill.results["newer"][path]}
+        assert mixed not in kill.results.values()

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from hostile_inputs import COMMANDS, ENOUGH, Command, ask, faults, laid_out, make, mutant, tree
+from hostile_inputs import COMMANDS, ENOUGH, ENVIRONMENT, Command, ask, faults, laid_out, make, mutant, tree
 
 STATUSES = ("0", "1", "2", "taken", "other", "faults")
 """Columns of the table; `taken` are inputs that were examined and then worked on, which is ended."""
@@ -195,7 +195,7 @@ def _age(kill: Killed, path: str, digest: str | None) -> str:
 def _begun(line: str, work: Path) -> subprocess.Popen[bytes]:
     words = [sys.executable, "-m", "beamdesign", *line.split()]
     with (work / ".said").open("wb") as said:
-        return subprocess.Popen(words, cwd=work, stdout=said, stderr=said, start_new_session=True)
+        return subprocess.Popen(words, cwd=work, stdout=said, stderr=said, start_new_session=True, env=ENVIRONMENT)
 
 
 def _finished(line: str, work: Path) -> None:

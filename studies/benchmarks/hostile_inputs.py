@@ -29,6 +29,8 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+"""Of the commands: they are those of this project, wherever they work."""
 SECONDS = 20.0
 """Most that an answer may take, unless its command says otherwise."""
 MEMORY_BYTES = 4 * 2**30
@@ -145,7 +147,8 @@ class Mutant:
         return self.folder / "around" / "work"
 
     def __str__(self) -> str:
-        return f"{self.seed}: {shlex.join(word[:60] for word in self.words)} [{self.kind}] {self.label}"
+        words = " ".join(shlex.quote(word[:60]) if word.isprintable() else ascii(word) for word in self.words)
+        return f"{self.seed}: {words} [{self.kind}] {self.label}"
 
 
 # What is written instead of something.
@@ -366,7 +369,7 @@ def mutant(seed: int, folder: Path, stock: Path) -> Mutant:
         return made
     if made.words[0] == "study" and dice.random() < 0.5:  # what is stored, else the sweep
         inputs = [path for path in inputs if path.suffix == ".json"] or inputs
-    path = dice.choice([path for path in inputs if path.suffix in CHANGES])
+    path = dice.choice([path for path in inputs if path.suffix in CHANGES and path.name != "table.csv"])
     made.label = str(path.relative_to(made.work))
     made.named.append(path.name)
     if path.suffix == ".json" and made.command.line.startswith("study run studies/sweeps/lag_breaks"):
@@ -412,12 +415,8 @@ def _other_word(dice: random.Random, made: Mutant) -> None:
     place, word = dice.randrange(first, len(made.words) + 1), dice.choice(WORDS)
     made.kind = "command line"
     made.label = f"word {place}: {word[:20]!r}"
-    if place < len(made.words):
-        made.named.append(made.words[place - 1])
-        made.words[place] = word
-    else:
-        made.words.append(word)
-    made.named += ["Usage:", *([word[:15]] if word.isprintable() and word else [])]
+    made.words[place : place + 1] = [word]
+    made.named += ["Usage:", "(file)", *filter(None, made.words[first:])]
 
 
 def _sealed(text: str) -> str:
@@ -475,7 +474,7 @@ def ask(made: Mutant, forked: bool = False) -> Answer:
         with said[0].open("wb") as out, said[1].open("wb") as err:
             process = subprocess.Popen(
                 [sys.executable, "-m", "beamdesign", *made.words], cwd=made.work, stdin=subprocess.DEVNULL, stdout=out,
-                stderr=err, start_new_session=True, env={**os.environ, **variables},
+                stderr=err, start_new_session=True, env={**ENVIRONMENT, **variables},
             )  # fmt: skip
         pid, poll = process.pid, process.poll
     for what, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_FSIZE, LARGEST_FILE_BYTES)):
@@ -483,11 +482,12 @@ def ask(made: Mutant, forked: bool = False) -> Answer:
             resource.prlimit(pid, what, (most, most))
         except ProcessLookupError:  # ended already
             break
-    enough = False
-    seconds = 0.0
+    enough, seconds = False, 0.0
     while poll() is None and not enough and seconds < made.command.seconds:
         time.sleep(0.005)
-        enough = bool(made.command.enough) and any(made.work.glob(made.command.enough))
+        enough = any(made.work.glob(made.command.enough or "-"))
+        if not said[0].exists():  # the server of forks is still being loaded
+            begun = time.monotonic()
         seconds = time.monotonic() - begun - _waited(pid)
     status = poll()
     with suppress(ProcessLookupError):
