@@ -93,9 +93,9 @@ def test_without_effects_the_gain_is_that_of_the_exact_loop(believed: Prototype,
 def test_a_valve_that_drives_a_free_tip_has_the_closed_form(believed: Prototype):
     """Stiff oil, a beam that holds the rod and one that holds nothing: K = 2 xi omega_n A / (K_q F) by Routh."""
     rig = believed.but(
-        outer_beam=Beam(stiffness_N_per_m=1e-3, effective_mass_kg=1e-6, damping_ratio=0.05),
-        inner_beam=Beam(stiffness_N_per_m=1e15, effective_mass_kg=1.0, damping_ratio=0.05),
-        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1e12),
+        outer_beam=Beam(stiffness_N_per_m=1.0, effective_mass_kg=1e-6, damping_ratio=0.05),
+        inner_beam=Beam(stiffness_N_per_m=1e10, effective_mass_kg=1.0, damping_ratio=0.05),
+        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1e10),
         servovalve=Servovalve(
             flow_gain_m3_per_s_per_A=1.13e-2, leakage_m3_per_s_per_Pa=0.0, natural_frequency_Hz=150.0, damping_ratio=0.4
         ),
