@@ -74,7 +74,7 @@ def range_of(quantity: Any) -> Plausible:
 
 # Structure.
 Mass = Annotated[FiniteFloat, Plausible(1e-6, 1e5)]
-MassOrNone = Annotated[FiniteFloat, Plausible(1e-6, 1e5, or_zero=True)]
+MassOrNone = Annotated[FiniteFloat, Plausible(0.0, 1e5)]
 Length = Annotated[FiniteFloat, Plausible(1e-3, 100.0)]
 Position = Annotated[FiniteFloat, Plausible(-100.0, 100.0)]
 Width = Annotated[FiniteFloat, Plausible(1e-4, 2.0)]

@@ -259,7 +259,7 @@ GEOMETRY = "width_m, wall_m, free_length_m, material"
             "outer_beam.end_mass_kg",
             -1.0,
             "outer_beam.end_mass_kg",
-            "is -1.0, outside the plausible range 1e-06 to 100000 or 0 kg",
+            "is -1.0, outside the plausible range 0 to 100000 kg",
         ),
         ("goal.peak_sensitivity", 1.0, "goal.peak_sensitivity", "is 1.0, outside the plausible range 1.00001 to 1000"),
         (
