@@ -5,23 +5,16 @@ from math import sqrt
 from typing import Any
 
 from beamdesign.lumped import lumped_beam
+from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
 
-_PARTS = {
-    "oil_stiffness": ("actuator", "oil_stiffness_N_per_m"),
-    "piston_area": ("actuator", "piston_area_m2"),
-    "flow_gain": ("servovalve", "flow_gain_m3_per_s_per_A"),
-    "leakage": ("servovalve", "leakage_m3_per_s_per_Pa"),
-    "valve_frequency": ("servovalve", "natural_frequency_Hz"),
-    "valve_damping_ratio": ("servovalve", "damping_ratio"),
-    "sensor_gain": ("sensor", "gain_V_per_m"),
-    "filter_frequency": ("sensor", "filter_Hz"),
-    "inner_end_mass": ("payload", "inner_end_mass_kg"),
-    "controller_gain": ("controller", "gain_A_per_V"),
-    "controller_pole": ("controller", "pole_Hz"),
-    "controller_zero": ("controller", "zero_Hz"),
+_PARTS = {name: row.place for name, row in PARAMETERS.items() if "_beam." not in row.place and name != "outer_end_mass"}
+_PARTS |= {
+    "controller_gain": "controller.gain_A_per_V",
+    "controller_pole": "controller.pole_Hz",
+    "controller_zero": "controller.zero_Hz",
 }
-_BEAMS = tuple(f"{beam}_{figure}" for beam in ("outer", "inner") for figure in ("stiffness", "mass", "damping"))
+_BEAMS = tuple(name for name, row in PARAMETERS.items() if "_beam." in row.place)
 CHANGEABLE = (*_BEAMS, *_PARTS)
 """Figures that can be changed, named as in `beamdesign.proof.rig_family`."""
 
@@ -40,8 +33,9 @@ def with_figures(prototype: Prototype, factors: Mapping[str, float]) -> Prototyp
             getattr(prototype, f"{name}_beam"),
             *(factors.get(f"{name}_{figure}", 1.0) for figure in ("stiffness", "mass", "damping")),
         )
-    for name, (part, key) in _PARTS.items():
+    for name, place in _PARTS.items():
         if name in factors:
+            part, key = place.split(".")
             record = changed.get(part, getattr(prototype, part))
             changed[part] = record.but(**{key: _short(getattr(record, key) * factors[name])})
     return prototype.but(**changed)

@@ -1,10 +1,10 @@
 """Lumped figures of a prototype: measured where they stand, from the geometry otherwise."""
 
 from dataclasses import dataclass
-from math import pi
 
 from beamdesign import beam, section
 from beamdesign.materials import Material, material
+from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Actuator, Beam, Prototype, Sensor, Servovalve
 from beamdesign.section import Quantity
 
@@ -81,16 +81,13 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
 
 def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> dict[str, float]:
     """Figures of everything but the beams, named and ordered as in `beamdesign.rig.twin_beam.FIGURES`."""
-    return {
-        "oil_stiffness": actuator.oil_stiffness_N_per_m,
-        "piston_area": actuator.piston_area_m2,
-        "flow_gain": valve.flow_gain_m3_per_s_per_A,
-        "leakage": valve.leakage_m3_per_s_per_Pa,
-        "valve_frequency": 2 * pi * valve.natural_frequency_Hz,
-        "valve_damping_ratio": valve.damping_ratio,
-        "sensor_gain": sensor.gain_V_per_m,
-        "filter_frequency": 2 * pi * sensor.filter_Hz if sensor.filter_Hz else 0.0,
-    }
+    records = {"actuator": actuator, "servovalve": valve, "sensor": sensor}
+    found = {}
+    for name, row in PARAMETERS.items():
+        table, key = row.place.split(".")
+        if table in records:
+            found[name] = row.factor * (getattr(records[table], key) or 0.0)
+    return found
 
 
 def figures(prototype: Prototype) -> dict[str, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import Member, family
-from beamdesign.proof.tolerance_box import TOLERANCES
+from beamdesign.parameters import TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 

@@ -1,12 +1,15 @@
 """The believed prototype with what a fit has found: figures re-tuned, effects added."""
 
-from math import pi, sqrt
+from collections.abc import Mapping
+from math import sqrt
 from typing import Any
 
 from beamdesign import lumped
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.unknowns import SUPPLY
+from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
+from beamdesign.records import Record
 
 
 def amended(prototype: Prototype, found: Fit) -> Prototype:
@@ -31,24 +34,22 @@ def amended(prototype: Prototype, found: Fit) -> Prototype:
     changes: dict[str, Any] = {
         "outer_beam": _beam(prototype.outer_beam, "outer", figures),
         "inner_beam": _beam(prototype.inner_beam, "inner", figures),
-        "actuator": prototype.actuator.but(
-            piston_area_m2=figures["piston_area"], oil_stiffness_N_per_m=figures["oil_stiffness"]
-        ),
-        "servovalve": prototype.servovalve.but(
-            flow_gain_m3_per_s_per_A=figures["flow_gain"],
-            leakage_m3_per_s_per_Pa=figures["leakage"],
-            natural_frequency_Hz=figures["valve_frequency"] / (2 * pi),
-            damping_ratio=figures["valve_damping_ratio"],
-        ),
-        "sensor": prototype.sensor.but(
-            gain_V_per_m=figures["sensor_gain"],
-            filter_Hz=None if prototype.sensor.filter_Hz is None else figures["filter_frequency"] / (2 * pi),
-        ),
+        **_others(prototype, figures),
         "supply": prototype.supply.but(pressure_Pa=found.values.get(SUPPLY, prototype.supply.pressure_Pa)),
         "effects": effects,
         "guarantee": None,
     }
     return prototype.but(**changes)
+
+
+def _others(prototype: Prototype, figures: Mapping[str, float]) -> dict[str, Record]:
+    """Tables of a prototype beside its beams, with new figures where it states any."""
+    changes: dict[str, dict[str, float]] = {}
+    for name, row in PARAMETERS.items():
+        table, key = row.place.split(".")
+        if name in figures and "_beam" not in table and row.stated(prototype) is not None:
+            changes.setdefault(table, {})[key] = figures[name] / row.factor
+    return {table: getattr(prototype, table).but(**new) for table, new in changes.items()}
 
 
 def _beam(beam: Beam, name: str, figures: dict[str, float]) -> Beam:

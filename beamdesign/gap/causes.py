@@ -4,9 +4,10 @@ from math import inf
 
 from beamdesign.gap.diagnosis import Cause, Estimate
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, TOLERANCE_OF, WRONG, Hypothesis, subsystem
+from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis, subsystem
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.judgement import Judgement
+from beamdesign.parameters import RIG_TOLERANCES
 
 LEAST_PROBABILITY = 0.01
 SUSPICIOUS = 2.0
@@ -50,7 +51,7 @@ def parameters(name: str, holder: Fit) -> dict[str, Estimate]:
     """Of an effect, or the figures of a wrong one; SI."""
     errors = holder.standard_errors
     if name.startswith(WRONG):
-        keys = [figure for figure, key in TOLERANCE_OF.items() if key == name.removeprefix(WRONG)]
+        keys = [figure for figure, key in RIG_TOLERANCES.items() if key == name.removeprefix(WRONG)]
         return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}
     prefix = holder.hypothesis.realisation(name) + "."
     return {

@@ -13,6 +13,7 @@ from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
 from beamdesign.lumped import figures
 from beamdesign.observer import Observer
+from beamdesign.parameters import PARAMETERS
 from beamdesign.polynomial import exact
 from beamdesign.proof.performance import Claim
 from beamdesign.proof.rational import bounds, simple_between, text
@@ -23,22 +24,6 @@ from beamdesign.spelling import one_line
 KIND = "beamdesign.mass_range"
 VERSION = 1
 
-_RIG_KEYS = {
-    "outer_stiffness": "outer_stiffness_N_per_m",
-    "outer_mass": "outer_mass_kg",
-    "outer_damping": "outer_damping_N_s_per_m",
-    "inner_stiffness": "inner_stiffness_N_per_m",
-    "inner_mass": "inner_mass_kg",
-    "inner_damping": "inner_damping_N_s_per_m",
-    "oil_stiffness": "oil_stiffness_N_per_m",
-    "piston_area": "piston_area_m2",
-    "flow_gain": "flow_gain_m3_per_s_per_A",
-    "leakage": "leakage_m3_per_s_per_Pa",
-    "valve_frequency": "valve_frequency_rad_per_s",
-    "valve_damping_ratio": "valve_damping_ratio",
-    "sensor_gain": "sensor_gain_V_per_m",
-    "filter_frequency": "filter_frequency_rad_per_s",
-}
 _DIGITS = 12
 
 
@@ -105,7 +90,7 @@ def rig_lines(prototype: Prototype) -> Iterator[str]:
     for name, value in figures(prototype).items():
         if name == "filter_frequency" and sensor.filter_Hz is None:
             continue
-        yield f'{_RIG_KEYS[name]} = "{text(exact(value))}"'
+        yield f'{PARAMETERS[name].key} = "{text(exact(value))}"'
     yield f'valve_frequency_Hz = "{text(exact(valve.natural_frequency_Hz))}"'
     if sensor.filter_Hz is not None:
         yield f'filter_frequency_Hz = "{text(exact(sensor.filter_Hz))}"'

@@ -5,6 +5,7 @@ from math import pi
 
 from flint import arb, fmpq
 
+from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import Box
 from beamdesign.proof.effect_parameters import effect_parameters
@@ -13,49 +14,22 @@ from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
-TOLERANCES = {
-    "outer_stiffness": "stiffness",
-    "outer_mass": "effective_mass",
-    "outer_damping": "beam_damping_ratio",
-    "inner_stiffness": "stiffness",
-    "inner_mass": "effective_mass",
-    "inner_damping": "beam_damping_ratio",
-    "oil_stiffness": "oil_stiffness",
-    "piston_area": "piston_area",
-    "flow_gain": "flow_gain",
-    "leakage": "leakage",
-    "valve_frequency": "valve_natural_frequency",
-    "valve_damping_ratio": "valve_damping_ratio",
-    "sensor_gain": "sensor_gain",
-    "filter_frequency": "sensor_filter",
-    "outer_end_mass": "outer_end_mass",
-    "inner_end_mass": "inner_end_mass",
+_OF_LOOP = {
+    "controller_gain": ("A/V", 1.0),
+    "delay": ("s", 1.0),
+    "seal_spring": ("N/m", 1.0),
+    "seal_dashpot": ("N s/m", 1.0),
 }
-"""Figures of the rig with the key of their standard deviation in `[tolerance]`."""
-
-_UNITS = {
-    "stiffness": "N_per_m",
-    "mass": "kg",
-    "damping": "N_s_per_m",
-    "area": "m2",
-    "flow_gain": "m3_per_s_per_A",
-    "leakage": "m3_per_s_per_Pa",
-    "sensor_gain": "V_per_m",
-    "controller_gain": "A_per_V",
-    "delay": "s",
-    "seal_spring": "N_per_m",
-    "seal_dashpot": "N_s_per_m",
-}
+"""Unit of further figures of the loop, and what to divide their values by; frequencies are shown in Hz."""
 
 
 def figure_key(name: str) -> tuple[str, float]:
     """The key of a figure with its unit, and what to divide its SI value by: frequencies are shown in Hz."""
-    if (name.startswith("controller_") and name != "controller_gain") or name.endswith("_frequency"):
-        return f"{name}_Hz", 2 * pi
-    for ending, unit in _UNITS.items():
-        if name.endswith(ending):
-            return f"{name}_{unit}", 1.0
-    return name, 1.0
+    if name in PARAMETERS:
+        return PARAMETERS[name].shown_key, PARAMETERS[name].factor
+    turns = name.startswith("controller_") or name.endswith("_frequency")
+    unit, factor = _OF_LOOP.get(name, ("Hz", 2 * pi) if turns else ("1", 1.0))
+    return with_unit(name, unit), factor
 
 
 def tolerance_box(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite, log10, tau
+from math import isfinite, log10
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from beamdesign.gap.designer_terms import LoopTerms, Terms
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.shrink import BANDS_HZ, Errors
+from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Controller, Lag
 from beamdesign.report.gap_pictures import in_bands
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, quantity
@@ -21,22 +22,6 @@ _WIDEST_Z = 5.0
 _TOLERATED_Z = 2.0
 _MOST_ROWS = 40
 _MANY = 5  # columns of positive figures in a witness's table that make a map of it
-_UNIT_OF = {
-    "outer_stiffness": "N/m",
-    "inner_stiffness": "N/m",
-    "outer_mass": "kg",
-    "inner_mass": "kg",
-    "outer_damping": "N s/m",
-    "inner_damping": "N s/m",
-    "oil_stiffness": "N/m",
-    "piston_area": "m2",
-    "flow_gain": "m3/s/A",
-    "leakage": "m3/s/Pa",
-    "valve_frequency": "Hz",
-    "valve_damping_ratio": "1",
-    "sensor_gain": "V/m",
-    "filter_frequency": "Hz",
-}
 
 
 @dataclass(frozen=True)
@@ -233,9 +218,8 @@ def fitted_figures(fit: Fit) -> tuple[FittedFigure, ...]:
 
 def _shown(name: str, value: float, error: float | None = None) -> str:
     """A figure of the rig in the unit it is read in, with its error."""
-    unit = _UNIT_OF[name]
-    if name in ("valve_frequency", "filter_frequency"):
-        value, error = value / tau, None if error is None else error / tau
+    row = PARAMETERS[name]
+    unit, value, error = row.shown_unit, value / row.factor, None if error is None else error / row.factor
     if error is None:
         return quantity(value, unit)
     text, words = quantity(value, unit), quantity(error, unit, 2)

@@ -11,6 +11,8 @@ from typing import Any
 
 import casadi as ca
 
+from beamdesign.parameters import PARAMETERS
+
 STATES = (
     "displacement_m",  # X_m, tip of the outer beam
     "velocity_m_per_s",
@@ -24,24 +26,8 @@ INPUTS = ("disturbance_N", "current_A")
 OUTPUTS = ("displacement_m", "sensor_V")
 ADDED_OUTPUTS = ("inner_displacement_m", "load_pressure_Pa")
 """What added sensors may read."""
-FIGURES = (
-    "outer_stiffness",  # K_m, N/m
-    "outer_mass",  # M_m, kg
-    "outer_damping",  # b_m, N s/m
-    "inner_stiffness",  # K_f
-    "inner_mass",  # M_f
-    "inner_damping",  # b_f
-    "oil_stiffness",  # K_c, N/m
-    "piston_area",  # A, m2
-    "flow_gain",  # K_q, m3/s/A
-    "leakage",  # K_pq, m3/s/Pa
-    "valve_frequency",  # omega_n, rad/s
-    "valve_damping_ratio",  # xi
-    "sensor_gain",  # F, V/m
-    "filter_frequency",  # rad/s, only with the filter
-    "outer_end_mass",  # kg, on top of M_m
-    "inner_end_mass",  # kg, on top of M_f
-)
+FIGURES = tuple(PARAMETERS)
+"""What its equations take; a filter's frequency counts only with the filter."""
 
 
 def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:

@@ -13,8 +13,8 @@ import numpy as np
 import tomli_w
 
 from beamdesign.files import write_whole
-from beamdesign.gap.fitting.unknowns import TOLERANCE_OF
 from beamdesign.operating_limits import envelope, rated_current
+from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
@@ -113,7 +113,7 @@ def believed(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
         return prototype.but(guarantee=None)
     deviations: dict[str, float] = {}
     for figure, part in specified.items():
-        if key := TOLERANCE_OF.get(figure):
+        if key := RIG_TOLERANCES.get(figure):
             deviations[key] = max(deviations.get(key, 0.0), _two_digits(part / sqrt(3)))
     return prototype.but(guarantee=None, tolerance=prototype.tolerance.but(**deviations))
 

@@ -7,29 +7,12 @@ from typing import Any
 import numpy as np
 
 from beamdesign.lumped import lumped_beam
+from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
 CUT_SIGMAS = 4.0
 """Draws are of a normal distribution cut off here; 6 in 100 000 would lie beyond."""
-
-_OF_BEAMS = {
-    "stiffness_N_per_m": "stiffness",
-    "effective_mass_kg": "effective_mass",
-    "damping_ratio": "beam_damping_ratio",
-}
-_OTHERS = {
-    "actuator.oil_stiffness_N_per_m": "oil_stiffness",
-    "actuator.piston_area_m2": "piston_area",
-    "servovalve.flow_gain_m3_per_s_per_A": "flow_gain",
-    "servovalve.leakage_m3_per_s_per_Pa": "leakage",
-    "servovalve.natural_frequency_Hz": "valve_natural_frequency",
-    "servovalve.damping_ratio": "valve_damping_ratio",
-    "sensor.gain_V_per_m": "sensor_gain",
-    "sensor.filter_Hz": "sensor_filter",
-    "payload.outer_end_mass_kg": "outer_end_mass",
-    "payload.inner_end_mass_kg": "inner_end_mass",
-}
 
 
 @dataclass(frozen=True)
@@ -79,16 +62,12 @@ def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float 
         raise InputError(prototype.name, unknown)
     deviation = prototype.tolerance.model_dump() | dict(instead)
     found: list[Figure] = []
-    for name, beam in (("outer_beam", prototype.outer_beam), ("inner_beam", prototype.inner_beam)):
-        lumped = lumped_beam(beam)
-        values = (lumped.stiffness, lumped.mass, beam.damping_ratio)
-        for (key, tolerance), value in zip(_OF_BEAMS.items(), values, strict=True):
-            found.append(Figure(f"{name}.{key}", value, deviation[tolerance]))
-    for key, tolerance in _OTHERS.items():
-        table, name = key.split(".")
-        value = getattr(getattr(prototype, table), name)
-        if value is not None:
-            found.append(Figure(key, value, deviation[tolerance]))
+    lumped = {name: lumped_beam(getattr(prototype, name)) for name in ("outer_beam", "inner_beam")}
+    for row in PARAMETERS.values():
+        beam = lumped.get(row.place.split(".")[0])
+        measured = {} if beam is None else {"stiffness": beam.stiffness, "effective_mass": beam.mass}
+        if (value := measured.get(row.tolerance, row.stated(prototype))) is not None:
+            found.append(Figure(row.place, value, deviation[row.tolerance]))
     found = [figure for figure in found if figure.deviation > 0 and figure.value not in (0.0, (0.0, 0.0))]
     if not found:
         raise InputError(prototype.name, [Problem("tolerance", "states no standard deviation, so nothing spreads")])

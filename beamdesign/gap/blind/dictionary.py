@@ -7,8 +7,9 @@ import numpy as np
 
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, TOLERANCE_OF, WRONG, Hypothesis
+from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
+from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
 
@@ -74,7 +75,7 @@ def dictionary(prototype: Prototype, evidence: Sequence[RecordEvidence], null: F
             names.append(name)
             columns.append(change)
     for k, unknown in enumerate(null.unknowns):
-        names.append(WRONG + TOLERANCE_OF[unknown.name])
+        names.append(WRONG + RIG_TOLERANCES[unknown.name])
         columns.append(tolerances[:, k])
     d = np.column_stack(columns)
     # Tolerances follow a term as far as their priors let them; at the null fit itself they have nothing to gain.

@@ -1,21 +1,10 @@
 """Tolerances for a prototype that states none: without them every figure would be vouched for to the last digit."""
 
 from beamdesign.gap.examination.caution import Caution
+from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Prototype, Tolerance
 
-TYPICAL = Tolerance(
-    stiffness=0.03,
-    effective_mass=0.02,
-    beam_damping_ratio=0.3,
-    oil_stiffness=0.15,
-    piston_area=0.005,
-    flow_gain=0.05,
-    leakage=0.3,
-    valve_natural_frequency=0.05,
-    valve_damping_ratio=0.15,
-    sensor_gain=0.005,
-    sensor_filter=0.03,
-)
+TYPICAL = Tolerance(**{row.tolerance: row.typical for row in PARAMETERS.values()})
 """Standard deviations of figures taken from drawings and data sheets: what an engineer would grant before a look."""
 
 

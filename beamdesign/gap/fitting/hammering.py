@@ -13,10 +13,11 @@ import numpy as np
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
 from beamdesign.gap.fitting.followed import PLAY, FollowedRecord, followed_evidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, TOLERANCE_OF, WRONG, Hypothesis, singles, together
+from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis, singles, together
 from beamdesign.gap.fitting.search import Progress, Search
 from beamdesign.gap.fitting.starts import starts
 from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 
 LOOSE = together(PLAY)
@@ -188,7 +189,7 @@ def _alone(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence],
 def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evidence], loose: Fit) -> list[Fit]:
     """Play with each other effect that helps it most at a look, and with a figure that it had to strain."""
     strained = {
-        WRONG + TOLERANCE_OF[u.name]
+        WRONG + RIG_TOLERANCES[u.name]
         for u, z in zip(loose.unknowns, loose.z, strict=True)
         if u.kind == "figure" and abs(z) > _STRAINED
     }

@@ -3,24 +3,13 @@
 from dataclasses import dataclass
 from itertools import combinations
 
-from beamdesign.gap.fitting.unknowns import TOLERANCE_OF, Placement, Unknown, of_effects, place, structure, tolerated
+from beamdesign.gap.fitting.unknowns import Placement, Unknown, of_effects, place, structure, tolerated
+from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
 
 WRONG = "parameter:"
-_SUBSYSTEM_OF_FIGURE = {
-    "stiffness": "structure",
-    "effective_mass": "structure",
-    "beam_damping_ratio": "structure",
-    "oil_stiffness": "oil",
-    "piston_area": "actuator",
-    "flow_gain": "servovalve",
-    "leakage": "servovalve",
-    "valve_natural_frequency": "servovalve",
-    "valve_damping_ratio": "servovalve",
-    "sensor_gain": "sensor",
-    "sensor_filter": "sensor",
-}
+_SUBSYSTEM_OF = {row.tolerance: row.subsystem for row in PARAMETERS.values()}
 
 
 @dataclass(frozen=True)
@@ -42,7 +31,7 @@ class Hypothesis:
     def figures(self) -> tuple[str, ...]:
         """Figures of the rig that are set free."""
         keys = [name.removeprefix(WRONG) for name in self.names if name.startswith(WRONG)]
-        return tuple(figure for figure, key in TOLERANCE_OF.items() if key in keys)
+        return tuple(figure for figure, key in RIG_TOLERANCES.items() if key in keys)
 
     @property
     def causes(self) -> tuple[str, ...]:
@@ -86,7 +75,7 @@ def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
     A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
     """
     effects = [Hypothesis((name,)) for name in library()]
-    keys = dict.fromkeys(TOLERANCE_OF[u.name] for u in tolerated(prototype, tuple(TOLERANCE_OF)))
+    keys = dict.fromkeys(RIG_TOLERANCES[u.name] for u in tolerated(prototype, tuple(RIG_TOLERANCES)))
     keys.pop("sensor_filter", None)
     return (*effects, *(Hypothesis((WRONG + key,)) for key in keys))
 
@@ -105,5 +94,5 @@ def cause(name: str) -> str:
 def subsystem(name: str) -> str:
     """Where a cause sits."""
     if name.startswith(WRONG):
-        return _SUBSYSTEM_OF_FIGURE[name.removeprefix(WRONG)]
+        return _SUBSYSTEM_OF[name.removeprefix(WRONG)]
     return library()[name].subsystem

@@ -11,6 +11,7 @@ from math import exp, isclose, log
 
 import numpy as np
 
+from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.effects import library
@@ -18,25 +19,6 @@ from beamdesign.rig.parameters import parameters_of
 
 FREE = 0.3
 """Prior standard deviation of the logarithm of a figure that is suspected to be plainly wrong."""
-
-TOLERANCE_OF = {
-    "outer_stiffness": "stiffness",
-    "inner_stiffness": "stiffness",
-    "outer_mass": "effective_mass",
-    "inner_mass": "effective_mass",
-    "outer_damping": "beam_damping_ratio",
-    "inner_damping": "beam_damping_ratio",
-    "oil_stiffness": "oil_stiffness",
-    "piston_area": "piston_area",
-    "flow_gain": "flow_gain",
-    "leakage": "leakage",
-    "valve_frequency": "valve_natural_frequency",
-    "valve_damping_ratio": "valve_damping_ratio",
-    "sensor_gain": "sensor_gain",
-    "filter_frequency": "sensor_filter",
-}
-"""Which key of `[tolerance]` vouches for a figure of the rig."""
-
 
 _ROUNDING = 1e-12
 
@@ -100,7 +82,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
     """
     nominal = parameters_of(_with_some_controller(prototype), 0.0, 0.0)
     found = []
-    for figure, key in TOLERANCE_OF.items():
+    for figure, key in RIG_TOLERANCES.items():
         spread = getattr(prototype.tolerance, key)
         if figure == "filter_frequency" and prototype.sensor.filter_Hz is None:
             continue

@@ -14,9 +14,9 @@ import numpy as np
 
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.hypothesis import WRONG, subsystem
-from beamdesign.gap.fitting.unknowns import TOLERANCE_OF
 from beamdesign.gap.where.local_laws import Term, terms
 from beamdesign.gap.where.residuals import Residual
+from beamdesign.parameters import RIG_TOLERANCES
 
 _LOOPED = (
     "sensor_V",
@@ -166,7 +166,7 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
     scale[:tolerated] = 1.0
     # A figure of the rig that is wrong by more than its tolerance is the same column without its prior.
     wrong = [
-        (WRONG + TOLERANCE_OF[u.name], subsystem(WRONG + TOLERANCE_OF[u.name]), "linear", "") for u in null.unknowns
+        (WRONG + RIG_TOLERANCES[u.name], subsystem(WRONG + RIG_TOLERANCES[u.name]), "linear", "") for u in null.unknowns
     ]
     own = [(t.words, t.subsystem, t.kind, t.entry) for t in dictionary]
     again = np.concatenate([np.arange(gram.shape[1]), np.arange(tolerated)])

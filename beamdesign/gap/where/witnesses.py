@@ -7,13 +7,14 @@ import numpy as np
 from beamdesign.gap.diagnosis import Cause
 from beamdesign.gap.examination.controller_equation import controller_fit
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.hypothesis import TOLERANCE_OF, WRONG, subsystem
+from beamdesign.gap.fitting.hypothesis import WRONG, subsystem
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.where.innovations import likelihood, multiplicative
 from beamdesign.gap.where.missing import Explanation
 from beamdesign.gap.where.opinion import Opinion
 from beamdesign.gap.where.probe import ENTRIES
 from beamdesign.gap.where.residuals import OWN, Residual, sizes
+from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 
 SUBSYSTEMS_OF_ENTRY = {
@@ -198,7 +199,7 @@ def about_figures(null: Fit, expected: float) -> Opinion:
     table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
     if abs(moved[furthest]) < _STRAINED:
         return Opinion("the tolerated figures", {}, _FIGURES, text, table)
-    place = subsystem(WRONG + TOLERANCE_OF[furthest])
+    place = subsystem(WRONG + RIG_TOLERANCES[furthest])
     strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
     strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
     return Opinion("the tolerated figures", {place: strength}, _FIGURES, text, table)
