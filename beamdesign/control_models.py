@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from beamdesign.controller import control_model
-from beamdesign.members import MemberRig, family
+from beamdesign.members import family
 from beamdesign.observer import Observer
 from beamdesign.prototype import Prototype
-from beamdesign.rig import twin_beam
+from beamdesign.rig.linearised import SEEN
 
 if TYPE_CHECKING:
     import control
@@ -31,9 +31,9 @@ def state_space(
     Where the controller has added sensors, what they read are further outputs of all three, and are fed back in the
     third: `inner_displacement_m`, `load_pressure_Pa`.
 
-    States are named as in `beamdesign.rig.twin_beam.STATES`, then `filtered_V` where the sensor has a filter, then
-    `controller_1` and so on for a controller with dynamics. A prototype with effects is taken linear at rest; its
-    states are those of `beamdesign.rig.assembly.STATES`, then `EFFECT_STATE`.
+    States are named as in `beamdesign.rig.linearised.STATES`, then `filtered_V` where the sensor has a filter, then
+    `EFFECT_STATE` and `mean_pressure_Pa` where there are such, then `controller_1` and so on for a controller with
+    dynamics. A prototype with effects is taken linear at rest.
 
     Args:
         prototype: its inner end mass is that of `payload.inner_end_mass_kg`.
@@ -51,15 +51,12 @@ def state_space(
     a, b, c = member.rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
     b = b * [1.0, member.gain.high]
     added = prototype.controller.added if isinstance(prototype.controller, Observer) else ()
-    c = np.vstack([c, *(member.rig.added_rows()[[twin_beam.ADDED_OUTPUTS.index(name)]] for name in added)])
-    if isinstance(member.rig, MemberRig):
-        states = [name.replace(".", "_") for name in member.rig.assembly.states]
-    else:
-        states = [*twin_beam.STATES, *(["filtered_V"] if member.rig.filtered else [])]
+    c = c[[0, 1, *(SEEN.index(name) for name in added)]]
+    states = [name.replace(".", "_") for name in member.rig.states]
     if loop == "plant":
         return control.ss(
-            a, b, c, np.zeros((len(c), 2)), states=states, inputs=twin_beam.INPUTS,
-            outputs=[*twin_beam.OUTPUTS, *added], name="plant",
+            a, b, c, np.zeros((len(c), 2)), states=states, inputs=["disturbance_N", "current_A"],
+            outputs=[*OUTPUTS[:2], *added], name="plant",
         )  # fmt: skip
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")

@@ -7,14 +7,12 @@ from math import atan2, degrees, inf, pi, sqrt
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.controller import sensed_law, transfer_function
+from beamdesign.controller import sensed_law
 from beamdesign.crossing import Crossing, crossings
-from beamdesign.linear import LinearRig, Plant
-from beamdesign.members import Member, MemberRig, family
-from beamdesign.observer import Observer
+from beamdesign.linear import LinearModel, Plant
+from beamdesign.members import Member, family
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Controller, Prototype
-from beamdesign.sensed_plant import SensedPlant, sensed_plant
 
 
 @dataclass(frozen=True)
@@ -56,23 +54,13 @@ class Loop:
         return LoopAtMass(self.opened.at(mass), self.returned.at(mass), self.disturbance, demanded)
 
 
-def close_loop(plant: Plant | SensedPlant, controller: Controller) -> Loop:
+def close_loop(plant: Plant, controller: Controller) -> Loop:
     """Close the loop of a plant with a controller, equation (12).
 
     Raises:
-        InputError: for a controller with added sensors and a plant without them.
         ValueError: for a plant with other sensors than the controller's.
     """
-    zero = fmpq_poly([0])
-    if isinstance(plant, Plant):
-        single = transfer_function(controller)
-        return Loop(
-            plant.denominator * single.denominator,
-            Affine(plant.control * single.numerator, zero),
-            plant.disturbance * single.denominator,
-            plant.denominator * single.numerator,
-        )
-    law = sensed_law(controller)
+    law, zero = sensed_law(controller), fmpq_poly([0])
     if law.sensors != plant.sensors:
         raise ValueError(f"the plant has the sensors {plant.sensors}, the controller {law.sensors}")
     returned, disturbance = Affine(zero, zero), plant.disturbance * law.denominator
@@ -81,13 +69,9 @@ def close_loop(plant: Plant | SensedPlant, controller: Controller) -> Loop:
     return Loop(plant.denominator * law.denominator, returned, disturbance, plant.denominator * law.numerators[0])
 
 
-def rig_loop(rig: LinearRig | MemberRig, inner_end_mass: float, controller: Controller) -> Loop:
+def rig_loop(rig: LinearModel, inner_end_mass: float, controller: Controller) -> Loop:
     """Close the loop of a rig, with the given mass (kg) added to its inner beam, with any controller."""
-    if isinstance(controller, Observer) and controller.added:
-        return close_loop(sensed_plant(rig, controller.sensors, inner_end_mass), controller)
-    if isinstance(rig, MemberRig) and rig.sensor_rides:
-        return close_loop(sensed_plant(rig, ("displacement_m",), inner_end_mass), controller)
-    return close_loop(rig.plant(inner_end_mass), controller)
+    return close_loop(rig.plant(inner_end_mass, sensed_law(controller).sensors), controller)
 
 
 def loop(prototype: Prototype) -> Loop:

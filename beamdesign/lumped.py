@@ -80,7 +80,7 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
 
 
 def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> dict[str, float]:
-    """Figures of everything but the beams, named and ordered as in `beamdesign.rig.twin_beam.FIGURES`."""
+    """Figures of everything but the beams, named and ordered as in `beamdesign.parameters.PARAMETERS`."""
     records = {"actuator": actuator, "servovalve": valve, "sensor": sensor}
     found = {}
     for name, row in PARAMETERS.items():
@@ -91,7 +91,7 @@ def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> 
 
 
 def figures(prototype: Prototype) -> dict[str, float]:
-    """Figures of the linear model, in the order of `beamdesign.rig.twin_beam.FIGURES` less the end masses.
+    """Figures of the linear model, in the order of `beamdesign.parameters.PARAMETERS` less the end masses.
 
     SI units: N/m, kg, N s/m, m2, m3/s/A, m3/s/Pa, rad/s, V/m. Without a sensor filter its frequency is 0 and unused.
     """

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly, fmpz
 
 
+@lru_cache(1 << 14)
 def exact(value: float) -> fmpq:
     """The rational of a float's shortest decimal form: 0.1 gives 1/10, not the nearest binary fraction.
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from beamdesign.cli.certify import certify as command
-from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
 from beamdesign.proof.certificate import Asked, describe
 from beamdesign.proof.certifying import certify
@@ -53,7 +53,7 @@ def test_the_remedy_is_unstable_with_no_payload(remedy: Prototype):
 
 def test_ranges_agree_with_dense_poles_of_the_state_space(remedy: Prototype):
     """Poles from the matrices of the linear model, the lag closed around them by hand."""
-    lag, rig = remedy.controller, linear_rig(remedy)
+    lag, rig = remedy.controller, paper_model(remedy)
     found = stable_ranges(loop(remedy).characteristic, fmpq(0), fmpq(20))
     ((least, most),) = found.stable_ranges
     pole, through = 2 * np.pi * lag.pole_Hz, lag.gain_A_per_V * lag.pole_Hz / lag.zero_Hz

@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain
+from beamdesign.members import paper_model
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.rig.assembly import INPUTS, Structure, assemble
 from beamdesign.rig.compiled import compiled, integrate
@@ -98,7 +98,7 @@ def test_an_operation_that_is_not_known_is_named():
 
 def closed_loop(rig: Prototype, gain_A_per_V: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, column of the force and row of the displacement of the loop with its lag, by the linear plant's matrices."""
-    a, b, c = linear_rig(rig).matrices(3.0, 4.0)
+    a, b, c = paper_model(rig).matrices(3.0, 4.0)
     law = lag()
     pole, ratio, n = 2 * pi * law.pole_Hz, law.pole_Hz / law.zero_Hz, len(a)
     full = np.zeros((n + 1, n + 1))

@@ -9,8 +9,8 @@ import scipy.linalg
 from flint import fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.crossing import crossings, degree_drop, elimination, shares_axis_root
-from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, roots
 from beamdesign.prototype import Lag, Prototype
 
@@ -23,7 +23,7 @@ def closed_descriptor(prototype: Prototype, mass: float) -> tuple[np.ndarray, np
     """E and A of E x' = A x with the lag closed around the plant, its one state last; nothing but matrices."""
     lag = prototype.controller
     assert isinstance(lag, Lag)
-    rig = linear_rig(prototype)
+    rig = paper_model(prototype)
     e, a, b, c = map(floats, rig.exact_matrices(fmpq(mass), fmpq(9, 2)))
     n = len(a)
     pole, through = 2 * pi * lag.pole_Hz, lag.gain_A_per_V * lag.pole_Hz / lag.zero_Hz

@@ -21,10 +21,10 @@ from beamdesign.design.loop_search import (
     grid_plant,
     sampled_bandwidth,
 )
-from beamdesign.linear import linear_rig
 from beamdesign.loop import LoopAtMass, loop
+from beamdesign.members import paper_model
 from beamdesign.prototype import Lag, Payload, Proportional, Prototype
-from beamdesign.rig.twin_beam import FIGURES
+from beamdesign.rig.beams_rig import FIGURES
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)
 LAG = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0)
@@ -118,7 +118,7 @@ def test_bandwidth_outside_of_the_grid():
 @pytest.mark.parametrize("masses", [(0.0, 0.0), (6.8, 0.0), (0.0, 4.5), (3.7, 1.9), (500.0, 60.0)])
 def test_grid_plant_is_bilinear_in_the_masses_and_exact(paper: Prototype, filter_Hz, masses):
     rig, (outer, inner) = with_filter(paper, filter_Hz), masses
-    grid = grid_plant(linear_rig(rig), FREQUENCIES_HZ)
+    grid = grid_plant(paper_model(rig).polynomials(), FREQUENCIES_HZ)
     powers = np.outer([1.0, outer], [1.0, inner])
     denominator = np.einsum("ij,ijf->f", powers, grid.denominator)
     control, disturbance = (np.array([1.0, inner]) @ part for part in (grid.control, grid.disturbance))
@@ -144,7 +144,9 @@ def test_the_search_grid_is_fine_enough_for_a_mode_with_5_percent_damping():
 def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
     """No stable gain of a fine sweep that keeps the peak on the grid has more bandwidth; responses from exact loops."""
     masses, frequency = np.array([0.0, 3.4, 6.8]), np.geomspace(0.05, 600.0, 300)
-    best = best_gain(grid_plant(linear_rig(paper), frequency), FORMS[kind], shape, inner, masses, 2.0, 5.71e-8)
+    best = best_gain(
+        grid_plant(paper_model(paper).polynomials(), frequency), FORMS[kind], shape, inner, masses, 2.0, 5.71e-8
+    )
     assert best.gain > 0
     unit = [loaded(paper, FORMS[kind].record([1.0, *shape]), inner, float(mass)) for mass in masses]
     returned = np.array([member.loop_response(frequency) for member in unit])
@@ -167,10 +169,8 @@ def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
 
 def test_no_gain_is_no_candidate(paper: Prototype):
     """Where no sample lies left of the imaginary axis, no gain is limited and none is proposed."""
-    frequency = np.array([1e-4, 2e-4])
-    best = best_gain(
-        grid_plant(linear_rig(paper), frequency), FORMS["proportional"], (), 0.0, np.array([0.0]), 2.0, 5.71e-8
-    )
+    grid = grid_plant(paper_model(paper).polynomials(), np.array([1e-4, 2e-4]))
+    best = best_gain(grid, FORMS["proportional"], (), 0.0, np.array([0.0]), 2.0, 5.71e-8)
     assert (best.gain, best.bandwidth_Hz) == (0.0, 0.0)
 
 
@@ -181,7 +181,7 @@ def test_no_gain_is_no_candidate(paper: Prototype):
 @pytest.mark.parametrize("controller", [LAG, Proportional(gain_A_per_V=0.02)], ids=lambda record: record.kind)
 def test_slacks_are_those_of_the_exact_loop(paper: Prototype, controller, filter_Hz):
     rig = with_filter(paper, filter_Hz)
-    figures = list(linear_rig(rig).figures.values())
+    figures = list(paper_model(rig).figures.values())
     slack = loop_slack(controller.kind, filter_Hz is not None)
     logarithms = np.log([getattr(controller, name) for name in FORMS[controller.kind].names])
     for outer, inner in ((0.0, 0.0), (6.8, 0.0), (2.0, 4.5)):
@@ -195,7 +195,7 @@ def test_slacks_are_those_of_the_exact_loop(paper: Prototype, controller, filter
 def test_derivatives_of_slacks_are_those_of_finite_differences(paper: Prototype, frequency_Hz):
     """With respect to logarithms of all figures, of the controller's parameters and of the frequency."""
     rig = with_filter(paper, 300.0)
-    figures = np.array([*linear_rig(rig).figures.values(), 2.0, 1.5])
+    figures = np.array([*paper_model(rig).figures.values(), 2.0, 1.5])
     point = np.log([*figures, LAG.gain_A_per_V, LAG.pole_Hz, LAG.zero_Hz, frequency_Hz])
     x = ca.SX.sym("x", len(point))
     n = len(FIGURES)
@@ -214,7 +214,7 @@ def test_derivatives_of_slacks_are_those_of_finite_differences(paper: Prototype,
 
 def test_constraints_at_points_are_slacks_one_by_one(paper: Prototype):
     """Sensitivity points count in Hz, compliance points in shares of the bandwidth."""
-    figures = list(linear_rig(paper).figures.values())
+    figures = list(paper_model(paper).figures.values())
     points = check_points(0.0, 6.8, frequencies=4).with_compliance(0.3, np.array([3.4]))
     logarithms, log_bandwidth = np.log([0.12, 1.3, 38.0]), log(5.0)
     sensitivity, stiffness = guarantee(

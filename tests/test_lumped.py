@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from beamdesign.lumped import figures, fixed_dashpot, lumped_beam, notes
 from beamdesign.prototype import Beam, Prototype
-from beamdesign.rig.twin_beam import FIGURES
+from beamdesign.rig.beams_rig import FIGURES
 
 TUBE = {"width_m": 0.14, "wall_m": 0.0023, "free_length_m": 1.195, "material": "6061-T6"}
 

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from beamdesign.cli.certify_switching import certify_switching
 from beamdesign.controller import TransferFunction, transfer_function
-from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof import replay_lyapunov
 from beamdesign.proof.any_change import any_change, verified
@@ -172,7 +172,7 @@ def test_matrices_have_the_characteristic_polynomial_of_the_loop(paper, controll
 
 def test_controller_of_third_order(firm):
     # The lag with a lead of 380/570 rad/s and a second lag of 900/1200 rad/s.
-    rig, inner = linear_rig(firm), exact(3.5)
+    rig, inner = paper_model(firm), exact(3.5)
     lag = transfer_function(firm.controller)
     extra = TransferFunction(
         fmpq_poly([1, fmpq(1, 380)]) * fmpq_poly([1, fmpq(1, 1200)]) * fmpq(7, 10),
@@ -182,7 +182,7 @@ def test_controller_of_third_order(firm):
     family, plant = close_with(rig, inner, law), rig.plant(3.5)
     assert family.order == 7 + 3
     for mass in (LOW, HIGH):
-        whole = plant.denominator.at(mass) * law.denominator + plant.control * law.numerator
+        whole = plant.denominator.at(mass) * law.denominator + plant.control[0].constant * law.numerator
         assert family.at(mass).charpoly() == whole / whole[whole.degree()]
     answer, _ = any_change(family, LOW, fmpq(1))
     assert answer.status == "proved"

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import ezdxf
 import pytest
+from beamdesign.gap.data.columns import read_columns
 from finished_run import finished_run
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -25,7 +26,6 @@ from beamdesign import cli
 from beamdesign.cli.output import say, say_table, write_csv
 from beamdesign.cli.progress import display
 from beamdesign.gap.blind.outcome import Outcome
-from beamdesign.gap.data.columns import read_columns
 from beamdesign.gap.data.dataset_index import TimeEntry, read_index
 from beamdesign.gap.experiment_menu import Experiment, scenario_of
 from beamdesign.proof.certifying import certify

@@ -23,10 +23,9 @@ from beamdesign.controller import (
 )
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.higher_modes import signals, single_compliance, with_mass
-from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import figures
-from beamdesign.members import family
+from beamdesign.members import family, paper_model
 from beamdesign.observer import SENSED, Observer
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof import replay_box, replay_members
@@ -43,7 +42,6 @@ from beamdesign.realisation.realise import realise
 from beamdesign.records import InputError
 from beamdesign.report.html import controller_rows
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
-from beamdesign.sensed_plant import sensed_plant
 from beamdesign.simulate import simulate
 
 MASSES_KG = (0.0, 6.8)
@@ -87,10 +85,10 @@ def closed_by_hand(prototype: Prototype, mass: float) -> tuple[np.ndarray, ...]:
     """
     law = prototype.controller
     assert isinstance(law, Observer)
-    a, b, c = linear_rig(prototype).matrices(mass, prototype.payload.inner_end_mass_kg)
+    a, b, c = paper_model(prototype).matrices(mass, prototype.payload.inner_end_mass_kg)
     figure, n, k = figures(prototype), len(a), law.order
     inner, pressure = np.zeros(n), np.zeros(n)
-    inner[3] = 1.0  # of twin_beam.STATES
+    inner[3] = 1.0  # of linearised.STATES
     pressure[[2, 0]] = np.array([1, -1]) * figure["oil_stiffness"] / figure["piston_area"]
     sensed = np.array([{"displacement_m": c[1], SENSED[1]: inner, SENSED[2]: pressure}[s] for s in law.sensors])
     la, lb = np.reshape(law.a, (k, k)), np.reshape(law.b, (k, len(sensed)))
@@ -146,10 +144,8 @@ def test_the_loop_is_that_of_its_matrices(rig: Prototype, sensors: tuple, mass: 
     np.testing.assert_allclose(here.compliance_response(FREQUENCIES_HZ), seen[:, 0, 0], rtol=1e-8)
     through = law.gain_A_per_V * law.d[0]
     np.testing.assert_allclose(here.effort_response(FREQUENCIES_HZ), seen[:, 1, 1] + through, rtol=1e-8)
-    a, b, c = linear_rig(prototype).matrices(mass, 4.5)
-    plant = control.ss(
-        a, b[:, 1:], np.vstack([c[1:], *(linear_rig(prototype).added_rows()[[k - 1]] for k in columns[1:])]), 0
-    )
+    a, b, c = paper_model(prototype).matrices(mass, 4.5)
+    plant = control.ss(a, b[:, 1:], c[[k + 1 for k in columns]], 0)
     s = 2j * pi * FREQUENCIES_HZ
     around = np.einsum("pkf,kpf->f", plant(s), control_model(law)(s))
     np.testing.assert_allclose(here.loop_response(FREQUENCIES_HZ), around, rtol=1e-8)
@@ -162,11 +158,11 @@ def test_what_is_fed_back_of_added_sensors_depends_on_the_mass(rig: Prototype) -
     assert loop(rig.but(controller=LAW.but(sensors=SENSED[:1], b=((SLOW,), (0.0,)), d=(0.07,)))).gain_and_mass_apart
     # A mass on the tip is a force -m s^2 x there: the slope of the characteristic is s^2 times the compliance's top.
     assert found.characteristic.slope == found.disturbance * exact(1.0) * type(found.disturbance)([0, 0, 1])
-    plant = sensed_plant(linear_rig(rig), SENSED, 4.5)
-    plain = linear_rig(rig).plant(4.5)
-    assert (plant.denominator, plant.control[0].constant, plant.disturbance) == (
+    plant = paper_model(rig).plant(4.5, SENSED)
+    plain = paper_model(rig).plant(4.5)
+    assert (plant.denominator, plant.control[0], plant.disturbance) == (
         plain.denominator,
-        plain.control,
+        plain.control[0],
         plain.disturbance,
     )
     assert plant.control[0].slope.is_zero()
@@ -253,7 +249,7 @@ def test_with_linear_effects(bare: Prototype, effects: dict) -> None:
     rest = family(prototype).rest
     for mass in (0.0, 4.7):
         a, b, c = rest.rig.matrices(mass, 4.5)
-        sensed = np.vstack([c[1:], rest.rig.added_rows()])
+        sensed = c[1:]
         n, k = len(a), LAW.order
         drive = b[:, 1:] * LAW.gain_A_per_V
         closed = np.block(

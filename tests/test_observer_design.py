@@ -22,7 +22,6 @@ from beamdesign.design.sensed_samples import sensed_model, sensed_samples
 from beamdesign.design.sensor_value import SensorRow
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
-from beamdesign.linear import linear_rig
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer
@@ -285,7 +284,7 @@ def test_tiny_tune_is_proved(shipped: Prototype, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(observer_tuning, "FINE_HZ", np.geomspace(0.05, 3000.0, 90))
     sensors = (SENSED[0], SENSED[2])
     goal = shipped.goal.but(compliance_m_per_N=3e-7)
-    found = tune_observer(linear_rig(shipped), (), goal, (0.0, 0.0), 2.0, "lqg", sensors)
+    found = tune_observer(family(shipped).members, goal, (0.0, 0.0), 2.0, "lqg", sensors)
     assert found.proved is not None, found.reason
     tuned = shipped.but(
         controller=found.proved.controller,
@@ -304,7 +303,7 @@ def test_tiny_tune_is_proved(shipped: Prototype, monkeypatch: pytest.MonkeyPatch
 def test_ranges_of_gain_with_added_sensors_are_refused(shipped: Prototype) -> None:
     saturating = shipped.but(effects={"current_saturation": {"limit_A": 0.015}})
     members = family(saturating, 6.8).members
-    found = tune_observer(linear_rig(shipped), members, shipped.goal, (0.0, 6.8), 2.0, "lqg", SENSED)
+    found = tune_observer(members, shipped.goal, (0.0, 6.8), 2.0, "lqg", SENSED)
     assert found.proved is None
     assert "range of gains" in found.reason
 

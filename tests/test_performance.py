@@ -8,8 +8,9 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.performance import (
     LARGEST_GAIN_MARGIN,
@@ -39,7 +40,7 @@ class Case:
     def __init__(self, prototype: Prototype):
         assert prototype.controller is not None
         self.prototype, self.controller = prototype, prototype.controller
-        self.rig: LinearRig = linear_rig(prototype)
+        self.rig: LinearModel = paper_model(prototype)
         self.loop: Loop = loop(prototype)
 
     def controller_response(self, f: np.ndarray) -> np.ndarray:

@@ -19,9 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_figures import cut_off
 
-from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam
+from beamdesign.members import paper_model
 from beamdesign.proof.replay import replay
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.acceptance import acceptance
@@ -407,7 +407,7 @@ def test_expected_compliance_agrees_with_the_state_space_matrices(run: DesignRun
     assert controller.kind == "lag"
     expected = acceptance(prototype)
     for row in expected.at_mass:
-        a, b, c = linear_rig(prototype).matrices(row.outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
+        a, b, c = paper_model(prototype).matrices(row.outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
         for frequency, compliance in zip(expected.frequencies_Hz, row.compliance_m_per_N, strict=True):
             s = 2j * pi * frequency
             g = c @ np.linalg.solve(s * np.eye(len(a)) - a, b)

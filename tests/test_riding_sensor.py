@@ -1,26 +1,26 @@
 """Tuning where the sensor turns with the mount, so that the payload shows in what it reads.
 
-The optimiser's plant and constraints against the exact loop, which takes another way (`beamdesign.sensed_plant`), and
+The optimiser's plant and constraints against the exact loop, and
 what is tuned against the assembled rig's own matrices.
 """
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
 import pytest
-from flint import fmpq
 
 from beamdesign.control_models import state_space
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.loop_constraints import member_slack
-from beamdesign.design.loop_search import best_gain, member_grid, sampled_bandwidth
-from beamdesign.design.schedule import StretchedRig
+from beamdesign.design.loop_search import best_gain, grid_plant, sampled_bandwidth
+from beamdesign.design.rig_samples import plants_of
+from beamdesign.linear import LinearModel
 from beamdesign.loop import LoopAtMass, loop, rig_loop
-from beamdesign.members import MemberRig, bilinear_plant, family
+from beamdesign.members import Member, family
 from beamdesign.proof.replay_members import replay
 from beamdesign.prototype import Lag, Payload, Prototype
 from beamdesign.records import InputError
-from beamdesign.sensed_plant import sensed_plant
 from beamdesign.study.redesign import redesign
 
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.3, zero_Hz=38.0)
@@ -35,9 +35,8 @@ def riding(paper: Prototype) -> Prototype:
 
 
 @pytest.fixture
-def member(riding: Prototype) -> MemberRig:
+def member(riding: Prototype) -> LinearModel:
     (only,) = family(riding, 5.0).members
-    assert isinstance(only.rig, MemberRig)
     return only.rig
 
 
@@ -45,24 +44,8 @@ def loaded(rig: Prototype, law: Lag, inner: float, outer: float) -> LoopAtMass:
     return loop(rig.but(controller=law, payload=Payload(inner_end_mass_kg=inner))).at(outer)
 
 
-def test_the_plant_over_both_masses_is_the_exact_one(member: MemberRig):
-    """Up to a common factor, at masses that were no part of finding it."""
-    plant = member.bilinear
-    assert plant.riding is not None
-    outer, inner = fmpq(7, 2), fmpq(9, 4)
-    exact = sensed_plant(member, ("displacement_m",), float(inner))
-    (d00, d01), (d10, d11) = plant.denominator
-    slope, crossed = plant.riding
-    assert d00 + inner * d01 + outer * (d10 + inner * d11) == exact.denominator.at(outer)
-    control = plant.control[0] + inner * plant.control[1] + outer * (slope[0] + inner * slope[1])
-    assert control == exact.control[0].at(outer)
-    assert plant.disturbance[0] + inner * plant.disturbance[1] == exact.disturbance
-    assert crossed[0] + inner * crossed[1] == exact.crossed[0]
-    assert not exact.crossed[0].is_zero()
-
-
-def test_slacks_are_those_of_the_exact_loop(riding: Prototype, member: MemberRig):
-    slack = member_slack("lag", member.bilinear, 1.0)
+def test_slacks_are_those_of_the_exact_loop(riding: Prototype, member: LinearModel):
+    slack = member_slack("lag", member.polynomials(), 1.0)
     logarithms = np.log([0.1, 1.3, 38.0])
     for outer, inner in ((0.0, 0.0), (5.0, 0.0), (2.0, 1.5)):
         exact = loaded(riding, LAG, inner, outer)
@@ -71,8 +54,8 @@ def test_slacks_are_those_of_the_exact_loop(riding: Prototype, member: MemberRig
         np.testing.assert_allclose(found[:, 1], -np.log(np.abs(exact.compliance_response(FREQUENCIES_HZ))), atol=1e-8)
 
 
-def test_the_best_gain_has_the_bandwidth_of_the_exact_loop(riding: Prototype, member: MemberRig):
-    grid = member_grid(member.bilinear, 1.0, FREQUENCIES_HZ)
+def test_the_best_gain_has_the_bandwidth_of_the_exact_loop(riding: Prototype, member: LinearModel):
+    grid = grid_plant(member.polynomials(), FREQUENCIES_HZ)
     best = best_gain(grid, FORMS["lag"], (1.3, 38.0), 1.5, MASSES_KG, 2.0, 5.71e-8, only_stable=True)
     assert best.gain > 0
     exact = [loaded(riding, LAG.but(gain_A_per_V=best.gain), 1.5, float(mass)) for mass in MASSES_KG]
@@ -82,10 +65,10 @@ def test_the_best_gain_has_the_bandwidth_of_the_exact_loop(riding: Prototype, me
     assert max(peaks) == pytest.approx(2.0, rel=1e-6)
 
 
-def test_a_stage_of_a_schedule_has_the_plant_at_its_own_payload(member: MemberRig):
+def test_a_stage_of_a_schedule_has_the_plant_at_its_own_payload(member: LinearModel):
     """Of its samples, and of the loop that is proved."""
-    stretched = StretchedRig(member.figures, member.filtered, member.effects, offset_kg=1.5, factor=0.5)
-    grids = [member_grid(rig.bilinear, 1.0, FREQUENCIES_HZ) for rig in (member, stretched)]
+    stretched = replace(member, stretch=(1.5, 0.5))
+    grids = [grid_plant(rig.polynomials(), FREQUENCIES_HZ) for rig in (member, stretched)]
     at = [
         best_gain(grid, FORMS["lag"], (1.3, 38.0), 1.5, np.array([mass]), 2.0, 5.71e-8)
         for grid, mass in zip(grids, (2.5, 2.0), strict=True)
@@ -112,9 +95,9 @@ def test_what_is_tuned_keeps_its_promise_by_the_matrices_of_the_rig(riding: Prot
     assert seen[-1] > limit
 
 
-def test_controllers_tuned_by_samples_are_refused_in_words(member: MemberRig):
+def test_controllers_tuned_by_samples_are_refused_in_words(member: LinearModel):
     with pytest.raises(InputError, match="sensor_share: a sensor that turns with the mount"):
-        bilinear_plant(member)
+        plants_of([Member(member)])
 
 
 def test_a_gain_that_varies_as_well_is_a_no_in_words(riding: Prototype):

@@ -8,14 +8,15 @@ import pytest
 from flint import fmpq_mat, fmpq_poly
 from scipy.linalg import eigh
 
-from beamdesign.linear import evaluate_exactly, linear_rig
 from beamdesign.loop import loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Lag, Proportional, Prototype
 from beamdesign.records import InputError
 from beamdesign.rig.assembly import INPUTS, OUTPUTS, PORTS, Structure, assemble
 from beamdesign.rig.effects import library
 from beamdesign.rig.equilibrium import equilibrium, linearise
+from beamdesign.rig.linearised import evaluate_exactly
 from beamdesign.rig.parameters import parameters_of, structure_of
 
 CONTRACT = {
@@ -72,11 +73,11 @@ def test_without_effects_it_is_the_papers_plant_exactly(
     rig = lag.but(sensor=lag.sensor.but(filter_Hz=filter_Hz))
     values = list(parameters_of(rig, outer, inner).values())
     denominator, force, current = exact_transfers(filter_Hz is not None, values)
-    plant = linear_rig(rig).plant(inner)
+    plant = paper_model(rig).plant(inner)
     expected = plant.denominator.at(exact(outer))
     # One state more than the paper: the mean pressure, which cancels from every transfer function.
     assert denominator.degree() == expected.degree() + 1
-    assert current * expected == plant.control * denominator
+    assert current * expected == plant.control[0].constant * denominator
     assert force * expected == plant.disturbance * denominator
 
 
@@ -87,7 +88,7 @@ def test_closed_loop_poles_are_those_of_the_linear_loop_and_the_mean_pressure(la
         nearest = min(found, key=lambda value: abs(value - pole))
         assert abs(nearest - pole) < 1e-9 * abs(pole)
         found.remove(nearest)
-    figures = linear_rig(lag).figures
+    figures = paper_model(lag).figures
     assert found == [pytest.approx(-figures["leakage"] * figures["oil_stiffness"] / figures["piston_area"] ** 2)]
 
 

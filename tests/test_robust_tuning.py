@@ -19,7 +19,7 @@ from beamdesign.design.robust_tuning import tune_robust, worst_of
 from beamdesign.design.sampled_loops import Samples, samples, slacks
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.design.worst_samples import WorstSamples, worst_samples
-from beamdesign.linear import linear_rig
+from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import replay
 from beamdesign.prototype import Lag, Prototype, Tolerance, read_prototype, write_prototype
@@ -58,10 +58,10 @@ def sampled(spread: RigSpread) -> WorstSamples:
     """Samples of the rigs of a spread at few points."""
     frequency = np.geomspace(2.0, 300.0, 40)
 
-    def of(rig: Any, members: Any) -> Samples:
-        return samples(grid_plant(rig, frequency), MASSES_KG)
+    def of(members: Any) -> Samples:
+        return samples(grid_plant(members[0].rig.polynomials(), frequency), MASSES_KG)
 
-    return worst_samples(of(*spread.linear(np.zeros(len(spread.deviations)))), spread, of)
+    return worst_samples(of(spread.members(np.zeros(len(spread.deviations)))), spread, of)
 
 
 def true_slacks(rig: Prototype, points: Samples) -> tuple[np.ndarray, ...]:
@@ -70,7 +70,7 @@ def true_slacks(rig: Prototype, points: Samples) -> tuple[np.ndarray, ...]:
     found = []
     for row, mass in enumerate(MASSES_KG):
         on = points.row == row
-        a, b, c = linear_rig(rig).matrices(mass, rig.payload.inner_end_mass_kg)
+        a, b, c = paper_model(rig).matrices(mass, rig.payload.inner_end_mass_kg)
         response = control.ss(a, b, c, 0)(s[on])
         closed = np.log(np.abs(1 + response[1, 1] * law[on]))
         goal = rig.goal
@@ -99,7 +99,7 @@ def test_no_rig_within_the_sigmas_is_worse_than_the_worst_that_was_found(rig: Pr
 
 def test_without_deviations_the_slacks_are_those_of_the_nominal_rig(rig: Prototype) -> None:
     points = sampled(rig_spread(rig, MASSES_KG[1], 1e-4))
-    nominal = samples(grid_plant(linear_rig(rig), np.geomspace(2.0, 300.0, 40)), MASSES_KG)
+    nominal = samples(grid_plant(paper_model(rig).polynomials(), np.geomspace(2.0, 300.0, 40)), MASSES_KG)
     found, expected = (slacks(one, rig.goal, VARIABLES) for one in (points, nominal))
     for k, name in enumerate(("sensitivity", "compliance")):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=2e-4)

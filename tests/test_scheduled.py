@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.cli.tune_scheduled import kept_apart
 from beamdesign.design.schedule import stage_members, stage_ranges
-from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.mass_family import MassFamily, closed_loop
 from beamdesign.proof.replay_stages import Malformed, StageLoop, replay
@@ -56,7 +56,7 @@ def proved(rig: ScheduledRig) -> StageSwitching:
 
 def volts_of(prototype: Prototype, mass: float, force: np.ndarray, current: np.ndarray) -> np.ndarray:
     """Sensor volts under a held force and current, by SciPy's discretisation of the plant."""
-    a, b, c = linear_rig(prototype).matrices(mass, prototype.payload.inner_end_mass_kg)
+    a, b, c = paper_model(prototype).matrices(mass, prototype.payload.inner_end_mass_kg)
     scale = np.array([1e-5, 1e-3, 1e-5, 1e-5, 1e-3, 1e-6, 1e-3])
     a, b, c = a * scale / scale[:, None], b / scale[:, None], c * scale
     f, g, h, _, _ = cont2discrete((a, b, c, np.zeros((2, 2))), PERIOD_S)
@@ -80,14 +80,14 @@ def after_a_step(prototype: Prototype, mass: float) -> tuple[np.ndarray, np.ndar
 
 @pytest.mark.parametrize("mass", [0.0, 3.217, 6.8])
 def test_without_noise_the_payload_is_found_exactly(rig: ScheduledRig, mass: float) -> None:
-    plant, inner = linear_rig(rig.prototype), rig.prototype.payload.inner_end_mass_kg
+    plant, inner = paper_model(rig.prototype), rig.prototype.payload.inner_end_mass_kg
     volts, current = after_a_step(rig.prototype, mass)
     found, _ = fitted_payload(plant, inner, volts, current, PERIOD_S, (-0.5, 7.5))
     assert found == pytest.approx(mass, abs=1e-6)
 
 
 def test_with_noise_the_estimate_is_unbiased_and_errs_as_it_says(rig: ScheduledRig) -> None:
-    plant, inner = linear_rig(rig.prototype), rig.prototype.payload.inner_end_mass_kg
+    plant, inner = paper_model(rig.prototype), rig.prototype.payload.inner_end_mass_kg
     volts, current = after_a_step(rig.prototype, 4.0)
     random = np.random.default_rng(11)
     errors = []
@@ -248,7 +248,7 @@ def test_stages_in_shared_states_have_the_poles_of_their_loops(rig: ScheduledRig
         )
         law = Structured(gain_A_per_V=law.gain_A_per_V, pole_Hz=law.pole_Hz, zero_Hz=law.zero_Hz, section=some)
     whole = prototype.but(controller=law)
-    family = stage_family(linear_rig(prototype), exact(prototype.payload.inner_end_mass_kg), law)
+    family = stage_family(paper_model(prototype), exact(prototype.payload.inner_end_mass_kg), law)
     assert family.characteristic() == closed_loop(whole).characteristic()
     assert family.states[-1] == "current_A"
     # The replay's own matrix, from the equations, is the same.
@@ -281,7 +281,7 @@ def test_sections_without_a_filter_are_refused(rig: ScheduledRig) -> None:
     section = Section(zero_Hz=20.0, zero_damping_ratio=0.3, pole_Hz=17.0, pole_damping_ratio=0.5)
     law = Structured(gain_A_per_V=0.1, pole_Hz=1.0, zero_Hz=30.0, section=(section,))
     with pytest.raises(ValueError, match="need a filter before them"):
-        stage_family(linear_rig(rig.prototype), fmpq(1), law)
+        stage_family(paper_model(rig.prototype), fmpq(1), law)
 
 
 # Tuning.

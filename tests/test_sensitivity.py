@@ -8,8 +8,8 @@ import pytest
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.bench_simulation import bench_start
-from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain
+from beamdesign.members import paper_model
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.records import parse
 from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
@@ -70,7 +70,7 @@ def test_derivative_of_the_linear_loop_is_that_of_its_matrix(paper: Prototype):
     The matrices are those of the linear plant, assembled without the rig; the start is the loop's rest under the load.
     """
     assembly, parameters = prepared(paper, ())
-    plant, b, c = linear_rig(paper).matrices(3.0, 4.0)
+    plant, b, c = paper_model(paper).matrices(3.0, 4.0)
     pole, ratio, n = 2 * pi * LAG.pole_Hz, LAG.pole_Hz / LAG.zero_Hz, len(plant)
     by_gain = np.zeros((n + 1, n + 1))
     by_gain[:n, :n], by_gain[:n, n] = -ratio * np.outer(b[:, 1], c[1]), (1 - ratio) * b[:, 1]

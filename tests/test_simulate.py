@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.kick import critical_gain_by_kicks
-from beamdesign.linear import linear_rig
 from beamdesign.loop import critical_gain, loop
+from beamdesign.members import paper_model
 from beamdesign.oscillation import oscillation
 from beamdesign.prototype import Lag, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
@@ -46,7 +46,7 @@ def test_record_is_that_of_the_exact_linear_loop(lag: Prototype):
         Multisine(amplitude_N=100.0, low_Hz=2.0, high_Hz=150.0), Multisine(amplitude_V=0.05, high_Hz=50.0, seed=3)
     )
     record = simulate(lag, plan).records[0]
-    a, b, c = linear_rig(lag).matrices(0.0, 0.0)
+    a, b, c = paper_model(lag).matrices(0.0, 0.0)
     law = lag.controller
     pole, ratio = 2 * pi * law.pole_Hz, law.pole_Hz / law.zero_Hz
     # i = K (slow + (e - slow) pole/zero), slow' = pole (e - slow), e = command - F x

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from flint import fmpq, fmpq_poly
 
-from beamdesign.linear import linear_rig
+from beamdesign.members import paper_model
 from beamdesign.proof.stable_zeros import critical_values, stable_zeros
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
@@ -22,7 +22,7 @@ def remedy() -> Prototype:
 
 def rightmost(prototype, inner, outer, gain, pole_Hz, zero_Hz):
     """Largest real part of the closed loop's eigenvalues, from the rig's matrices and the lag's state."""
-    rig = linear_rig(prototype)
+    rig = paper_model(prototype)
     a, b, c = rig.matrices(outer, inner)
     column, row = b[:, 1:2], c[1:2, :]
     pole, zero = 2 * pi * pole_Hz, 2 * pi * zero_Hz

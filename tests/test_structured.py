@@ -19,8 +19,8 @@ from beamdesign.design.loop_search import grid_plant
 from beamdesign.design.sampled_loops import samples, slacks
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.higher_modes import signals, single_compliance, with_mass
-from beamdesign.linear import linear_rig
 from beamdesign.loop import loop
+from beamdesign.members import paper_model
 from beamdesign.operating_limits import sensor_reach
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
@@ -59,7 +59,7 @@ def rig() -> Prototype:
 
 def by_python_control(rig: Prototype, mass: float) -> tuple[control.StateSpace, control.StateSpace]:
     """The plant from (force, current) to (displacement, volts), and the controller, as python-control has them."""
-    a, b, c = linear_rig(rig).matrices(mass, rig.payload.inner_end_mass_kg)
+    a, b, c = paper_model(rig).matrices(mass, rig.payload.inner_end_mass_kg)
     assert rig.controller is not None
     return control.ss(a, b, c, 0), control_model(rig.controller)
 
@@ -231,7 +231,7 @@ def test_what_is_for_a_lag_alone_says_so(rig: Prototype) -> None:
 
 
 def test_slopes_of_the_sampled_slacks_are_those_of_finite_differences(rig: Prototype) -> None:
-    points = samples(grid_plant(linear_rig(rig), np.geomspace(1.0, 600.0, 40)), [0.0, 6.8])
+    points = samples(grid_plant(paper_model(rig).polynomials(), np.geomspace(1.0, 600.0, 40)), [0.0, 6.8])
     figures = [LAW.gain_A_per_V, LAW.pole_Hz, LAW.zero_Hz]
     figures += [value for part in LAW.section for value in part.model_dump().values()]
     at = np.append(np.log(figures), 4.5)
@@ -250,7 +250,7 @@ def test_slopes_of_the_sampled_slacks_are_those_of_finite_differences(rig: Proto
 
 def test_sampled_slacks_are_those_of_the_exact_loop(rig: Prototype) -> None:
     frequency = np.geomspace(1.0, 600.0, 40)
-    points = samples(grid_plant(linear_rig(rig), frequency), [2.0])
+    points = samples(grid_plant(paper_model(rig).polynomials(), frequency), [2.0])
     figures = [LAW.gain_A_per_V, LAW.pole_Hz, LAW.zero_Hz]
     figures += [value for part in LAW.section for value in part.model_dump().values()]
     found = slacks(points, rig.goal, np.append(np.log(figures), 4.5), slopes=False)

@@ -16,7 +16,7 @@ from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.loop_constraints import member_slack
 from beamdesign.design.sampled_loops import Samples, Slacks, sampled_bandwidth, slacks
 from beamdesign.design.worst_samples import WorstSamples
-from beamdesign.members import BilinearPlant
+from beamdesign.linear import BilinearPlant
 from beamdesign.prototype import Goal
 
 _WORST = (120, 20, 60)

@@ -11,12 +11,14 @@ from scipy.stats import qmc
 
 from beamdesign.design.checks import Check, beam_mass, checks, materials
 from beamdesign.design.controller_forms import FORMS, ControllerForm
+from beamdesign.design.loop_constraints import limit_slack, loop_slack
+from beamdesign.design.loop_set import Constraint
 from beamdesign.design.pair import check_sections
 from beamdesign.design.program import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.design.starts import best_starts
-from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.lumped import beam_figures, fixed_dashpot, hydraulic_figures
+from beamdesign.members import Member, family
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.section import SquareTube
@@ -113,10 +115,10 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     return figures
 
 
-def _rig(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> LinearRig | None:
-    """The rig with these tubes; None where the record of it refuses them."""
+def _members(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> tuple[Member, ...] | None:
+    """The members of the rig with these tubes; None where the record of it refuses them."""
     try:
-        return linear_rig(problem.prototype(*tubes))
+        return family(problem.prototype(*tubes)).members
     except ValidationError:
         return None
 
@@ -127,7 +129,7 @@ def codesign_program(
     """Least moving mass at a given bandwidth."""
     sizing = sizing_program(problem)
     parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
-    count = len(form.names)
+    count, filtered = len(form.names), problem.sensor.filter_Hz is not None
     largest_inner = problem.controller.largest_inner_end_mass_kg
     aimed = log(bandwidth_Hz * (1 + 1e-5))
     widest, thinnest = problem.sections.largest_width_m, problem.sections.least_wall_m
@@ -143,10 +145,10 @@ def codesign_program(
     )
     return LoopProgram(
         form=form,
-        filtered=problem.sensor.filter_Hz is not None,
         goal=problem.goal,
         outer_end_mass_kg=masses_kg,
         figures=_symbolic_figures(problem),
+        constraints=lambda active: [Constraint(loop_slack(form.kind, filtered), limit_slack(form.kind, filtered))],
         structure=lambda variables: -parts(variables[count + 2 :], sizing.figures)[0] - ROUNDED_SLACK,
         objective=lambda variables: (
             parts(variables[count + 2 :], sizing.figures)[1]
@@ -157,7 +159,7 @@ def codesign_program(
         upper=bounds[:, 1],
         reach=0.5,
         tighten_below=1e-3,
-        rig=lambda sections: _rig(problem, rounded_tubes(sections)),
+        members=lambda sections: _members(problem, rounded_tubes(sections)),
         flaw=lambda variables: structural_flaw(problem, variables[count + 2 :]),
         cost=lambda proved: section_mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
     )

@@ -17,8 +17,9 @@ from beamdesign.design.compliant_law import (
     controller_of,
     servo_stiffness,
 )
-from beamdesign.linear import linear_rig
+from beamdesign.linear import Plant
 from beamdesign.loop import Loop, close_loop
+from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.bouncing import Bouncing, bouncing
 from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
@@ -28,7 +29,6 @@ from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
 from beamdesign.prototype import Controller, Prototype
-from beamdesign.sensed_plant import SensedPlant, sensed_plant
 from beamdesign.tip import tip
 
 Need = Literal["passive", "wall", "stable"]
@@ -83,16 +83,16 @@ class EndStiffness:
         return self.stable and {"passive": self.passivity.holds, "wall": self.contact.holds, "stable": True}[need]
 
 
-def sensed(prototype: Prototype) -> SensedPlant:
+def sensed(prototype: Prototype) -> Plant:
     """The plant of a prototype as a compliant law senses it.
 
     Raises:
         InputError: for a prototype with effects.
     """
-    return sensed_plant(linear_rig(prototype), SENSORS, prototype.payload.inner_end_mass_kg)
+    return paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, SENSORS)
 
 
-def closed_loop(prototype: Prototype, law: CompliantLaw, plant: SensedPlant | None = None) -> Loop:
+def closed_loop(prototype: Prototype, law: CompliantLaw, plant: Plant | None = None) -> Loop:
     """The loop that a law closes; the plant may be given where many laws are tried on one.
 
     Raises:
@@ -128,7 +128,7 @@ def _judged(
     prototype: Prototype, controller: Controller, masses_kg: tuple[float, float], wall: Wall, law: CompliantLaw | None
 ) -> EndStiffness:
     heard = sensed_law(controller).sensors
-    plant = sensed_plant(linear_rig(prototype), heard, prototype.payload.inner_end_mass_kg)
+    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, heard)
     closed = close_loop(plant, controller)
     port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
     static = port.static_stiffness()
@@ -187,7 +187,7 @@ def softest_N_per_m(
 
     Between the ends of the payload nothing is proved. Infinite where the servo alone is not stable.
     """
-    outer, found = linear_rig(prototype).figures["outer_stiffness"], 0.0
+    outer, found = paper_model(prototype).figures["outer_stiffness"], 0.0
     alone = 1 / servo_stiffness(prototype, servo)
     for mass in masses_kg:
         first = stable_compliances(prototype, servo, force_filter_Hz, mass).ranges[0]

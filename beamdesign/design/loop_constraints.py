@@ -1,6 +1,6 @@
 """The guarantee at chosen frequencies and masses as smooth CasADi constraints."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from math import pi
@@ -11,12 +11,12 @@ import numpy as np
 from flint import fmpq_poly
 
 from beamdesign.design.controller_forms import form_named
-from beamdesign.members import BilinearPlant
+from beamdesign.linear import UNUSED, BilinearPlant
 from beamdesign.proof.performance import Kind
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
-from beamdesign.rig.transfer import transfer_polynomials
-from beamdesign.rig.twin_beam import FIGURES
+from beamdesign.rig.beams_rig import FIGURES
+from beamdesign.rig.linearised import linear_assembly, transfer_polynomials
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,7 @@ def loop_slack(kind: str, filtered: bool) -> ca.Function:
     Outputs: log(|p| / |opened|), which peak sensitivity Ms bounds below by -log(Ms), and log(|p| / |disturbance|),
     which a compliance limit c bounds below by -log(c).
     """
-    figures = ca.SX.sym("figures", len(FIGURES))
-    polynomials = [ca.vertsplit(p) for p in transfer_polynomials(filtered)(figures)]
-    return _slack(kind, figures, polynomials)
+    return _slack(kind, *_without_effects(filtered))
 
 
 @cache
@@ -115,9 +113,25 @@ def limit_slack(kind: str, filtered: bool) -> ca.Function:
 
     Outputs: log(1 / |L|) and log(1 / |C S|), V/A.
     """
+    return _slack(kind, *_without_effects(filtered), limits=True)
+
+
+def _without_effects(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
+    """Symbols of `FIGURES`, and the plant's denominator, control and disturbance polynomials in terms of them."""
     figures = ca.SX.sym("figures", len(FIGURES))
-    polynomials = [ca.vertsplit(p) for p in transfer_polynomials(filtered)(figures)]
-    return _slack(kind, figures, polynomials, limits=True)
+    given = UNUSED | dict(zip(FIGURES, ca.vertsplit(figures), strict=True))
+    values = ca.vertcat(*(given[name] for name in linear_assembly(filtered, ()).parameters))
+    found = [ca.vertsplit(part) for part in transfer_polynomials(filtered, (), ((), ((1, 1),), ((0, 0),)))(values)]
+    outer, inner = given["outer_end_mass"], given["inner_end_mass"]
+    weights = (1, inner, outer, outer * inner)
+    return figures, [_added_up(zip(weights, found[k : k + 4], strict=True)) for k in (0, 4, 8)]
+
+
+def _added_up(terms: Iterable[tuple[Any, Sequence[Any]]]) -> list[ca.SX]:
+    """Coefficients of a sum of weighted polynomials, each given by its own."""
+    listed = list(terms)
+    length = max(len(polynomial) for _, polynomial in listed)
+    return [sum((weight * p[k] for weight, p in listed if k < len(p)), ca.SX(0)) for k in range(length)]
 
 
 def _slack(
@@ -125,7 +139,7 @@ def _slack(
 ) -> ca.Function:
     """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures.
 
-    A fourth polynomial is what the force shows by way of the controller, see `beamdesign.members.BilinearPlant`.
+    A fourth polynomial is what the force shows by way of the controller, see `crossed` of `beamdesign.linear.Plant`.
     """
     form = form_named(kind)
     logarithms = ca.SX.sym("controller", len(form.names))
@@ -173,17 +187,17 @@ def member_slack(
     outer, inner = ca.vertsplit(masses)
 
     def coefficients(*terms: tuple[Any, fmpq_poly]) -> list[ca.SX]:
-        length = max(polynomial.degree() for _, polynomial in terms) + 1
-        return [sum((weight * nearest(p[k]) for weight, p in terms), ca.SX(0)) for k in range(length)]
+        return _added_up((weight, [nearest(c) for c in polynomial.coeffs()]) for weight, polynomial in terms)
 
     (d00, d01), (d10, d11) = plant.denominator
     denominator = coefficients((1.0, d00), (inner, d01), (outer, d10), (outer * inner, d11))
-    control = [(factor, plant.control[0]), (factor * inner, plant.control[1])]
+    (c00, c01), (slope, with_inner) = plant.control[0]
+    control = [(factor, c00), (factor * inner, c01)]
     disturbance = coefficients((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))
-    if plant.riding is None:
+    if not plant.mass_shows:
         return _slack(kind, masses, [denominator, coefficients(*control), disturbance], limits, shifts)
     assert not shifts  # these come from samples, of which there are none where the sensor rides
-    (slope, with_inner), (own, added) = plant.riding
+    own, added = plant.crossed[0]
     control += [(factor * outer, slope), (factor * outer * inner, with_inner)]
     crossed = coefficients((factor, own), (factor * inner, added))
     return _slack(kind, masses, [denominator, coefficients(*control), disturbance, crossed], limits, shifts)

@@ -11,10 +11,8 @@ import numpy as np
 from flint import fmpq_poly
 
 from beamdesign.design.controller_forms import ControllerForm
-from beamdesign.linear import LinearRig
-from beamdesign.members import BilinearPlant
+from beamdesign.linear import BilinearPlant
 from beamdesign.proof.rational import nearest
-from beamdesign.rig.transfer import transfer_polynomials
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,8 @@ class GridPlant:
         denominator: (2, 2, f), entry [i, j] multiplying m^i n^j.
         control: (2, f), entry [j] multiplying n^j; current to sensor voltage.
         disturbance: (2, f), likewise; force to displacement.
-        riding: (2, 2, f) where the sensor rides on the mount, see `beamdesign.members.BilinearPlant`; else none.
+        riding: (2, 2, f) where the sensor rides on the mount, what of that reading goes with m, then what the
+            force shows by way of the controller; else none.
     """
 
     frequency_Hz: np.ndarray
@@ -50,35 +49,20 @@ class Candidate:
     inner_end_mass: float
 
 
-def grid_plant(rig: LinearRig, frequency_Hz: np.ndarray) -> GridPlant:
-    """Evaluate a rig's plant on a grid, in floats; bilinear because each end mass enters with rank one."""
-    polynomials = transfer_polynomials(rig.filtered)
-    figures = list(rig.figures.values())
-    s = 2j * pi * frequency_Hz
-
-    def respond(outer: float, inner: float) -> list[np.ndarray]:
-        return [np.polyval(np.asarray(p).ravel()[::-1], s) for p in polynomials([*figures, outer, inner])]
-
-    bare, outer, inner, both = (respond(*masses) for masses in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)))
-    denominator = [
-        [bare[0], inner[0] - bare[0]],
-        [outer[0] - bare[0], both[0] - outer[0] - inner[0] + bare[0]],
-    ]
-    control, disturbance = (np.array([bare[i], inner[i] - bare[i]]) for i in (1, 2))
-    return GridPlant(frequency_Hz, np.array(denominator), control, disturbance)
-
-
-def member_grid(plant: BilinearPlant, factor: float, frequency_Hz: np.ndarray) -> GridPlant:
-    """Evaluate a plant whose figures stand on a grid, with its gain times a factor."""
+def grid_plant(plant: BilinearPlant, frequency_Hz: np.ndarray, factor: float = 1.0) -> GridPlant:
+    """Evaluate a plant with the tip's displacement sensed on a grid, in floats, with its gain times a factor."""
     s = 2j * pi * frequency_Hz
 
     def at(polynomial: fmpq_poly) -> np.ndarray:
         return np.polyval([nearest(c) for c in reversed(polynomial.coeffs())], s)
 
     denominator = np.array([[at(polynomial) for polynomial in row] for row in plant.denominator])
-    control, disturbance = (np.array([at(p) for p in pair]) for pair in (plant.control, plant.disturbance))
-    riding = None if plant.riding is None else factor * np.array([[at(p) for p in pair] for pair in plant.riding])
-    return GridPlant(frequency_Hz, denominator, factor * control, disturbance, riding)
+    disturbance = np.array([at(p) for p in plant.disturbance])
+    control = factor * np.array([at(p) for p in plant.control[0][0]])
+    if not plant.mass_shows:
+        return GridPlant(frequency_Hz, denominator, control, disturbance)
+    riding = factor * np.array([[at(p) for p in pair] for pair in (plant.control[0][1], plant.crossed[0])])
+    return GridPlant(frequency_Hz, denominator, control, disturbance, riding)
 
 
 def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The loops that one controller has to serve: one for a rig without effects, those of all linear members otherwise."""
+"""The loops that one controller has to serve: those of all linear members of a rig."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from math import inf, log
 import casadi as ca
 import numpy as np
 
-from beamdesign.design.loop_constraints import limit_slack, loop_slack, member_slack
-from beamdesign.design.loop_search import GridPlant, grid_plant, member_grid
-from beamdesign.linear import LinearRig
+from beamdesign.design.loop_constraints import member_slack
+from beamdesign.design.loop_search import GridPlant, grid_plant
+from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, rig_loop
-from beamdesign.members import Member, MemberRig
+from beamdesign.members import Member
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import goal_claims
 from beamdesign.proof.performance import Claim
@@ -49,14 +49,12 @@ class Constraint:
     performs: bool = True
 
 
-def constraints(kind: str, filtered: bool, members: Sequence[Member], active: Collection[int]) -> list[Constraint]:
-    """Of a rig without effects, or of the members with the given numbers at both ends of their gains."""
-    if not members:
-        return [Constraint(loop_slack(kind, filtered), limit_slack(kind, filtered))]
+def constraints(kind: str, members: Sequence[Member], active: Collection[int]) -> list[Constraint]:
+    """Of the members with the given numbers, at both ends of their gains."""
     return [
         Constraint(
-            member_slack(kind, rig.bilinear, factor),
-            member_slack(kind, rig.bilinear, factor, limits=True),
+            member_slack(kind, rig.polynomials(), factor),
+            member_slack(kind, rig.polynomials(), factor, limits=True),
             0.0 if performs else log(LOOSER_PEAK),
             performs,
         )
@@ -69,24 +67,19 @@ def first_active(members: Sequence[Member]) -> set[int]:
     return {next((k for k, member in enumerate(members) if member.performance is not None), 0)}
 
 
-def ends(members: Sequence[Member]) -> list[tuple[MemberRig, float, bool]]:
+def ends(members: Sequence[Member]) -> list[tuple[LinearModel, float, bool]]:
     """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
     found = []
     for member in members:
-        assert isinstance(member.rig, MemberRig)
         inside = member.performance
         asked = member.gain if inside is None else inside
         found += [(member.rig, factor, inside is not None) for factor in sorted({asked.low, asked.high}) if factor > 0]
     return found
 
 
-def grids(rig: LinearRig, members: Sequence[Member], frequency_Hz: np.ndarray) -> list[GridPlant]:
+def grids(members: Sequence[Member], frequency_Hz: np.ndarray) -> list[GridPlant]:
     """Responses of everything that is to perform."""
-    if not members:
-        return [grid_plant(rig, frequency_Hz)]
-    return [
-        member_grid(member.bilinear, factor, frequency_Hz) for member, factor, performs in ends(members) if performs
-    ]
+    return [grid_plant(rig.polynomials(), frequency_Hz, factor) for rig, factor, performs in ends(members) if performs]
 
 
 @dataclass(frozen=True)
@@ -158,17 +151,10 @@ class LoopSet:
 
 
 def loop_set(
-    rig: LinearRig,
-    members: Sequence[Member],
-    controller: Controller,
-    inner_end_mass: float,
-    masses_kg: tuple[float, float],
+    members: Sequence[Member], controller: Controller, inner_end_mass: float, masses_kg: tuple[float, float]
 ) -> LoopSet:
-    """Close the loops of a rig, or of its members where it has effects."""
+    """Close the loops of all members of a rig."""
     low, high = (exact(mass) for mass in masses_kg)
-    if not members:
-        rectangle = Rectangle(rig_loop(rig, inner_end_mass, controller), low, high)
-        return LoopSet({0: rectangle}, {0: rectangle})
     stable, performing = {}, {}
     for k, member in enumerate(members):
         loop = rig_loop(member.rig, inner_end_mass, controller)

@@ -24,8 +24,8 @@ from beamdesign.design.sampled_loops import Slacks, sampled_bandwidth
 from beamdesign.design.sensed_samples import SensedSamples, sensed_samples
 from beamdesign.design.state_space import StateSpace
 from beamdesign.design.weight_search import Proposal, WeightSearch, least_norm
-from beamdesign.linear import LinearRig
-from beamdesign.members import Member, MemberRig
+from beamdesign.linear import LinearModel
+from beamdesign.members import Member
 from beamdesign.observer import SENSED, Observer, Sensed
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
@@ -89,7 +89,6 @@ class TunedObserver:
 
 @dataclass(frozen=True)
 class _Task:
-    rig: LinearRig
     members: Sequence[Member]
     goal: Goal
     masses_kg: tuple[float, float]
@@ -106,11 +105,8 @@ class _Task:
         return self._sampled(frequency_Hz * np.linspace(0.97, 1.03, 61), [outer_end_mass], 1 + 1e-9)
 
     def _sampled(self, frequency_Hz: np.ndarray, masses: Sequence[float], least: float = 1.0) -> SensedSamples:
-        listed: list[tuple[LinearRig | MemberRig, float, bool]] = [(self.rig, 1.0, True)]
-        if self.members:
-            listed = list(ends(self.members))
         found: SensedSamples | None = None
-        for rig, factor, performs in listed:
+        for rig, factor, performs in ends(self.members):
             looser = least if performs else LOOSER_PEAK
             more = sensed_samples(rig, self.sensors, frequency_Hz, masses, factor, looser)
             found = more if found is None else found.joined(more)
@@ -118,10 +114,9 @@ class _Task:
         return found
 
     @property
-    def design_rig(self) -> LinearRig | MemberRig:
+    def design_rig(self) -> LinearModel:
         """What controllers are synthesised on: the first member that is to perform."""
-        performing = [member.rig for member in self.members if member.performance is not None]
-        return performing[0] if performing else self.rig
+        return next(member.rig for member in self.members if member.performance is not None)
 
     def observer(self, law: BlockLaw, variables: np.ndarray) -> Observer:
         """The record: gain taken out, entries rounded."""
@@ -138,7 +133,6 @@ class _Task:
 
 
 def tune_observer(
-    rig: LinearRig,
     members: Sequence[Member],
     goal: Goal,
     masses_kg: tuple[float, float],
@@ -151,8 +145,7 @@ def tune_observer(
     """Find the largest guaranteed bandwidth of a controller with an observer.
 
     Args:
-        rig: without effects.
-        members: linear members of the rig with its effects; none where it has none.
+        members: linear members of the rig.
         goal: limits of compliance, sensitivity, loop gain and effort.
         masses_kg: range of outer end mass.
         largest_inner: most mass that may be added inside, kg.
@@ -161,12 +154,12 @@ def tune_observer(
         told: the share done and what is being done.
         starts: further controllers, with these sensors or fewer, and masses inside (kg) to polish from.
     """
-    task = _Task(rig, members, goal, masses_kg, largest_inner, tuple(sensors))
+    task = _Task(members, goal, masses_kg, largest_inner, tuple(sensors))
     if reason := _cannot(task):
         return TunedObserver(None, 0.0, (), 0, reason)
     if len(sensors) > 1 and kind and not starts:
         # What the displacement alone reaches is where an added sensor begins.
-        alone = tune_observer(rig, members, goal, masses_kg, largest_inner, kind, sensors[:1], _half(told))
+        alone = tune_observer(members, goal, masses_kg, largest_inner, kind, sensors[:1], _half(told))
         if alone.proved is not None and isinstance(alone.proved.controller, Observer):
             starts = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]
     proposals = _proposals(task, kind, told) if kind else []
@@ -301,7 +294,7 @@ def _proved(task: _Task, polish: ObserverPolish, variables: np.ndarray, aimed: f
     best: Proved | None = None
     for proofs in range(1, PROOFS + 1):
         controller, inner = task.observer(polish.law, variables), round(float(variables[-1]), 6)
-        loops = loop_set(task.rig, task.members, controller, inner, task.masses_kg)
+        loops = loop_set(task.members, controller, inner, task.masses_kg)
         if loops.unstable():
             return best, proofs, "the loop is not stable over the whole range"
         refuted = loops.refuted(task.goal)

@@ -14,9 +14,8 @@ import numpy as np
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, reach
-from beamdesign.design.loop_set import LoopSet, constraints, first_active, loop_set
+from beamdesign.design.loop_set import Constraint, LoopSet, loop_set
 from beamdesign.design.worst_points import SHARES, high_peaks, largest_sampled, peak_near
-from beamdesign.linear import LinearRig
 from beamdesign.members import Member
 from beamdesign.proof.performance import Claim
 from beamdesign.prototype import Controller, Goal
@@ -51,10 +50,10 @@ class LoopProgram:
 
     Attributes:
         form: kind of controller.
-        filtered: whether a sensor filter is in the loop.
         goal: limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of the guarantee.
-        figures: the section variables to the (14,) lumped figures; to none where there are members.
+        figures: the section variables to the (14,) lumped figures; to none where they stand.
+        constraints: what is enforced of the members with the given numbers.
         structure: all variables to slacks that must not be negative.
         objective: all variables to what is minimised.
         lower: (n,) bounds of all variables.
@@ -63,30 +62,30 @@ class LoopProgram:
             finite again, so that a long step can end in an unstable loop that meets every constraint.
         tighten_below: excess of |S| (in logarithms) below which a refuted limit is tightened by it; above it, only
             check points are added, which costs rounds but nothing of the optimum.
-        rig: section variables to the rig they stand for, rounded as it will be written down; None where they are the
-            sizes of no tubes, or of an inner one that does not go into the outer one.
+        members: section variables to all linear members of the rig they stand for, rounded as it will be written down,
+            which are all guaranteed; None where they are the sizes of no tubes, or of an inner one that does not go
+            into the outer one.
         flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
         cost: of a proved loop, to choose the best one by.
-        members: linear members of a rig with effects, whose sections stand; all of them are guaranteed.
-        enforced: numbers of those that the optimiser heeds from the first round on; others once a proof asks for it.
+        enforced: numbers of the members that the optimiser heeds from the first round on; others once a proof asks for
+            it.
     """
 
     form: ControllerForm
-    filtered: bool
     goal: Goal
     outer_end_mass_kg: tuple[float, float]
     figures: Callable[[ca.MX], ca.MX]
+    constraints: Callable[[Collection[int]], list[Constraint]]
     structure: Callable[[ca.MX], ca.MX]
     objective: Callable[[ca.MX], ca.MX]
     lower: np.ndarray
     upper: np.ndarray
     reach: float
     tighten_below: float
-    rig: Callable[[np.ndarray], LinearRig | None]
+    members: Callable[[np.ndarray], tuple[Member, ...] | None]
     flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
-    members: tuple[Member, ...] = ()
-    enforced: frozenset[int] = frozenset()
+    enforced: frozenset[int] = frozenset({0})
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ class _Solver:
         goal = program.goal
         inside = ca.MX.sym("inside")
         slacks = []
-        for constraint in constraints(program.form.kind, program.filtered, program.members, active):
+        for constraint in program.constraints(active):
             sensitivity, stiffness = guarantee(
                 constraint.slack,
                 program.figures(sections),
@@ -214,11 +213,11 @@ def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -
     A sharp peak between check points is a gap in the fence around the stable loops, through which a step can pass.
     """
     count, (low, high) = len(program.form.names), program.outer_end_mass_kg
-    rig = program.rig(anchor[count + 2 :])
-    if rig is None:
+    members = program.members(anchor[count + 2 :])
+    if members is None:
         return points
     controller = program.form.rounded(anchor[:count].tolist())
-    loops = loop_set(rig, program.members, controller, float(anchor[count]), (low, high))
+    loops = loop_set(members, controller, float(anchor[count]), (low, high))
     for loop in loops.ends(program.enforced):
         for frequency, mass in high_peaks(loop, low, high, _HIGH_PEAK * program.goal.peak_sensitivity):
             points = points.with_sensitivity(frequency, mass)
@@ -254,7 +253,7 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     count = len(program.form.names)
     low, high = program.outer_end_mass_kg
     points, inside, within = check_points(low, high, goal=program.goal), _INSIDE, program.reach
-    active = first_active(program.members) | program.enforced
+    active = set(program.enforced)
     solver = _Solver(program, points, active)
     anchor, best = np.clip(start, program.lower, program.upper), None
     fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
@@ -265,14 +264,14 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         variables = solver(anchor, points, inside, within)
         if not np.isfinite(variables).all():
             return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
-        rig = program.rig(variables[count + 2 :])
-        if rig is None:
+        members = program.members(variables[count + 2 :])
+        if members is None:
             reason = "the refined sizes are no pair of tubes"
             within *= 0.4
             continue
         controller = program.form.rounded([float(value) for value in variables[:count]])
         inner = round(float(variables[count]), 6)
-        loops = loop_set(rig, program.members, controller, inner, (low, high))
+        loops = loop_set(members, controller, inner, (low, high))
         certificates += 1
         if unstable := loops.unstable():
             reason = "the refined loop is not stable over the whole range"

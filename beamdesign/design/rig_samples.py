@@ -5,14 +5,15 @@ from functools import reduce
 
 import numpy as np
 
-from beamdesign.design.loop_search import member_grid
+from beamdesign.design.loop_search import grid_plant
 from beamdesign.design.loop_set import LOOSER_PEAK, ends
 from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.sampled_loops import Samples, samples
 from beamdesign.design.worst_samples import worst_samples
-from beamdesign.linear import LinearRig
-from beamdesign.members import BilinearPlant, Member, bilinear_plant
+from beamdesign.linear import BilinearPlant
+from beamdesign.members import Member
 from beamdesign.prototype import Goal
+from beamdesign.records import InputError
 
 FREQUENCIES_HZ = np.concatenate(
     [
@@ -33,40 +34,43 @@ def sampled_masses(masses_kg: tuple[float, float]) -> np.ndarray:
     return np.unique(np.linspace(*masses_kg, 3))
 
 
-def plants_of(rig: LinearRig, members: Sequence[Member]) -> list[tuple[BilinearPlant, float, bool]]:
-    """Plants, factors on their gain and whether they are to perform, of a rig or of its members where it has any."""
-    if not members:
-        return [(bilinear_plant(rig), 1.0, True)]
-    return [(bilinear_plant(one), factor, performs) for one, factor, performs in ends(members)]
+def plants_of(members: Sequence[Member]) -> list[tuple[BilinearPlant, float, bool]]:
+    """Plants, factors on their gain and whether they are to perform, of the members of a rig.
+
+    Raises:
+        InputError: where the sensor rides on the mount, for which there are no samples.
+    """
+    if any(member.rig.sensor_rides for member in members):
+        why = "a sensor that turns with the mount is tuned for with a controller of few parameters only, as a lag"
+        raise InputError("prototype", [("effects.mount_compliance.sensor_share", why)])
+    return [(one.polynomials(), factor, performs) for one, factor, performs in ends(members)]
 
 
 def rig_samples(
-    rig: LinearRig,
     members: Sequence[Member],
     goal: Goal,
     masses_kg: tuple[float, float],
     spread: RigSpread | None = None,
 ) -> Samples:
-    """Samples of a rig, of its members where it has effects, and of the rigs it may turn out to be.
+    """Samples of all members of a rig, and of the rigs it may turn out to be.
 
     Args:
-        rig: without effects.
-        members: linear members of the rig with its effects; none where it has none.
+        members: linear members of the rig.
         goal: whose frequency the limit of loop gain begins at is among the samples.
         masses_kg: range of outer end mass.
         spread: how far the rig may be off; none: not at all.
     """
     masses = sampled_masses(masses_kg).tolist()
     frequencies = np.union1d(FREQUENCIES_HZ, [goal.loop_gain_from_Hz])
-    if members:
+    if any(member.rig.effects for member in members):
         frequencies = np.union1d(frequencies, MODES_HZ)
 
-    def sampled(rig: LinearRig, members: Sequence[Member]) -> Samples:
+    def sampled(members: Sequence[Member]) -> Samples:
         parts = [
-            samples(member_grid(plant, factor, frequencies), masses, 1.0 if performs else LOOSER_PEAK)
-            for plant, factor, performs in plants_of(rig, members)
+            samples(grid_plant(plant, frequencies, factor), masses, 1.0 if performs else LOOSER_PEAK)
+            for plant, factor, performs in plants_of(members)
         ]
         return reduce(Samples.joined, parts)
 
-    nominal = sampled(rig, members)
+    nominal = sampled(members)
     return nominal if spread is None else worst_samples(nominal, spread, sampled)

@@ -7,7 +7,6 @@ from typing import Literal
 import numpy as np
 
 from beamdesign.changed_figures import CHANGEABLE, with_figures
-from beamdesign.linear import LinearRig, linear_rig
 from beamdesign.members import Member, family
 from beamdesign.parameters import TOLERANCES
 from beamdesign.prototype import Prototype
@@ -48,11 +47,9 @@ class RigSpread:
         pairs = zip(z, self.deviations.items(), strict=True)
         return {name: 1 + float(value) * size for value, (name, size) in pairs if value}
 
-    def linear(self, z: np.ndarray) -> tuple[LinearRig, tuple[Member, ...]]:
-        """Rig without effects and linear members, none where it has no effects, with the figures off by (d,)."""
-        off = self.rig(z)
-        members = family(off, self.largest_outer_kg).members if off.effects else ()
-        return linear_rig(off.but(effects={})), members
+    def members(self, z: np.ndarray) -> tuple[Member, ...]:
+        """Linear members of the prototype with its figures off by (d,)."""
+        return family(self.rig(z), self.largest_outer_kg).members
 
     def worst(self, slopes: np.ndarray) -> np.ndarray:
         """(d, n) deviations that lower n quantities most whose derivatives by the deviations are (d, n)."""

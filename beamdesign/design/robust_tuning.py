@@ -14,7 +14,6 @@ from beamdesign.design.rig_spread import RigSpread, Shape, rig_spread
 from beamdesign.design.structured_tuning import grow
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, Progress, Tuning, no_answer, tuned
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs
-from beamdesign.linear import linear_rig
 from beamdesign.members import family
 from beamdesign.prototype import Lag, Proportional, Prototype, Structured
 from beamdesign.records import InputError, Problem
@@ -69,11 +68,8 @@ def tune_robust(
         raise ValueError("robust against nothing: sigmas must be positive")
     masses, most = outer_end_mass_kg, largest_inner_end_mass_kg
     spread = rig_spread(prototype.but(controller=None, guarantee=None), masses[1], sigmas, shape)
-    rig = linear_rig(prototype.but(effects={}))
-    members = family(prototype, masses[1]).members if prototype.effects else ()
     grown = grow(
-        rig,
-        members,
+        family(prototype, masses[1]).members,
         prototype.goal,
         masses,
         most,
@@ -119,8 +115,8 @@ def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> Worst
         InputError: for another controller, or none.
     """
     prototype = spread.prototype
-    members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
-    points = rig_samples(linear_rig(prototype.but(effects={})), members, prototype.goal, outer_end_mass_kg, spread)
+    members = family(prototype, outer_end_mass_kg[1]).members
+    points = rig_samples(members, prototype.goal, outer_end_mass_kg, spread)
     assert isinstance(points, WorstSamples)  # there is a spread
     found = worst_rigs(points, prototype.goal, _variables(prototype))
     return WorstRigs(tuple(spread.rig(z) for z in found), tuple(spread.factors(z) for z in found))

@@ -13,20 +13,16 @@ Stages are lags; of a prototype whose own controller is structured they are stru
 controller with the prototype's mass inside, which is for them what a search would take hours for.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import prod
-
-from flint import fmpq, fmpq_poly
 
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.refinement import Proved
 from beamdesign.design.structured_tuning import grow_on
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, STRICTER_PEAKS, bandwidth_program, refine_best
-from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.members import Interval, Member, MemberRig, family
-from beamdesign.polynomial import exact
+from beamdesign.members import Member, family
 from beamdesign.prototype import Goal, Lag, Prototype, Structured
 from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
 
@@ -37,18 +33,6 @@ BEYOND = 0.03
 
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
-
-
-@dataclass(frozen=True)
-class StretchedRig(MemberRig):
-    """A member whose plant at the payload m is that of another at `offset` + `factor` m."""
-
-    offset_kg: float = 0.0
-    factor: float = 1.0
-
-    def transfers(self, outer: fmpq, inner: fmpq, wanted: Sequence[tuple[int, int]]) -> list[fmpq_poly]:
-        """Denominator and the wanted numerators, as of a member."""
-        return super().transfers(exact(self.offset_kg) + exact(self.factor) * outer, inner, wanted)
 
 
 def stage_members(
@@ -64,18 +48,11 @@ def stage_members(
     Raises:
         InputError: for effects for which no linear loop stands.
     """
-    rig = linear_rig(prototype.but(effects={}))
-    own = family(prototype, whole_kg[1]).members if prototype.effects else ()
-    own = own or (Member(MemberRig(rig.figures, rig.filtered, {})),)
+    own = family(prototype, whole_kg[1]).members
     factor = (1 + BEYOND) * (whole_kg[1] - whole_kg[0]) / (stage_kg[1] - stage_kg[0])
     offset = whole_kg[0] - factor * stage_kg[0]
-    found = list(own)
-    for member in own:
-        assert isinstance(member.rig, MemberRig)
-        of = member.rig
-        stretched = StretchedRig(of.figures, of.filtered, of.effects, offset, factor)
-        found.append(Member(stretched, Interval(member.gain.low, member.gain.high), None, member.frozen))
-    return tuple(found)
+    stretched = [replace(one, rig=replace(one.rig, stretch=(offset, factor)), performance=None) for one in own]
+    return (*own, *stretched)
 
 
 @dataclass(frozen=True)
@@ -119,7 +96,6 @@ def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -
 @dataclass(frozen=True)
 class _Task:
     prototype: Prototype
-    rig: LinearRig
     whole_kg: tuple[float, float]
     largest_inner: float
 
@@ -132,17 +108,19 @@ class _Task:
         members = stage_members(self.prototype, stage_kg, self.whole_kg)
         if isinstance(law := self.prototype.controller, Structured):
             inside = self.prototype.payload.inner_end_mass_kg
-            grown = grow_on(self.rig, members, self.goal, stage_kg, law, inside)
+            grown = grow_on(members, self.goal, stage_kg, law, inside)
             return grown.proved, grown.reason
         least, most = (0.0, self.largest_inner) if inner is None else (inner, inner)
-        stretched = frozenset(k for k, member in enumerate(members) if isinstance(member.rig, StretchedRig))
+        stretched = frozenset(range(len(members) // 2, len(members)))
         reason = "no sampled design keeps within the limits"
         for peak in (self.goal.peak_sensitivity, *(p for p in STRICTER_PEAKS if p < self.goal.peak_sensitivity)):
             goal = self.goal.but(peak_sensitivity=peak)
-            program = bandwidth_program(self.rig, FORMS["lag"], goal, stage_kg, most, members)
+            program = bandwidth_program(members, FORMS["lag"], goal, stage_kg, most)
             lower = program.lower.copy()
             lower[len(program.form.names)] = least
-            refined, _ = refine_best(replace(program, lower=lower, enforced=stretched), lambda fraction, text: None)
+            refined, _ = refine_best(
+                replace(program, lower=lower, enforced=program.enforced | stretched), lambda fraction, text: None
+            )
             found = [refinement.proved for refinement in refined if refinement.proved is not None]
             if found:
                 return max(found, key=lambda proved: proved.bandwidth_Hz), ""
@@ -175,8 +153,7 @@ def tune_schedule(
     told = progress or (lambda fraction, text: None)
     figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
     ranges = stage_ranges(whole_kg, stages, 2.5 * figures.band_kg)
-    rig = linear_rig(prototype.but(effects={}))
-    task = _Task(prototype, rig, whole_kg, largest_inner_end_mass_kg)
+    task = _Task(prototype, whole_kg, largest_inner_end_mass_kg)
     steps, done = 2 * stages * stages, 0
     alone: list[Proved] = []
     for k, stage_kg in enumerate(ranges):

@@ -10,10 +10,9 @@ from math import pi
 
 import numpy as np
 
-from beamdesign.linear import LinearRig
-from beamdesign.members import MemberRig
+from beamdesign.linear import LinearModel
 from beamdesign.observer import SENSED, Sensed
-from beamdesign.rig.twin_beam import ADDED_OUTPUTS
+from beamdesign.rig.linearised import SEEN
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class SensedModel:
 
 
 def sensed_model(
-    rig: LinearRig | MemberRig, outer_end_mass: float, inner_end_mass: float, sensors: Sequence[Sensed] = SENSED[:1]
+    rig: LinearModel, outer_end_mass: float, inner_end_mass: float, sensors: Sequence[Sensed] = SENSED[:1]
 ) -> SensedModel:
     """State space of a rig with its sensors.
 
@@ -54,9 +53,7 @@ def sensed_model(
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     if not sensors or sensors[0] != SENSED[0]:
         raise ValueError("the first sensor is that of the outer tip's displacement")
-    added = rig.added_rows()
-    rows = [c[0], c[1], *(added[ADDED_OUTPUTS.index(name)] for name in sensors[1:])]
-    return SensedModel(a, b, np.array(rows, dtype=float))
+    return SensedModel(a, b, c[[0, 1, *(SEEN.index(name) for name in sensors[1:])]])
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ class SensedSamples:
 
 
 def sensed_samples(
-    rig: LinearRig | MemberRig,
+    rig: LinearModel,
     sensors: Sequence[Sensed],
     frequency_Hz: np.ndarray,
     outer_end_masses: Sequence[float],
@@ -131,7 +128,7 @@ def sensed_samples(
 
 
 def _at_mass(
-    rig: LinearRig | MemberRig, sensors: Sequence[Sensed], frequency_Hz: np.ndarray, mass: float, factor: float
+    rig: LinearModel, sensors: Sequence[Sensed], frequency_Hz: np.ndarray, mass: float, factor: float
 ) -> tuple[np.ndarray, ...]:
     """Denominator, control, disturbance and minors at one outer end mass, from two inner ones: each is affine."""
     s = 2j * pi * frequency_Hz

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from beamdesign.design.observer_record import as_observer
 from beamdesign.design.observer_tuning import tune_observer
 from beamdesign.design.refinement import Proved
-from beamdesign.linear import linear_rig
 from beamdesign.members import family
 from beamdesign.observer import SENSED, Observer, Sensed
 from beamdesign.proof.certificate import Asked, goal_claims
@@ -72,8 +71,7 @@ def sensor_rows(
         told: the share done and what is being done, for each set anew.
         starts: prototypes whose controllers are further starts.
     """
-    rig = linear_rig(prototype.but(effects={}))
-    members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
+    members = family(prototype, outer_end_mass_kg[1]).members
     reached: list[Proved] = []
     own = [start for one in (prototype, *starts) for start in as_observer(one)]
     for sensors in sets:
@@ -84,7 +82,7 @@ def sensor_rows(
         ]
         first = [(one, inner) for one, inner in own if set(one.sensors) == set(sensors)]
         asked = (outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, [*grown[:2], *first])
-        found = tune_observer(rig, members, prototype.goal, *asked)
+        found = tune_observer(members, prototype.goal, *asked)
         if found.proved is None:
             yield SensorRow(sensors, outer_end_mass_kg, 0.0, None, found.reason)
             continue

@@ -34,10 +34,10 @@ def best_starts(
     for sample in samples:
         sections = sample[names + 2 :]
         if sections.tobytes() not in responses:
-            rig = program.rig(sections)
-            if rig is None:
+            members = program.members(sections)
+            if members is None:
                 continue
-            responses = {sections.tobytes(): grids(rig, program.members, SEARCH_FREQUENCIES_HZ)}
+            responses = {sections.tobytes(): grids(members, SEARCH_FREQUENCIES_HZ)}
         best = best_gain(
             responses[sections.tobytes()],
             program.form,
@@ -46,7 +46,7 @@ def best_starts(
             masses,
             program.goal.peak_sensitivity,
             program.goal.compliance_m_per_N,
-            only_stable=bool(program.members),
+            only_stable=True,
         )
         if best.gain > 0.0:
             variables = sample.copy()
@@ -61,11 +61,11 @@ def best_starts(
             break
         if any(np.linalg.norm((variables - other)[free] / spread[free]) < _APART for other in chosen):
             continue
-        rig = program.rig(variables[names + 2 :])
-        if rig is None:
+        members = program.members(variables[names + 2 :])
+        if members is None:
             continue
         proofs += 1
         controller = program.form.rounded(variables[:names].tolist())
-        if not loop_set(rig, program.members, controller, float(variables[names]), (low, high)).unstable():
+        if not loop_set(members, controller, float(variables[names]), (low, high)).unstable():
             chosen.append(variables)
     return chosen, proofs

@@ -13,8 +13,9 @@ from beamdesign.design.compliant_law import CompliantLaw, Servo, controller_of, 
 from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, judge, sensed
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.tuning import Progress
-from beamdesign.linear import linear_rig
+from beamdesign.linear import Plant
 from beamdesign.loop import Loop, close_loop
+from beamdesign.members import paper_model
 from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, goal_claims
@@ -23,7 +24,6 @@ from beamdesign.proof.contact import Wall, prove_contact
 from beamdesign.proof.passivity import active_bands
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.prototype import Lag, Prototype
-from beamdesign.sensed_plant import SensedPlant
 from beamdesign.tip import tip
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
@@ -107,7 +107,7 @@ def design(
 
 def _blurred(prototype: Prototype, end_stiffness: float) -> str:
     """What to change where the outer beam is not known well: the force is what bends it, less the cylinder's."""
-    deviation = prototype.tolerance.stiffness * linear_rig(prototype).figures["outer_stiffness"]
+    deviation = prototype.tolerance.stiffness * paper_model(prototype).figures["outer_stiffness"]
     if end_stiffness > 4 * deviation:
         return ""
     return (
@@ -116,7 +116,7 @@ def _blurred(prototype: Prototype, end_stiffness: float) -> str:
     )
 
 
-def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[SensedPlant]:
+def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[Plant]:
     """Plants of rigs somewhat further off than the tolerances of a prototype; none where it states none."""
     if count == 0 or not any(prototype.tolerance.model_dump().values()):
         return []
@@ -137,7 +137,7 @@ class _Search:
     def __init__(
         self,
         prototype: Prototype,
-        others: list[SensedPlant],
+        others: list[Plant],
         end_stiffness: float,
         masses_kg: tuple[float, float],
         wall: Wall,
@@ -154,7 +154,7 @@ class _Search:
         """The admitted law with the largest score; None where none is."""
         lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST)
         if not self.servo:
-            beam = linear_rig(self.prototype).figures["outer_stiffness"]
+            beam = paper_model(self.prototype).figures["outer_stiffness"]
             least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
             lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
         if self.servo:

@@ -20,8 +20,8 @@ from beamdesign.design.rig_samples import plants_of, rig_samples, sampled_masses
 from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.sampled_loops import Samples, slacks
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs
-from beamdesign.linear import LinearRig
-from beamdesign.members import BilinearPlant, Member
+from beamdesign.linear import BilinearPlant
+from beamdesign.members import Member
 from beamdesign.prototype import Goal, Proportional, Structured
 
 SECTION_HZ = (8.0, 25.0, 70.0, 200.0)
@@ -77,7 +77,6 @@ class Grown:
 
 @dataclass(frozen=True)
 class _Task:
-    rig: LinearRig
     members: Sequence[Member]
     goal: Goal
     masses_kg: tuple[float, float]
@@ -110,17 +109,14 @@ class _Task:
         members = list(self.members)
         worst: tuple[np.ndarray, ...] = ()
         if isinstance(self.points, WorstSamples):
-            members = members or [Member(self.rig)]
             worst = worst_rigs(self.points, self.goal, variables)
             for z in worst:
-                rig, of_rig = self.points.spread.linear(z)
-                members += of_rig or [Member(rig)]
-        found = loop_set(self.rig, members, controller, inner, self.masses_kg)
+                members += self.points.spread.members(z)
+        found = loop_set(members, controller, inner, self.masses_kg)
         return found, Proved(controller, inner, 0.0, inf, variables), worst
 
 
 def grow(
-    rig: LinearRig,
     members: Sequence[Member],
     goal: Goal,
     masses_kg: tuple[float, float],
@@ -133,8 +129,7 @@ def grow(
     """Find the largest guaranteed bandwidth of a lag with so many second-order sections.
 
     Args:
-        rig: without effects.
-        members: linear members of the rig with its effects; none where it has none.
+        members: linear members of the rig.
         goal: limits of compliance, sensitivity, loop gain and effort.
         masses_kg: range of outer end mass.
         largest_inner: most mass that may be added inside, kg.
@@ -143,7 +138,7 @@ def grow(
         spread: rigs that are off, among which the worst are to keep all limits as well; none: the nominal rig alone.
         proportional: whether the lag is to do nothing; without sections.
     """
-    task = _task(rig, members, goal, masses_kg, largest_inner, spread)
+    task = _task(members, goal, masses_kg, largest_inner, spread)
     if proportional:
         task = replace(task, proportional=True)
     told(0.0, "lag")
@@ -175,7 +170,6 @@ def grow(
 
 
 def grow_on(
-    rig: LinearRig,
     members: Sequence[Member],
     goal: Goal,
     masses_kg: tuple[float, float],
@@ -185,14 +179,13 @@ def grow_on(
     """The largest guaranteed bandwidth near a controller that is given, with the mass inside as it is.
 
     Args:
-        rig: without effects.
-        members: linear members that have to be served; none for the rig alone.
+        members: linear members that have to be served.
         goal: limits of compliance, sensitivity, loop gain and effort.
         masses_kg: range of outer end mass.
         controller: to begin with; its number of sections stays.
         inner_end_mass: kg, which stays too.
     """
-    task = replace(_task(rig, members, goal, masses_kg, inner_end_mass), least_inner=inner_end_mass)
+    task = replace(_task(members, goal, masses_kg, inner_end_mass), least_inner=inner_end_mass)
     sections = len(controller.section)
     figures = [controller.gain_A_per_V, controller.pole_Hz, controller.zero_Hz]
     figures += [getattr(one, name) for one in controller.section for name in SECTION_NAMES]
@@ -202,7 +195,6 @@ def grow_on(
 
 
 def _task(
-    rig: LinearRig,
     members: Sequence[Member],
     goal: Goal,
     masses_kg: tuple[float, float],
@@ -210,11 +202,11 @@ def _task(
     spread: RigSpread | None = None,
 ) -> _Task:
     """Samples of all loops, and the plants that are to perform with the number of their first row."""
-    points = rig_samples(rig, members, goal, masses_kg, spread)
+    points = rig_samples(members, goal, masses_kg, spread)
     rows = len(sampled_masses(masses_kg))
-    listed = enumerate(plants_of(rig, members))
+    listed = enumerate(plants_of(members))
     plants = [(plant, factor, k * rows) for k, (plant, factor, performs) in listed if performs]
-    return _Task(rig, members, goal, masses_kg, largest_inner, points, plants)
+    return _Task(members, goal, masses_kg, largest_inner, points, plants)
 
 
 def _lags(task: _Task) -> list[tuple[np.ndarray, float]]:

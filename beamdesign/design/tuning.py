@@ -12,13 +12,13 @@ import numpy as np
 from scipy.stats import qmc
 
 from beamdesign.design.controller_forms import FORMS, ControllerForm
+from beamdesign.design.loop_set import constraints, first_active
 from beamdesign.design.observer_record import as_observer
 from beamdesign.design.observer_tuning import OBSERVERS, tune_observer
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Proved, Refinement, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.design.structured_tuning import grow
-from beamdesign.linear import LinearRig, linear_rig
-from beamdesign.members import Member, MemberRig, family
+from beamdesign.members import Member, family
 from beamdesign.observer import SENSED, Sensed
 from beamdesign.proof.family_certificate import gain_and_mass
 from beamdesign.prototype import Goal, Prototype
@@ -64,33 +64,31 @@ class Tuning:
 
 
 def bandwidth_program(
-    rig: LinearRig,
+    members: tuple[Member, ...],
     form: ControllerForm,
     goal: Goal,
     masses_kg: tuple[float, float],
     largest_inner: float,
-    members: tuple[Member, ...] = (),
 ) -> LoopProgram:
-    """Largest bandwidth of a rig whose sections stand, or of all its members where it has effects."""
-    figures = ca.MX(0, 1) if members else ca.MX(ca.DM(list(rig.figures.values())))
+    """Largest bandwidth of all members of a rig whose sections stand."""
     low, high = np.log(SMALLEST_BANDWIDTH_HZ), np.log(LARGEST_BANDWIDTH_HZ)
     bounds = np.array([*form.log_bounds, (0.0, largest_inner), (low, high)])
     return LoopProgram(
         form=form,
-        filtered=rig.filtered,
         goal=goal,
         outer_end_mass_kg=masses_kg,
-        figures=lambda sections: figures,
+        figures=lambda sections: ca.MX(0, 1),
+        constraints=lambda active: constraints(form.kind, members, active),
         structure=lambda variables: ca.MX(0, 1),
         objective=lambda variables: -variables[len(form.names) + 1],
         lower=bounds[:, 0],
         upper=bounds[:, 1],
         reach=2.0,
         tighten_below=6e-5,
-        rig=lambda sections: rig,
+        members=lambda sections: members,
         flaw=lambda variables: "",
         cost=lambda proved: -proved.bandwidth_Hz,
-        members=members,
+        enforced=frozenset(first_active(members)),
     )
 
 
@@ -123,12 +121,11 @@ def tune(
         InputError: for effects for which no linear loop stands, or which together allow no proof.
     """
     told = progress or (lambda fraction, text: None)
-    rig = linear_rig(prototype.but(effects={}))
-    members = family(prototype, outer_end_mass_kg[1]).members if prototype.effects else ()
+    members = family(prototype, outer_end_mass_kg[1]).members
     if any(_varies_on_the_mount(member) for member in members):
         raise InputError(prototype.name, gain_and_mass(prototype, outer_end_mass_kg[1]))
     if kind == "structured":
-        grown = grow(rig, members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, sections, told)
+        grown = grow(members, prototype.goal, outer_end_mass_kg, largest_inner_end_mass_kg, sections, told)
         if grown.proved is None or grown.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
             why = no_answer(kind, prototype.goal, outer_end_mass_kg, grown.reason)
             return Tuning(prototype, outer_end_mass_kg, None, grown.sampled, (grown.reason,), grown.certificates, why)
@@ -137,7 +134,7 @@ def tune(
     if kind in OBSERVERS:
         own = [start for start in as_observer(prototype) if set(start[0].sensors) <= set(sensors)]
         asked = (outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, own)
-        seen = tune_observer(rig, members, prototype.goal, *asked)
+        seen = tune_observer(members, prototype.goal, *asked)
         if seen.proved is None or seen.proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
             why = no_answer(kind, prototype.goal, outer_end_mass_kg, seen.reason)
             return Tuning(prototype, outer_end_mass_kg, None, seen.sampled, (seen.reason,), seen.certificates, why)
@@ -148,7 +145,7 @@ def tune(
     certificates = 0
     for k, peak in enumerate([prototype.goal.peak_sensitivity, *peaks]):
         goal = prototype.goal.but(peak_sensitivity=peak)
-        program = bandwidth_program(rig, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg, members)
+        program = bandwidth_program(members, form, goal, outer_end_mass_kg, largest_inner_end_mass_kg)
         refined, proofs = refine_best(program, _within(told, k, len(peaks) + 1))
         certificates += proofs
         proved = [refinement.proved for refinement in refined if refinement.proved]
@@ -167,8 +164,7 @@ def tune(
 def _varies_on_the_mount(member: Member) -> bool:
     """Whether its gain varies where it is to perform while the end mass shows in what is fed back."""
     inside = member.performance
-    riding = isinstance(member.rig, MemberRig) and member.rig.sensor_rides
-    return riding and inside is not None and inside.low < inside.high
+    return member.rig.sensor_rides and inside is not None and inside.low < inside.high
 
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:

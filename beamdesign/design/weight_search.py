@@ -18,8 +18,7 @@ from beamdesign.design.sampled_loops import sampled_bandwidth
 from beamdesign.design.sensed_samples import SensedSamples, sensed_model
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
-from beamdesign.linear import LinearRig
-from beamdesign.members import MemberRig
+from beamdesign.linear import LinearModel
 from beamdesign.observer import Sensed
 from beamdesign.prototype import Goal
 
@@ -80,7 +79,7 @@ class WeightSearch:
         order: of the controller.
     """
 
-    rig: LinearRig | MemberRig
+    rig: LinearModel
     sensors: Sequence[Sensed]
     points: SensedSamples
     goal: Goal

@@ -14,7 +14,6 @@ import numpy as np
 
 from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.sampled_loops import Samples, controller_log, sampled_bandwidth, slacks
-from beamdesign.linear import LinearRig
 from beamdesign.members import Member
 from beamdesign.prototype import Goal
 
@@ -107,17 +106,17 @@ def _moved(z: np.ndarray, curves: np.ndarray) -> np.ndarray:
 
 
 def worst_samples(
-    nominal: Samples, spread: RigSpread, sampled: Callable[[LinearRig, tuple[Member, ...]], Samples]
+    nominal: Samples, spread: RigSpread, sampled: Callable[[tuple[Member, ...]], Samples]
 ) -> WorstSamples:
     """Samples of the rigs within a spread.
 
     Args:
         nominal: of the nominal rig.
         spread: how far its figures may be off.
-        sampled: samples of a rig and its members at the same points.
+        sampled: samples of the members of a rig at the same points.
     """
     step, count = spread.sigmas / 2, len(spread.deviations)
-    more, less = (tuple(sampled(*spread.linear(side * step * unit)) for unit in np.eye(count)) for side in (1.0, -1.0))
+    more, less = (tuple(sampled(spread.members(side * step * unit)) for unit in np.eye(count)) for side in (1.0, -1.0))
     return WorstSamples(
         nominal.frequency_Hz,
         nominal.row,

@@ -6,10 +6,10 @@ import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.controller import TransferFunction, transfer_function
-from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.linear import LinearModel
+from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
-from beamdesign.rig import twin_beam
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def closed_loop(prototype: Prototype) -> MassFamily:
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
     inner = exact(prototype.payload.inner_end_mass_kg)
-    return close_with(linear_rig(prototype), inner, transfer_function(prototype.controller))
+    return close_with(paper_model(prototype), inner, transfer_function(prototype.controller))
 
 
-def close_with(rig: LinearRig, inner_end_mass: fmpq, law: TransferFunction) -> MassFamily:
+def close_with(rig: LinearModel, inner_end_mass: fmpq, law: TransferFunction) -> MassFamily:
     """Close the loop of a rig with a controller of any order.
 
     The controller is realised in companion form, driven by the error voltage; its states follow the rig's.
@@ -81,44 +81,24 @@ def close_with(rig: LinearRig, inner_end_mass: fmpq, law: TransferFunction) -> M
     Raises:
         ValueError: where the controller's numerator is of higher degree than its denominator.
     """
-    bare, a, b, c = rig.exact_matrices(fmpq(0), inner_end_mass)
-    loaded = rig.exact_matrices(fmpq(1), inner_end_mass)
-    states = twin_beam.STATES + (("filtered_V",) if rig.filtered else ())
-    velocity = states.index("velocity_m_per_s")
-    _require_mass_in_one_entry(bare, loaded[0] - bare, velocity)
-
+    a, b, c, velocity, bare_mass = rig.over_outer_mass(inner_end_mass)
     law_a, law_c, feedthrough = _companion(law)
     n, k = a.nrows(), len(law_c)
-    mass, motion = fmpq_mat(n + k, n + k), fmpq_mat(n + k, n + k)
+    fixed, inertial = fmpq_mat(n + k, n + k), fmpq_mat(n + k, n + k)
     for i in range(n):
         for j in range(n):
-            mass[i, j] = bare[i, j]
-            motion[i, j] = a[i, j] - b[i, 1] * feedthrough * c[1, j]
+            fixed[i, j] = a[i, j] - b[i, 1] * feedthrough * c[1, j]
         for j in range(k):
-            motion[i, n + j] = b[i, 1] * law_c[j]
+            fixed[i, n + j] = b[i, 1] * law_c[j]
     for i in range(k):
-        mass[n + i, n + i] = fmpq(1)
         for j in range(k):
-            motion[n + i, n + j] = law_a[i][j]
+            fixed[n + i, n + j] = law_a[i][j]
     for j in range(n if k else 0):
-        motion[n + k - 1, j] = -c[1, j]
+        fixed[n + k - 1, j] = -c[1, j]
 
-    bare_mass = mass[velocity, velocity]
-    mass[velocity, velocity] = fmpq(1)
-    fixed = mass.inv() * motion
-    inertial = fmpq_mat(n + k, n + k)
     for j in range(n + k):
         inertial[velocity, j], fixed[velocity, j] = fixed[velocity, j], fmpq(0)
-    return MassFamily(fixed, inertial, bare_mass, velocity, states + tuple(f"controller_{i + 1}" for i in range(k)))
-
-
-def _require_mass_in_one_entry(bare: fmpq_mat, difference: fmpq_mat, velocity: int) -> None:
-    n = bare.nrows()
-    elsewhere = [(i, j) for i in range(n) for j in range(n) if difference[i, j] != (1 if i == j == velocity else 0)] + [
-        (i, velocity) for i in range(n) if i != velocity and (bare[i, velocity] != 0 or bare[velocity, i] != 0)
-    ]
-    if elsewhere:
-        raise ValueError("the outer end mass must enter the mass matrix in the velocity's own entry alone")
+    return MassFamily(fixed, inertial, bare_mass, velocity, rig.states + tuple(f"controller_{i + 1}" for i in range(k)))
 
 
 def _companion(law: TransferFunction) -> tuple[list[list[fmpq]], list[fmpq], fmpq]:

@@ -15,7 +15,7 @@ from math import pi
 from flint import arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.crossing import crossings
-from beamdesign.linear import linear_rig
+from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, even_odd, exact, real_roots, value_at
 from beamdesign.proof.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 from beamdesign.proof.stability import is_stable_over
@@ -57,11 +57,11 @@ def stable_zeros(
     Raises:
         InputError: for a prototype with effects.
     """
-    plant = linear_rig(prototype).plant(prototype.payload.inner_end_mass_kg)
+    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg)
     lag = Lag(gain_A_per_V=gain_A_per_V, pole_Hz=pole_Hz, zero_Hz=1.0)
     pole = fmpq_poly([1, 1 / exact(2 * pi * lag.pole_Hz)])
     opened = plant.denominator * pole
-    returned = plant.control * exact(lag.gain_A_per_V)
+    returned = plant.control[0].constant * exact(lag.gain_A_per_V)
     p0, p1, p2 = opened.constant + returned, opened.slope, returned * fmpq_poly([0, 1])
     low, high = (exact(mass) for mass in outer_end_mass_kg)
     ends = tuple(1 / exact(2 * pi * frequency) for frequency in (LARGEST_HZ, LEAST_HZ))

@@ -15,11 +15,11 @@ from math import pi
 
 from flint import fmpq, fmpq_mat
 
-from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.linear import LinearModel
+from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.mass_family import MassFamily
 from beamdesign.prototype import Lag, Structured
-from beamdesign.rig import twin_beam
 from beamdesign.scheduling.record import ScheduledRig
 
 Row = list[fmpq]
@@ -32,26 +32,21 @@ def stage_families(rig: ScheduledRig) -> tuple[MassFamily, ...]:
         InputError: where the prototype carries effects.
         ValueError: where a law with sections has no filter before it: it would feel accelerations, which the mass sets.
     """
-    plant = linear_rig(rig.prototype)
+    plant = paper_model(rig.prototype)
     inner = exact(rig.prototype.payload.inner_end_mass_kg)
     return tuple(stage_family(plant, inner, stage.law) for stage in rig.schedule.stage)
 
 
-def stage_family(rig: LinearRig, inner_end_mass: fmpq, law: Lag | Structured) -> MassFamily:
+def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Lag | Structured) -> MassFamily:
     """The matrices A(m) of one law; states of the rig, outputs and rates of its sections, then its current.
 
     Raises:
         ValueError: for sections without a filter before them.
     """
-    mass, motion, drive, sensed = rig.exact_matrices(fmpq(0), inner_end_mass)
-    names = twin_beam.STATES + (("filtered_V",) if rig.filtered else ())
-    velocity, n = names.index("velocity_m_per_s"), mass.nrows()
+    free, driven, sensed, velocity, bare_mass = rig.over_outer_mass(inner_end_mass)
+    names, n = rig.states, free.nrows()
     sections = law.section if isinstance(law, Structured) else ()
     order = n + 2 * len(sections) + 1
-    bare_mass = mass[velocity, velocity]
-    mass[velocity, velocity] = fmpq(1)  # the row of the velocity is kept apart: forces, which the total mass divides
-    inverse = mass.inv()
-    free, driven = inverse * motion, inverse * drive
     rows = [[fmpq(0)] * order for _ in range(order)]
     for i in range(n):
         for j in range(n):

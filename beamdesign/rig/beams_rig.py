@@ -2,11 +2,11 @@
 
 from typing import Any
 
+from beamdesign.parameters import PARAMETERS
 from beamdesign.rig.component import Rig, Signals
 from beamdesign.rig.electronics import CONTROLLER, SENSOR
 from beamdesign.rig.hydraulics import AREAS, CYLINDER, VALVE, VOLUMES
 from beamdesign.rig.structure import BEAMS, TIPS
-from beamdesign.rig.twin_beam import FIGURES
 
 OUTPUTS = (
     "current_A",
@@ -16,6 +16,9 @@ OUTPUTS = (
     "outer_displacement_m",  # of the tip itself
     "measured_V",
 )
+FIGURES = tuple(PARAMETERS)
+"""Of the linear plant; the frequency of a filter counts only with the filter."""
+
 MORE_FIGURES = ("supply_pressure", "believed_sensor_gain", "gain", "pole", "zero")
 """Figures beside those of the linear plant: Pa, V/m, A/V, rad/s, rad/s."""
 

@@ -58,7 +58,7 @@ class Operation:
     """What the figures of an effect's linear members may depend on.
 
     Attributes:
-        figure: lumped figures of the rig by name, as in `beamdesign.rig.twin_beam.FIGURES`.
+        figure: lumped figures of the rig by name, as in `beamdesign.parameters.PARAMETERS`.
         load_N: largest steady force that the cylinder carries.
         supply_Pa: supply pressure.
     """

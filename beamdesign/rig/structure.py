@@ -6,7 +6,11 @@ from typing import Any
 from casadi import sqrt
 
 from beamdesign.rig.component import Component, Signals
-from beamdesign.rig.twin_beam import beam_force
+
+
+def beam_force(stiffness: Any, damping: Any, position: Any, velocity: Any) -> Any:
+    """Force of a beam against its tip, equations (9) and (10) of Zalucky and Hardt (1984), with the fixed dashpot."""
+    return stiffness * position + damping * velocity
 
 
 def outer_reaction(port: Mapping[str, Any], figure: Mapping[str, Any], state: Mapping[str, Any]) -> Any:

@@ -26,9 +26,9 @@ from math import exp, inf, sqrt
 
 import numpy as np
 
-from beamdesign.linear import LinearRig, linear_rig
+from beamdesign.linear import LinearModel
+from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
-from beamdesign.rig.twin_beam import STATES
 from beamdesign.scheduling.record import Scheduled
 
 CANDIDATES = 17
@@ -78,14 +78,13 @@ class PlantStep:
     output: np.ndarray
 
 
-def plant_step(rig: LinearRig, outer_end_mass: float, inner_end_mass: float, period_s: float) -> PlantStep:
+def plant_step(rig: LinearModel, outer_end_mass: float, inner_end_mass: float, period_s: float) -> PlantStep:
     """The plant between samples, exact for a held current and a constant force."""
     from scipy.linalg import expm
 
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     n = len(a)
-    names = STATES + (("filtered_V",) if rig.filtered else ())
-    scale = np.array([*(_TYPICAL[name] for name in names), 10.0, 1.0])  # then force (N) and current (A)
+    scale = np.array([*(_TYPICAL[name] for name in rig.states), 10.0, 1.0])  # then force (N) and current (A)
     motion = np.zeros((n + 2, n + 2))
     motion[:n, :n], motion[:n, n:] = a, b
     whole = expm(motion * scale / scale[:, None] * period_s)
@@ -111,7 +110,7 @@ def response(step: PlantStep, current_A: np.ndarray) -> np.ndarray:
 
 
 def unexplained(
-    rig: LinearRig,
+    rig: LinearModel,
     outer_end_mass: float,
     inner_end_mass: float,
     volts: np.ndarray,
@@ -127,7 +126,7 @@ def unexplained(
 
 
 def fitted_payload(
-    rig: LinearRig,
+    rig: LinearModel,
     inner_end_mass: float,
     volts: np.ndarray,
     current_A: np.ndarray,
@@ -184,7 +183,7 @@ def candidates(prototype: Prototype, schedule: Scheduled) -> Candidates:
     low, high = schedule.outer_end_mass_kg
     beyond = MARGIN * (high - low)
     masses = np.linspace(low - beyond, high + beyond, CANDIDATES)
-    rig, inner = linear_rig(prototype.but(effects={})), prototype.payload.inner_end_mass_kg
+    rig, inner = paper_model(prototype.but(effects={})), prototype.payload.inner_end_mass_kg
     steps = [plant_step(rig, float(mass), inner, schedule.period_s) for mass in masses]
     window = round(schedule.estimator.window_s / schedule.period_s)
     bases = [free_responses(step, window) for step in steps]

@@ -18,11 +18,10 @@ from typing import Protocol
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-from beamdesign.linear import linear_rig
+from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Prototype
-from beamdesign.rig import twin_beam
 from beamdesign.specification.difference_equation import DifferenceEquation
 
 _BITS = 128
@@ -153,13 +152,9 @@ def held_plant(prototype: Prototype) -> HeldPlant:
     Raises:
         InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
     """
-    rig = linear_rig(prototype)
-    bare, a, b, c = rig.exact_matrices(fmpq(0), exact(prototype.payload.inner_end_mass_kg))
-    velocity = twin_beam.STATES.index("velocity_m_per_s")
-    n, mass = a.nrows(), bare[velocity, velocity]
-    bare[velocity, velocity] = fmpq(1)
-    inverse = bare.inv()
-    a, b = inverse * a, inverse * b
+    inner = exact(prototype.payload.inner_end_mass_kg)
+    a, b, c, velocity, mass = paper_model(prototype).over_outer_mass(inner)
+    n = a.nrows()
     scales = _balance(a, velocity, mass)
     balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
     current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])

@@ -9,8 +9,8 @@ from proofs import always_stable, keeps_peak_sensitivity
 from stopwatch import Cost, timed
 
 from beamdesign.design.controller_forms import FORMS
-from beamdesign.linear import linear_rig
 from beamdesign.loop import Loop, close_loop
+from beamdesign.members import paper_model
 from beamdesign.prototype import Lag, Proportional, Prototype
 
 LARGEST_INNER_KG = 6.0
@@ -49,7 +49,7 @@ def compare_candidates(
     question: str,
 ) -> Comparison:
     """Cost per candidate; the first method closes the loop in rationals and proves or refutes its stability."""
-    rig, count, limit = linear_rig(prototype), len(candidates), prototype.goal.peak_sensitivity
+    rig, count, limit = paper_model(prototype), len(candidates), prototype.goal.peak_sensitivity
     grid, masses = matrices(rig), np.linspace(*masses_kg, effort.sweep)
 
     def closed() -> list[Loop]:

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
+from flint import fmpq
 
-from beamdesign.linear import LinearRig
+from beamdesign.linear import LinearModel
+from beamdesign.proof.mass_family import floats
 from beamdesign.prototype import Lag, Proportional
-from beamdesign.rig.twin_beam import descriptor
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,12 @@ class Matrices:
         return solved[:, :, :-2], solved[:, :, -2:]
 
 
-def matrices(rig: LinearRig) -> Matrices:
+def matrices(rig: LinearModel) -> Matrices:
     """The rig's matrices, derived once for all masses."""
-    function, figures = descriptor(rig.filtered).function, list(rig.figures.values())
-    bare, outer, inner = (function([*figures, *masses]) for masses in ((0, 0), (1, 0), (0, 1)))
-    e, a, b, c = (np.asarray(matrix) for matrix in bare)
-    return Matrices(e, np.asarray(outer[0]) - e, np.asarray(inner[0]) - e, a, b, c)
+    (e, a, b, c), (outer, *_), (inner, *_) = (
+        [floats(matrix) for matrix in rig.exact_matrices(fmpq(m), fmpq(n))] for m, n in ((0, 0), (1, 0), (0, 1))
+    )
+    return Matrices(e, outer - e, inner - e, a, b, c[:2])
 
 
 def realised(controller: Proportional | Lag) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

@@ -20,8 +20,8 @@ from stopwatch import Cost, timed
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, grid_plant, sampled_bandwidth
 from beamdesign.design.tuning import tune
-from beamdesign.linear import linear_rig
 from beamdesign.loop import Loop, close_loop
+from beamdesign.members import paper_model
 from beamdesign.prototype import Lag, Proportional, Prototype
 
 LARGEST_INNER_KG = 6.0
@@ -36,11 +36,11 @@ class Sampled:
     """The tuner's goal on a grid, as a function to minimise."""
 
     def __init__(self, prototype: Prototype, masses_kg: tuple[float, float], kind: str):
-        rig = linear_rig(prototype)
+        rig = paper_model(prototype)
         self.form, self.goal, self.rig = FORMS[kind], prototype.goal, rig
         self.masses = np.linspace(*masses_kg, _MASSES)
         self.bounds = [*self.form.log_bounds, (0.0, LARGEST_INNER_KG)]
-        self._plant, self._matrices = grid_plant(rig, SEARCH_FREQUENCIES_HZ), matrices(rig)
+        self._plant, self._matrices = grid_plant(rig.polynomials(), SEARCH_FREQUENCIES_HZ), matrices(rig)
 
     def record(self, variables: np.ndarray) -> tuple[Proportional | Lag, float]:
         """Controller and inner end mass with rounded figures, as the tuner rounds its own."""

@@ -14,8 +14,8 @@ from margin_sweep import Margins, last_within, margins, models, responses
 from proofs import Certificate, always_stable, certify
 from stopwatch import Cost, timed
 
-from beamdesign.linear import linear_rig
 from beamdesign.loop import Loop, loop
+from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
 
 Stretches = list[tuple[float, float]]
@@ -27,7 +27,7 @@ class Rig:
     def __init__(self, prototype: Prototype, high_kg: float, effort: Effort):
         assert prototype.controller is not None
         self.prototype, self.controller, self.high_kg = prototype, prototype.controller, high_kg
-        self.matrices, self.inner_kg = matrices(linear_rig(prototype)), prototype.payload.inner_end_mass_kg
+        self.matrices, self.inner_kg = matrices(paper_model(prototype)), prototype.payload.inner_end_mass_kg
         self.swept, self.dense = (np.linspace(0.0, high_kg, points) for points in (effort.sweep, effort.grid))
         margins(models(self.matrices, self.controller, self.inner_kg, self.swept[:2]))  # so that it is timed warm
 

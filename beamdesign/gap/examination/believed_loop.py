@@ -7,9 +7,8 @@ from math import pi
 import numpy as np
 
 from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.linear import linear_rig
+from beamdesign.members import paper_model
 from beamdesign.prototype import Controller, Lag, Prototype
-from beamdesign.rig.twin_beam import STATES
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 _FADE = 0.05  # of a record, at its end
@@ -86,7 +85,7 @@ def believed_loop(
     Raises:
         ValueError: for figures with which no loop can be computed.
     """
-    plant = linear_rig(prototype.but(effects={}))
+    plant = paper_model(prototype.but(effects={}))
     a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
     force, current, volts = b[:, 0], b[:, 1], c[1]
     gain, pole, zero = controller.gain_A_per_V, 1.0, 1.0
@@ -104,9 +103,7 @@ def believed_loop(
     seen, through = np.zeros((4, n + 1)), np.zeros((4, 2))
     seen[0, :n], seen[0, n], through[0, 1] = -straight * volts, lagging, straight
     seen[1, :n] = volts / prototype.sensor.gain_V_per_m
-    stretch = plant.figures["oil_stiffness"] / plant.figures["piston_area"]
-    seen[2, STATES.index("cylinder_m")], seen[2, STATES.index("displacement_m")] = stretch, -stretch
-    seen[3, STATES.index("inner_displacement_m")] = 1.0
+    seen[2, :n], seen[3, :n] = c[3], c[2]
     return BelievedLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
 
 

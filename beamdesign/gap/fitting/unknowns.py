@@ -78,7 +78,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
 
     Args:
         prototype: with its `[tolerance]`.
-        free: figures of the rig (as in `beamdesign.rig.twin_beam.FIGURES`) suspected to be wrong.
+        free: figures of the rig (as in `beamdesign.parameters.PARAMETERS`) suspected to be wrong.
     """
     nominal = parameters_of(_with_some_controller(prototype), 0.0, 0.0)
     found = []
