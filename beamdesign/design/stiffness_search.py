@@ -19,9 +19,9 @@ from beamdesign.members import paper_model
 from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, goal_claims
-from beamdesign.proof.certifying import decide
 from beamdesign.proof.contact import Wall, prove_contact
 from beamdesign.proof.passivity import active_bands
+from beamdesign.proof.rectangle import Rectangle, prove
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.prototype import Lag, Prototype
 from beamdesign.tip import tip
@@ -222,7 +222,7 @@ class _Search:
         """Whether stability, contact and the goal's limits are proved."""
         goal = self.prototype.goal
         asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
-        return self._in_contact(closed) and all(decide(closed, one, *self.masses_kg).holds for one in asked)
+        return self._in_contact(closed) and all(prove(Rectangle(closed, *self.masses), one).holds for one in asked)
 
     def _in_contact(self, closed: Loop) -> bool:
         port = tip(closed)

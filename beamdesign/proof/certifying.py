@@ -1,27 +1,20 @@
 """Certificates made: stability and claims decided over a range of outer end masses, and the proof written."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isinf
 
-from beamdesign.loop import Loop, loop
+from beamdesign.members import Family, family
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import Asked, Certificate, Guaranteed, describe, implies
+from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
 from beamdesign.proof.document import document
-from beamdesign.proof.performance import (
-    Claim,
-    bandwidth_where_stable,
-    effort_where_stable,
-    loop_gain_where_stable,
-    peak_sensitivity_where_stable,
-    prove_compliance,
-    prove_controller_effort,
-    prove_decay_rate,
-    prove_gain_margin,
-    prove_loop_gain,
-    prove_peak_sensitivity,
-)
+from beamdesign.proof.family_certificate import common_ranges, covered, rectangles, scope
+from beamdesign.proof.family_document import Proved
+from beamdesign.proof.family_document import document as family_document
+from beamdesign.proof.performance import INEQUALITIES, Claim
 from beamdesign.proof.rational import nearest
-from beamdesign.proof.stability import StabilityMap, stable_ranges
+from beamdesign.proof.rectangle import bandwidth, largest_effort, largest_loop_gain, peak_sensitivity, prove
+from beamdesign.proof.stability import StabilityMap
 from beamdesign.prototype import Goal, Prototype
 
 
@@ -29,72 +22,89 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
 
     Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
-    are worked out and proved as well. A prototype with effects is certified as all of its linear members, see
-    `beamdesign.proof.family_certificate`.
+    are worked out and proved as well. Everything is about all linear members of the prototype, of which there is one
+    without effects: stability, decay and gain margin at every factor on the gain that the effects allow; the rest at
+    those at which the effects are to let the loop perform.
 
     Raises:
         ValueError: for an empty range, or without a controller.
         InputError: for effects for which no linear loop stands.
     """
-    if prototype.effects:
-        from beamdesign.proof.family_certificate import certify_family
-
-        return certify_family(prototype, low_kg, high_kg, claims)
-    closed = loop(prototype)
-    stability = stable_ranges(closed.characteristic, exact(low_kg), exact(high_kg))
-    decided = [decide(closed, asked, low_kg, high_kg) for asked in claims]
+    low, high = exact(low_kg), exact(high_kg)
+    if low > high:
+        raise ValueError(f"empty range: {low_kg} is above {high_kg}")
+    found = family(prototype, high_kg)
+    proved = rectangles(prototype, found, low, high)
+    stability = common_ranges([part.stable for part in proved], low, high)
+    decided = [_decide(proved, asked) for asked in claims]
     guaranteed: Guaranteed | None = None
-    proved: list[Claim] = []
+    reached: list[Claim] = []
     if stability.stable:
-        guaranteed, proved = _guarantees(closed, prototype.goal, low_kg, high_kg)
-    written = decided + [claim for claim in proved if not any(implies(other, claim) for other in decided)]
-    text = document(prototype, closed, stability, written, _summary(prototype, stability, written))
-    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text)
+        guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
+    written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
+    summary = _summary(prototype, found, stability, written)
+    if not prototype.effects:
+        text = document(prototype, proved[0].stable.loop, stability, written, summary)
+        return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text)
+    text = family_document(prototype, found, proved, stability, written, summary)
+    method = f"{METHOD}; {scope(prototype, found)}"
+    about = tuple(covered(prototype, found))
+    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text, method, about)
 
 
-def decide(closed: Loop, asked: Asked, low_kg: float, high_kg: float) -> Claim:
-    """Prove or refute one claim over a range of outer end masses."""
-    match asked.kind:
-        case "compliance":
-            return prove_compliance(closed, asked.limit, asked.bandwidth_Hz, low_kg, high_kg)
-        case "peak_sensitivity":
-            return prove_peak_sensitivity(closed, asked.limit, low_kg, high_kg)
-        case "loop_gain":
-            return prove_loop_gain(closed, asked.limit, asked.from_Hz, low_kg, high_kg)
-        case "controller_effort":
-            return prove_controller_effort(closed, asked.limit, low_kg, high_kg)
-        case "decay_rate":
-            return prove_decay_rate(closed, asked.limit, low_kg, high_kg)
-        case "gain_margin":
-            return prove_gain_margin(closed, asked.limit, low_kg, high_kg)
+def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
+    """A claim about every member: the first that refutes it, or that it holds."""
+    performance = asked.kind in INEQUALITIES
+    alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most  # so that the proof says where
+    for part in proved:
+        if performance and not alone and not part.stable.stable:
+            reason = "not every member is stable for all of these masses and factors on the gain"
+            bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
+            masses = nearest(part.stable.low), nearest(part.stable.high)
+            from_Hz = asked.from_Hz if asked.kind == "loop_gain" else None
+            return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason, from_Hz=from_Hz)
+    claim: Claim | None = None
+    for part in proved:
+        rectangle = part.performing if performance else part.stable
+        if rectangle is None:
+            continue
+        claim = prove(rectangle, asked)
+        if not claim.holds:
+            where = f" (with {part.member.name})" if part.member.name else ""
+            return replace(claim, reason=claim.reason + where)
+    assert claim is not None  # some member performs
+    return claim
 
 
-def _guarantees(closed: Loop, goal: Goal, low_kg: float, high_kg: float) -> tuple[Guaranteed, list[Claim]]:
-    """The best figures of a range that is proved to be stable, and each as a claim that holds."""
-    ends, masses = (low_kg, high_kg), (exact(low_kg), exact(high_kg))
-    bandwidth = bandwidth_where_stable(closed, exact(goal.compliance_m_per_N), *masses)
-    peak = peak_sensitivity_where_stable(closed, *masses)
-    proved = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
-    if bandwidth > 0:
-        proved.append(Claim("compliance", goal.compliance_m_per_N, ends, True, bandwidth))
+def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float]) -> tuple[Guaranteed, list[Claim]]:
+    """The best figures that every member has, and each as a claim that holds."""
+    performing = [part.performing for part in proved if part.performing is not None]
+    reached, peak = bandwidth(performing, goal.compliance_m_per_N), peak_sensitivity(performing)
+    claims = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
+    if reached > 0:
+        claims.append(Claim("compliance", goal.compliance_m_per_N, ends, True, reached))
     gain = effort = None
     if goal.loop_gain is not None:
-        gain = loop_gain_where_stable(closed, goal.loop_gain_from_Hz, *masses)
-        proved.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
+        gain = largest_loop_gain(performing, goal.loop_gain_from_Hz)
+        claims.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
     if goal.controller_effort_A_per_V is not None:
-        effort = effort_where_stable(closed, *masses)
-        proved.append(Claim("controller_effort", effort, ends, True))
-    return Guaranteed(bandwidth, peak, gain, effort), proved
+        effort = largest_effort(performing)
+        claims.append(Claim("controller_effort", effort, ends, True))
+    return Guaranteed(reached, peak, gain, effort), claims
 
 
-def _summary(prototype: Prototype, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+def _summary(prototype: Prototype, found: Family, stability: StabilityMap, claims: Sequence[Claim]) -> str:
     """The result in words, for the top of the certificate."""
     low, high = nearest(stability.low), nearest(stability.high)
-    lines = [f"Certificate of {prototype.name!r} for every outer end mass from {low:g} to {high:g} kg."]
+    effects = " with effects" if prototype.effects else ""
+    lines = [f"Certificate of {prototype.name!r}{effects} for every outer end mass from {low:g} to {high:g} kg."]
+    if prototype.effects:
+        lines += [f"{scope(prototype, found).capitalize()}.", *covered(prototype, found)]
+    every, all_of_it = ("Every member", "") if len(found.members) > 1 else ("It", "The closed loop is ")
     if stability.stable:
-        lines.append("The closed loop is stable over the whole range.")
+        lines.append(f"{all_of_it or 'Every member is '}stable over the whole range.")
     else:
-        lines.append(f"The closed loop is NOT stable over the whole range: {stability.reason}.")
-        lines += [f"It is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
+        lines.append(f"{all_of_it}NOT stable over the whole range: {stability.reason}.")
+        lines += [f"{every} is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
     lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
     return "\n".join(lines)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from math import isinf
 
 from flint import fmpq
 
@@ -10,21 +9,14 @@ from beamdesign.crossing import Crossing
 from beamdesign.loop import rig_loop
 from beamdesign.members import Family, family
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
-from beamdesign.proof.family_document import Proved, document
-from beamdesign.proof.performance import INEQUALITIES, Claim
+from beamdesign.proof.family_document import Proved
 from beamdesign.proof.rational import nearest, simple_between
 from beamdesign.proof.rectangle import (
     Rectangle,
-    bandwidth,
-    largest_effort,
-    largest_loop_gain,
-    peak_sensitivity,
-    prove,
     scaled,
 )
 from beamdesign.proof.stability import Range, StabilityMap, in_words, stable_ranges
-from beamdesign.prototype import Goal, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.effects import library
 
@@ -62,75 +54,6 @@ def gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
         spans = [member.performance for member in alone if member.performance is not None]
         varying += [name] if any(span.low < span.high for span in spans) else []
     return [Problem(f"effects.{name}", reason) for name in varying]
-
-
-def certify_family(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
-    """Decide stability and claims for every linear member of a prototype, and write the proof.
-
-    Stability, decay and gain margin are about every factor on the gain that the effects allow; compliance and peak
-    sensitivity about those at which the effects are to let the loop perform.
-
-    Raises:
-        ValueError: for an empty range, or without a controller.
-        InputError: for effects for which no linear loop stands.
-    """
-    low, high = exact(low_kg), exact(high_kg)
-    if low > high:
-        raise ValueError(f"empty range: {low_kg} is above {high_kg}")
-    found = family(prototype, high_kg)
-    proved = rectangles(prototype, found, low, high)
-    stability = common_ranges([part.stable for part in proved], low, high)
-    decided = [_decide(proved, asked) for asked in claims]
-    guaranteed: Guaranteed | None = None
-    reached: list[Claim] = []
-    if stability.stable:
-        guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
-    written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
-    text = document(prototype, found, proved, stability, written, _summary(prototype, found, stability, written))
-    method = f"{METHOD}; {scope(prototype, found)}"
-    return Certificate(
-        (low_kg, high_kg), stability, tuple(decided), guaranteed, text, method, tuple(covered(prototype, found))
-    )
-
-
-def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
-    """A claim about every member: the first that refutes it, or that it holds."""
-    performance = asked.kind in INEQUALITIES
-    for part in proved:
-        if performance and not part.stable.stable:
-            reason = "not every member is stable for all of these masses and factors on the gain"
-            bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
-            masses = nearest(part.stable.low), nearest(part.stable.high)
-            from_Hz = asked.from_Hz if asked.kind == "loop_gain" else None
-            return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason, from_Hz=from_Hz)
-    claim: Claim | None = None
-    for part in proved:
-        rectangle = part.performing if performance else part.stable
-        if rectangle is None:
-            continue
-        claim = prove(rectangle, asked)
-        if not claim.holds:
-            where = f" (with {part.member.name})" if part.member.name else ""
-            return replace(claim, reason=claim.reason + where)
-    assert claim is not None  # some member performs
-    return claim
-
-
-def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float]) -> tuple[Guaranteed, list[Claim]]:
-    """The best figures that every member has, and each as a claim that holds."""
-    performing = [part.performing for part in proved if part.performing is not None]
-    reached, peak = bandwidth(performing, goal.compliance_m_per_N), peak_sensitivity(performing)
-    claims = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
-    if reached > 0:
-        claims.append(Claim("compliance", goal.compliance_m_per_N, ends, True, reached))
-    gain = effort = None
-    if goal.loop_gain is not None:
-        gain = largest_loop_gain(performing, goal.loop_gain_from_Hz)
-        claims.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
-    if goal.controller_effort_A_per_V is not None:
-        effort = largest_effort(performing)
-        claims.append(Claim("controller_effort", effort, ends, True))
-    return Guaranteed(reached, peak, gain, effort), claims
 
 
 def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> StabilityMap:
@@ -264,21 +187,3 @@ def bracketing(prototype: Prototype) -> bool:
     """Whether an effect is not linear itself, so that its linear loops only bracket it."""
     members = [library()[name].linear for name in prototype.effects]
     return any(member is None or member.laws is not None for member in members)
-
-
-def _summary(prototype: Prototype, found: Family, stability: StabilityMap, claims: Sequence[Claim]) -> str:
-    """The result in words, for the top of the certificate."""
-    low, high = nearest(stability.low), nearest(stability.high)
-    lines = [
-        f"Certificate of {prototype.name!r} with effects for every outer end mass from {low:g} to {high:g} kg.",
-        f"{scope(prototype, found).capitalize()}.",
-        *covered(prototype, found),
-    ]
-    every = "Every member is" if len(found.members) > 1 else "The closed loop is"
-    if stability.stable:
-        lines.append(f"{every} stable over the whole range.")
-    else:
-        lines.append(f"NOT stable over the whole range: {stability.reason}.")
-        lines += [f"{every} stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
-    lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
-    return "\n".join(lines)

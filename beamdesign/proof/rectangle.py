@@ -31,6 +31,7 @@ from beamdesign.proof.performance import (
     prove_compliance,
     prove_controller_effort,
     prove_decay_rate,
+    prove_gain_margin,
     prove_loop_gain,
     prove_peak_sensitivity,
 )
@@ -234,6 +235,8 @@ def prove(rectangle: Rectangle, asked: Asked) -> Claim:
         asked.bandwidth_Hz if asked.kind == "compliance" else None,
         from_Hz=asked.from_Hz if asked.kind == "loop_gain" else None,
     )
+    if asked.kind == "gain_margin" and rectangle.least == rectangle.most:
+        return prove_gain_margin(scaled(rectangle.loop, rectangle.least), asked.limit, rectangle.low, rectangle.high)
     if asked.kind == "gain_margin":
         wide = rectangle.widened(exact(asked.limit))
         side = wide.unstable_side()
@@ -269,7 +272,7 @@ def at_mass(side: Side, claim: Claim) -> Claim:
         return claim
     if side.mass is not None:
         return replace(claim, witness=replace(witness, mass=side.mass, gain_factor=witness.mass))
-    return replace(claim, witness=replace(witness, gain_factor=side.factor))
+    return claim if side.factor == 1 else replace(claim, witness=replace(witness, gain_factor=side.factor))
 
 
 def _reason(side: Side, claim: Claim) -> str:
