@@ -162,11 +162,12 @@ TEXTS = (
     "", " ", "a\nb", 'a"b', "a\\", "*/ x /*", f"*\\\n/\n#include <stdlib.h>\n{CODE}\n/*", f"`touch ${MARK}`", "$HOME",
     "../../../escape", "/proc/nowhere/x", "\x1b[31mred", "\x07\x08", "\x00", "a" * 100_000, "Träger", "橋梁", "nan",
     "\u202eesrever", "\x85\u2028", "{{ 7 * 7 }}", "<script>alert(1)</script>", "%s%n", "a/b", "-rf", ".", "1e308",
+    "(s + leakage + gain + oil)**60", "-" * 20_000 + "1", "1/0", "9" * 4000,
 )  # fmt: skip
 WORDS = (
     "", "nan", "inf", "-1", "0", "1e308", "5e-324", "a", "1:0", "0:1e30", "5e-324:1", "1:2:3", "nan:nan", ":", ",,",
     "../..", "x" * 5000, "\x1b[31m", "-", "--", "9" * 5000, "1000000", "nothing.toml", "studies", "out/table.csv/x",
-    "/proc/nowhere/x",
+    "/proc/nowhere",
 )  # fmt: skip
 _FIGURE = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.-])")
 _TEXT = re.compile(r'"(?:[^"\n\\]|\\.)*"')
