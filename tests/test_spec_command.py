@@ -20,7 +20,7 @@ from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
 from beamdesign.simulate import simulate
 from beamdesign.specification.data_folder import COLUMNS, acceptance_plan, believed, write_data_folder
-from beamdesign.specification.drawing import LAYERS, drawing, dxf_text, missing_geometry
+from beamdesign.specification.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 
@@ -166,6 +166,13 @@ def test_a_tube_of_unknown_cut_length_is_not_dimensioned_there() -> None:
     assert dxf_text(document)
     measured = sorted(round(entity.get_measurement(), 4) for entity in document.modelspace().query("DIMENSION"))
     assert measured == sorted([1500, 305, 1195, 1365, 140, 100, 2.3, 3.2, 17.7])
+
+
+def test_one_prototype_gives_the_same_bytes_of_its_drawing() -> None:
+    published = read_prototype(PROTOTYPES / "published_lag.toml")
+    one, other = (drawing(published) for _ in range(2))
+    assert dxf_text(one) == dxf_text(other)
+    assert svg_text(one, "") == svg_text(other, "")
 
 
 def test_what_is_unstable_is_not_specified(tmp_path: Path) -> None:
