@@ -23,7 +23,7 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -269,17 +269,18 @@ def main(given: Sequence[str] | None = None) -> int:
         scratch.mkdir()
         if seeds and not chosen.only:
             print(*filter(None, pool.map(partial(as_shipped, stock, scratch), COMMANDS)), sep="\n", flush=True)
-        answers = []
-        for count, one in enumerate(pool.map(partial(met, stock, scratch), seeds), start=1):
-            answers.append(one)
+        answers: list[Met] = []
+        tried = [pool.submit(met, stock, scratch, seed) for seed in seeds]
+        for count, done in enumerate(as_completed(tried), start=1):
+            answers.append(one := done.result())
             if one.faults or chosen.only:
                 print(f"{one.label}\n    {one.status}, {one.seconds:.1f} s, {one.faults}: {one.said}", flush=True)
             if count % 100 == 0:
                 print(f"{count} of {len(seeds)} mutants", file=sys.stderr, flush=True)
         if kills:
             prepare(stock)
-        for one in pool.map(partial(killed, stock, scratch), kills):
-            answers.append(one)
+        for done in as_completed([pool.submit(killed, stock, scratch, seed) for seed in kills]):
+            answers.append(one := done.result())
             print(f"{one.label}: {one.status} {one.faults or ''}", flush=True)
     shown = table(answers)
     print(shown)

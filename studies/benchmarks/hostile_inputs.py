@@ -470,7 +470,8 @@ def ask(made: Mutant, forked: bool = False) -> Answer:
     if forked:
         fork = _server().Process(target=_act, args=(made.words, made.work, said, variables))
         fork.start()
-        pid, poll = fork.pid or 0, lambda: fork.exitcode
+        assert fork.pid
+        pid, poll = fork.pid, lambda: fork.exitcode
     else:
         with said[0].open("wb") as out, said[1].open("wb") as err:
             process = subprocess.Popen(
