@@ -2,10 +2,14 @@
 
 import json
 import os
+import random
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -189,3 +193,129 @@ def test_cluster_computes_the_same_with_a_worker_killed_on_the_way(sweep, tmp_pa
 def test_scheduler_that_does_not_answer_is_bad_input():
     with pytest.raises(InputError, match="no scheduler answers"), workers.cluster("tcp://127.0.0.1:1"):
         pass
+
+
+class Endless:
+    """Where its words are asked for, it leaves a mark, and never again runs a line of Python."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __repr__(self):
+        Path(self.mark).touch()
+        return str(re.fullmatch("(a+)+b", "a" * 60))
+
+
+def endless(folder):
+    """A case that is refused as soon as the words are found."""
+    return Case("size", {"name": Endless(str(folder / "mark"))}, {}, {}, "inputs", "code")
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_case_that_takes_too_long_is_a_failed_row_and_the_others_are_computed(sweep, tmp_path, count):
+    cases = list(plan(sweep, 3).cases)
+    cases.insert(1, endless(tmp_path))
+    with workers.processes(count, 3.0) as compute:
+        found = dict(compute(cases))
+        assert [found[k]["status"] for k in range(4)] == ["done", "failed", "done", "done"]
+        assert "3 s, the limit of --case-seconds" in found[1]["reason"]
+        assert found[1]["seconds"] == 3.0
+        assert dict(compute(cases[:1]))[0]["status"] == "done"
+    assert active_children() == []
+
+
+def test_worker_in_which_no_python_runs_ends_with_its_parent(tmp_path):
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from pathlib import Path\n"
+        "from test_study_workers import endless; from beamdesign.study import workers\n"
+        f"with workers.processes(1) as compute: list(compute([endless(Path({str(tmp_path)!r}))]))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
+    while not (tmp_path / "mark").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    assert ends(process.pid)
+
+
+def test_nothing_to_compute_begins_no_process(sweep, tmp_path):
+    folder = tmp_path / "out"
+    run_sweep(plan(sweep), folder)
+    with workers.processes(2) as compute:
+        assert run_sweep(plan(sweep), folder, compute).computed == 0
+        assert active_children() == []
+
+
+SET = ("study.json", "table.csv", "table.parquet", "conclusion.json", "picture.png", "picture.svg")
+
+
+@pytest.fixture
+def asked(tmp_path):
+    """Writes a sweep of quick cases with a picture and a conclusion."""
+
+    def write(values):
+        study = {"task": "robust", "base": str(ROOT / "studies" / "prototypes" / "tame_lag.toml")}
+        key = "payload.inner_end_mass_kg"
+        path = tmp_path / "asked.toml"
+        path.write_text(
+            tomli_w.dumps(
+                {"name": "asked", "study": study, "vary": [{"key": key, "values": values}]}
+                | {"specification": {"stable": {"equals": True}}}
+                | {"picture": [{"kind": "lines", "x": key, "y": "bandwidth_Hz"}]}
+            ),
+            encoding="utf-8",
+        )
+        return path
+
+    return write
+
+
+def the_set(folder):
+    return {name: (folder / name).read_bytes() for name in SET if (folder / name).exists()}
+
+
+def test_run_killed_at_any_moment_leaves_the_older_files_or_the_newer_ones(asked, tmp_path):
+    older, newer = asked([2.0, 2.5]), [2.0, 2.5, 3.0, 3.5]
+    subprocess.run(command("run", older, "--out", tmp_path / "old"), check=True, capture_output=True)
+    path = asked(newer)
+    begun = time.monotonic()
+    subprocess.run(command("run", path, "--out", tmp_path / "new"), check=True, capture_output=True)
+    lasts = time.monotonic() - begun
+    whole = [the_set(tmp_path / "old"), the_set(tmp_path / "new")]
+    assert [sorted(one) for one in whole] == [sorted(SET)] * 2
+    assert all(whole[0][name] != whole[1][name] for name in SET)
+    draw, folder = random.Random(3), tmp_path / "killed"
+    shutil.copytree(tmp_path / "old", folder)
+    for share in [draw.uniform(0.3, 1.1) for _ in range(5)]:
+        process = subprocess.Popen(command("run", path, "--out", folder), stdout=subprocess.DEVNULL)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(share * lasts)
+        process.kill()
+        process.wait()
+        assert the_set(folder) in whole
+    subprocess.run(command("run", path, "--out", folder), check=True, capture_output=True)
+    assert the_set(folder) == whole[1]
+
+
+def test_two_runs_into_one_folder_keep_all_results_and_one_set(asked, tmp_path):
+    values = [2.0 + 0.1 * k for k in range(8)]
+    first = asked(values[:6]).rename(tmp_path / "first.toml")
+    second = asked(values[2:]).rename(tmp_path / "second.toml")
+    folder = tmp_path / "both"
+    runs = [
+        subprocess.Popen(command("run", path, "--out", folder), stdout=subprocess.DEVNULL) for path in (first, second)
+    ]
+    assert [process.wait() for process in runs] == [0, 0]
+    assert len(list((folder / "cases").glob("*.json"))) == len(values)
+    left = the_set(folder)
+    for path in (first, second):
+        assert run_sweep(plan(path), folder).computed == 0
+    alone = []
+    for path in (first, second):
+        out = tmp_path / path.stem
+        shutil.copytree(folder / "cases", out / "cases")
+        subprocess.run(command("run", path, "--out", out), check=True, capture_output=True)
+        alone.append(the_set(out))
+    assert left in alone
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []

@@ -93,6 +93,8 @@ class Progression:
         try:
             return store.kept(self.folder, found.address, found)
         except InputError as error:
+            if not Path(error.source).is_file():  # a folder or a pipe, which no result can replace
+                raise
             self.unsound.append(error)
             return None
 
