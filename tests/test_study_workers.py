@@ -2,14 +2,12 @@
 
 import json
 import os
-import random
 import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from multiprocessing import active_children
 from pathlib import Path
 
@@ -17,6 +15,7 @@ import pytest
 import tomli_w
 
 from beamdesign.records import InputError
+from beamdesign.report.study_plot import draw
 from beamdesign.study import workers
 from beamdesign.study.case import Case
 from beamdesign.study.sweep_run import plan, run_sweep
@@ -208,19 +207,19 @@ class Endless:
 
 def endless(folder):
     """A case that is refused as soon as the words are found."""
-    return Case("size", {"name": Endless(str(folder / "mark"))}, {}, {}, "inputs", "code")
+    return Case("at_mass", {"name": Endless(str(folder / "mark"))}, {}, {}, "inputs", "code")
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_case_that_takes_too_long_is_a_failed_row_and_the_others_are_computed(sweep, tmp_path, count):
-    cases = list(plan(sweep, 3).cases)
-    cases.insert(1, endless(tmp_path))
-    with workers.processes(count, 3.0) as compute:
+def test_case_that_takes_too_long_is_a_failed_row_and_the_others_are_computed(tmp_path, count):
+    cases = [Case("at_mass", {"name": k}, {}, {}, "inputs", "code") for k in range(4)]  # refused at once
+    cases[1] = endless(tmp_path)
+    with workers.processes(count, 2.0) as compute:
         found = dict(compute(cases))
-        assert [found[k]["status"] for k in range(4)] == ["done", "failed", "done", "done"]
-        assert "3 s, the limit of --case-seconds" in found[1]["reason"]
-        assert found[1]["seconds"] == 3.0
-        assert dict(compute(cases[:1]))[0]["status"] == "done"
+        assert [found[k]["status"] for k in range(4)] == ["refused", "failed", "refused", "refused"]
+        assert "2 s, the limit of --case-seconds" in found[1]["reason"]
+        assert found[1]["seconds"] == 2.0
+        assert dict(compute(cases[:1]))[0]["status"] == "refused"
     assert active_children() == []
 
 
@@ -275,27 +274,60 @@ def the_set(folder):
     return {name: (folder / name).read_bytes() for name in SET if (folder / name).exists()}
 
 
-def test_run_killed_at_any_moment_leaves_the_older_files_or_the_newer_ones(asked, tmp_path):
-    older, newer = asked([2.0, 2.5]), [2.0, 2.5, 3.0, 3.5]
-    subprocess.run(command("run", older, "--out", tmp_path / "old"), check=True, capture_output=True)
-    path = asked(newer)
-    begun = time.monotonic()
-    subprocess.run(command("run", path, "--out", tmp_path / "new"), check=True, capture_output=True)
-    lasts = time.monotonic() - begun
+KILLED = """
+import os, random, shutil, signal, sys
+from pathlib import Path
+from beamdesign.report.study_plot import draw
+from beamdesign.study.sweep_run import plan, run_sweep
+
+older, newer, old = (Path(name) for name in sys.argv[1:4])
+folder, laid = old.with_name("killed"), plan(newer)
+steps, kill_at = 0, None
+
+def step(event, arguments):
+    global steps
+    writes = event == "open" and arguments[2] & (os.O_WRONLY | os.O_RDWR)
+    if writes or event in ("os.rename", "os.link", "os.mkdir", "os.remove", "os.rmdir", "ctypes.call_function"):
+        steps += 1
+        if steps == kill_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+def run():
+    run_sweep(laid, folder, draw=draw)
+
+shutil.copytree(old, folder)
+run()
+sys.addaudithook(step)
+run()
+print(total := steps)
+rng = random.Random(3)
+for number, kill_at in enumerate(sorted(rng.sample(range(1, total), 12))):
+    shutil.rmtree(folder)
+    shutil.copytree(old, folder)
+    steps = 0
+    if (child := os.fork()) == 0:
+        run()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+    shutil.copytree(folder, folder.with_name(f"killed_{number}"))
+"""
+
+
+def test_run_killed_at_any_step_of_its_writing_leaves_the_older_files_or_the_newer_ones(asked, tmp_path):
+    older = asked([2.0, 2.5]).rename(tmp_path / "older.toml")
+    newer = asked([2.0, 2.5, 3.0, 3.5]).rename(tmp_path / "newer.toml")
+    run_sweep(plan(newer), tmp_path / "new", draw=draw)
+    shutil.copytree(tmp_path / "new" / "cases", tmp_path / "old" / "cases")
+    run_sweep(plan(older), tmp_path / "old", draw=draw)
     whole = [the_set(tmp_path / "old"), the_set(tmp_path / "new")]
     assert [sorted(one) for one in whole] == [sorted(SET)] * 2
     assert all(whole[0][name] != whole[1][name] for name in SET)
-    draw, folder = random.Random(3), tmp_path / "killed"
-    shutil.copytree(tmp_path / "old", folder)
-    for share in [draw.uniform(0.3, 1.1) for _ in range(5)]:
-        process = subprocess.Popen(command("run", path, "--out", folder), stdout=subprocess.DEVNULL)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(share * lasts)
-        process.kill()
-        process.wait()
-        assert the_set(folder) in whole
-    subprocess.run(command("run", path, "--out", folder), check=True, capture_output=True)
-    assert the_set(folder) == whole[1]
+    script = [sys.executable, "-c", KILLED, str(older), str(newer), str(tmp_path / "old")]
+    subprocess.run(script, check=True, stdout=subprocess.PIPE)
+    left = [whole.index(the_set(folder)) for folder in sorted(tmp_path.glob("killed_*"))]
+    assert set(left) == {0, 1}
+    run_sweep(plan(newer), tmp_path / "killed_0", draw=draw)
+    assert the_set(tmp_path / "killed_0") == whole[1]
 
 
 def test_two_runs_into_one_folder_keep_all_results_and_one_set(asked, tmp_path):
