@@ -62,9 +62,9 @@ def _write_parquet(path: Path, table: Sequence[dict[str, Any]]) -> None:
 
     columns = list(table[0]) if table else []
     arrays = {name: _column([row[name] for row in table]) for name in columns}
-    partial = path.with_name(path.name + ".part")
-    parquet.write_table(pa.table(arrays), partial)
-    partial.replace(path)
+    content = pa.BufferOutputStream()
+    parquet.write_table(pa.table(arrays), content)
+    write_whole(path, content.getvalue().to_pybytes())
 
 
 def _column(values: list[Any]) -> Any:

@@ -88,24 +88,21 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
                 busy[-1].begin(waiting[0], cases[waiting.popleft()])
             ready = _first_of(busy, case_seconds)
             for process in list(busy):
-                place, record = process.place, None
-                over = process.seconds > case_seconds
+                place, record, lost = process.place, None, False
                 try:
                     if process.pipe in ready:
-                        record, over = process.hear(), False
+                        record = process.hear()
+                    elif lost := process.seconds > case_seconds:
+                        record = endless(cases[place], case_seconds)
                 except (EOFError, OSError):
-                    deaths[place] += 1
+                    lost, deaths[place] = True, deaths[place] + 1
                     if deaths[place] < TRIES:
                         waiting.appendleft(place)
                     else:
                         record = dead(cases[place], TRIES)
-                    over = True
-                else:
-                    if over:
-                        record = endless(cases[place], case_seconds)
-                if over or record is not None:
+                if lost or record is not None:
                     busy.remove(process)
-                    process.end() if over else free.append(process)
+                    process.end() if lost else free.append(process)
                 if record is not None:
                     yield place, record
 
