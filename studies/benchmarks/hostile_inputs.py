@@ -157,9 +157,18 @@ FIGURES = (
     "true", '""', "2e-308", "1e400", "[[[[1.0]]]]",
 )  # fmt: skip
 MARK = "HOSTILE_MARK"
-CODE = f'int ran; __attribute__((constructor)) static void run(void) {{ ran = system("touch ${MARK}"); }}'
+CODE = rf"""*\
+/
+#ifndef RAN
+#define RAN
+#include <stdlib.h>
+static int ran; __attribute__((constructor)) static void run(void) {{ ran = system("touch ${MARK}"); }}
+#endif
+/\
+*"""
+"""A name that ends the comment it stands in, although `*/` is broken up: C joins lines first."""
 TEXTS = (
-    "", " ", "a\nb", 'a"b', "a\\", "*/ x /*", f"*\\\n/\n#include <stdlib.h>\n{CODE}\n/*", f"`touch ${MARK}`", "$HOME",
+    "", " ", "a\nb", 'a"b', "a\\", "*/ x /*", CODE, f"`touch ${MARK}`", "$HOME",
     "../../../escape", "/proc/nowhere/x", "\x1b[31mred", "\x07\x08", "\x00", "a" * 100_000, "Träger", "橋梁", "nan",
     "\u202eesrever", "\x85\u2028", "{{ 7 * 7 }}", "<script>alert(1)</script>", "%s%n", "a/b", "-rf", ".", "1e308",
     "(s + leakage + gain + oil)**60", "-" * 20_000 + "1", "1/0", "9" * 4000,
