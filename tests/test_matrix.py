@@ -10,6 +10,7 @@ import math
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -413,8 +414,11 @@ NOT_VALID = {
 }
 
 
-def test_no_kind_of_certificate_is_left_out() -> None:
+def test_no_kind_of_certificate_is_left_out_and_every_hole_is_of_a_cell() -> None:
     assert set(MADE) == set(ROOMS)
+    assert set(HOLES) <= set(product(COMMANDS, KINDS))
+    assert set(EFFECT_HOLES) <= set(product(OF_EFFECTS, library()))
+    assert set(NOT_VALID) <= set(MADE)
 
 
 @pytest.mark.parametrize("kind", MADE)
