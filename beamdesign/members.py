@@ -57,7 +57,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Family:
+class LinearFamily:
     """All linear members of a prototype.
 
     Attributes:
@@ -75,7 +75,7 @@ class Family:
     depends_on_load: bool = False
 
 
-def family(prototype: Prototype, largest_outer_end_mass: float | None = None) -> Family:
+def family(prototype: Prototype, largest_outer_end_mass: float | None = None) -> LinearFamily:
     """The linear members of a prototype.
 
     Args:
@@ -130,7 +130,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     factor = _times(span.rest for span in gains)
     rest = Member(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
     named = {f"{name}.{key}": span for name, key, span in places}
-    return Family(tuple(members), rest, named, load, any(library()[name].linear_with_load for name in own))
+    return LinearFamily(tuple(members), rest, named, load, any(library()[name].linear_with_load for name in own))
 
 
 def paper_model(prototype: Prototype) -> LinearModel:

@@ -207,6 +207,16 @@ def test_laws_that_are_not_linear_are_found_out(monkeypatch: pytest.MonkeyPatch)
         linearised.linear_assembly.__wrapped__(False, ("seal_friction",))
 
 
+def test_an_end_mass_that_acts_by_more_than_its_acceleration_is_found_out(monkeypatch: pytest.MonkeyPatch):
+    def heavier(signal, site):
+        return signal + site.figure["outer_end_mass"] * site.port["outer_tip_m"]
+
+    claimed = replace(library()["seal_friction"], linear=Linear("a weight", laws={"friction_N": heavier}))
+    monkeypatch.setattr(linearised, "library", lambda: {"seal_friction": claimed})
+    with pytest.raises(ArithmeticError, match="acceleration"):
+        linearised.linear_assembly.__wrapped__(False, ("seal_friction",))
+
+
 def test_a_filter_and_a_lag_are_two_poles(lag: Prototype):
     both = with_effects(lag, "sensor_lag").but(sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=400.0))
     assert loop(both).opened.constant.degree() == loop(lag).opened.constant.degree() + 2

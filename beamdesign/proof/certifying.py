@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import isinf
 
-from beamdesign.members import Family, family
+from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
 from beamdesign.proof.document import document
@@ -93,7 +93,7 @@ def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float])
     return Guaranteed(reached, peak, gain, effort), claims
 
 
-def _summary(prototype: Prototype, found: Family, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+def _summary(prototype: Prototype, found: LinearFamily, stability: StabilityMap, claims: Sequence[Claim]) -> str:
     """The result in words, for the top of the certificate."""
     low, high = nearest(stability.low), nearest(stability.high)
     effects = " with effects" if prototype.effects else ""

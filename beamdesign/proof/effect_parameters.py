@@ -7,7 +7,7 @@ from math import prod
 import numpy as np
 from flint import fmpq
 
-from beamdesign.members import TWO_PI, Family, family
+from beamdesign.members import TWO_PI, LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.replay_box import Interval
 from beamdesign.prototype import Prototype
@@ -83,13 +83,13 @@ def effect_parameters(prototype: Prototype, largest_outer_end_mass: float | None
     return found
 
 
-def _lag(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+def _lag(found: Parameters, whole: LinearFamily, own: Mapping[str, float]) -> None:
     found.values["sensor_lag_frequency"] = exact(TWO_PI) * exact(own["break_Hz"])
     found.leaves["lagging"] = "1 + s/sensor_lag_frequency"
     found.lags += ("lagging",)
 
 
-def _second_order_lag(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+def _second_order_lag(found: Parameters, whole: LinearFamily, own: Mapping[str, float]) -> None:
     ratio = exact(own["damping_ratio"])
     found.values["second_lag_frequency"] = 2 * ratio * exact(TWO_PI) * exact(own["break_Hz"])
     found.values["second_lag_damping_ratio"] = ratio
@@ -99,14 +99,14 @@ def _second_order_lag(found: Parameters, whole: Family, own: Mapping[str, float]
     found.lags += ("lagging_twice",)
 
 
-def _delay(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+def _delay(found: Parameters, whole: LinearFamily, own: Mapping[str, float]) -> None:
     found.delay = exact(own["delay_s"])
 
 
 _AIR = ("entrained_air", "entrained_air_with_stroke")
 
 
-def _air(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+def _air(found: Parameters, whole: LinearFamily, own: Mapping[str, float]) -> None:
     if "oil_stiffness_factor" in found.values:
         return
     # Both laws of air at once make a product, which takes every value between those of the ends.
@@ -117,12 +117,12 @@ def _air(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
     found.groups.append(("oil_spring", "product", ("oil_stiffness", "oil_stiffness_factor")))
 
 
-def _hysteresis(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+def _hysteresis(found: Parameters, whole: LinearFamily, own: Mapping[str, float]) -> None:
     found.freeze("spool_spring", whole.spans["valve_hysteresis.spring"])
     found.leaves["valve"] = "1 + spool_spring + 2*valve_damping_ratio*s/valve_frequency + s**2/valve_frequency**2"
 
 
-def _friction(found: Parameters, whole: Family, own: Mapping[str, float]) -> None:
+def _friction(found: Parameters, whole: LinearFamily, own: Mapping[str, float]) -> None:
     spring, dashpot = (whole.spans[f"seal_friction.{name}"] for name in ("spring_N_per_m", "dashpot_N_s_per_m"))
     if dashpot.low < 0:
         found.left_out["seal_friction"] = "friction that falls with speed"
@@ -133,7 +133,7 @@ def _friction(found: Parameters, whole: Family, own: Mapping[str, float]) -> Non
     found.seal = True
 
 
-_LAWS: dict[str, Callable[[Parameters, Family, Mapping[str, float]], None]] = {
+_LAWS: dict[str, Callable[[Parameters, LinearFamily, Mapping[str, float]], None]] = {
     "sensor_lag": _lag,
     "sensor_lag_second_order": _second_order_lag,
     "transport_delay": _delay,

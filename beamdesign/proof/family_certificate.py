@@ -1,4 +1,4 @@
-"""The certificate of a prototype with effects: every linear member of it, over end masses and factors on the gain."""
+"""Every linear member of a prototype over end masses and factors on the gain; what all have in common, in words."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -7,7 +7,7 @@ from flint import fmpq
 
 from beamdesign.crossing import Crossing
 from beamdesign.loop import rig_loop
-from beamdesign.members import Family, family
+from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.family_document import Proved
 from beamdesign.proof.rational import nearest, simple_between
@@ -25,7 +25,7 @@ _STEPS, _HALVINGS = 64, 24
 the last of these steps is halved."""
 
 
-def rectangles(prototype: Prototype, found: Family, low: fmpq, high: fmpq) -> list[Proved]:
+def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:
     """Each member's loop over masses and factors on the gain."""
     controller = prototype.controller
     if controller is None:
@@ -140,14 +140,14 @@ def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
     return Range(low, high, opens, closes, sample, True)
 
 
-def scope(prototype: Prototype, found: Family) -> str:
+def scope(prototype: Prototype, found: LinearFamily) -> str:
     """What the proof is about, in one sentence."""
     members = "one linear loop stands" if len(found.members) == 1 else f"{len(found.members)} linear loops stand"
     effects = f"{members} for the effects {', '.join(sorted(prototype.effects))}"
     return f"{effects}, at frozen values" if bracketing(prototype) else effects
 
 
-def covered(prototype: Prototype, found: Family) -> list[str]:
+def covered(prototype: Prototype, found: LinearFamily) -> list[str]:
     """Per effect what the proof covers and what it leaves out, in words; then the gains and the load."""
     lines = []
     for name in sorted(prototype.effects):

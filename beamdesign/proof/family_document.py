@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from flint import fmpq
 
-from beamdesign.members import TWO_PI, Family, Member
+from beamdesign.members import TWO_PI, LinearFamily, Member
 from beamdesign.polynomial import exact
 from beamdesign.proof.document import (
     claim_lines,
@@ -40,7 +40,7 @@ class Proved:
 
 def document(
     prototype: Prototype,
-    found: Family,
+    found: LinearFamily,
     proved: Sequence[Proved],
     stability: StabilityMap,
     claims: Sequence[Claim],
