@@ -295,12 +295,6 @@ NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
         scale("current_A", 1e-6), "amplifier_gain", "force", "1e-06 times what the stated controller", False, True,
     ),
     "no current": (scale("current_A", 1e-320, "force"), "dead_channel", "force", "never changes", True, True),
-    "least gain": (in_law(gain_A_per_V=5e-324), "controller", "force", "4.94e-324 A/V", True, True),
-    "largest gain": (in_law(gain_A_per_V=1e308), "controller", "force", "no loop can be computed", True, True),
-    "large gain": (in_law(gain_A_per_V=1e30), "controller", "force", "check its figures", True, True),
-    "least zero": (in_law(zero_Hz=5e-324), "controller", "force", "no loop can be computed", True, True),
-    "least pole": (in_law(pole_Hz=5e-324), "controller", "force", "no loop can be computed", True, True),
-    "largest pole": (in_law(pole_Hz=1e308), "controller", "force", "no loop can be computed", True, True),
 }  # fmt: skip
 
 

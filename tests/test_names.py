@@ -14,7 +14,6 @@ from xml.etree import ElementTree
 
 import ezdxf
 import pytest
-from beamdesign.gap.data.columns import read_columns
 from finished_run import finished_run
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -25,6 +24,7 @@ from typer.testing import CliRunner
 from beamdesign import cli
 from beamdesign.cli.output import say, say_table, write_csv
 from beamdesign.cli.progress import display
+from beamdesign.columns import read_columns
 from beamdesign.gap.blind.outcome import Outcome
 from beamdesign.gap.data.dataset_index import TimeEntry, read_index
 from beamdesign.gap.experiment_menu import Experiment, scenario_of
@@ -437,10 +437,10 @@ def test_what_is_read_from_beside_is_written_into_the_folder(rig: Prototype, tmp
     data.mkdir()
     write_prototype(rig, data / "prototype.toml")
     rows = "".join(f"{0.001 * k:.3f},{float(k > 20)},0\n" for k in range(60))
-    for place in (tmp_path, tmp_path / "out"):
-        place.mkdir(exist_ok=True)
-        (place / "x.csv").write_text("t_s,disturbance_N,command_V\n" + rows)
-    files = ["../x.csv", str(tmp_path / "out" / "x.csv")]
+    for place in (tmp_path / "x.csv", tmp_path / "out" / "y.csv"):
+        place.parent.mkdir(exist_ok=True)
+        place.write_text("t_s,disturbance_N,command_V\n" + rows)
+    files = ["../x.csv", str(tmp_path / "out" / "y.csv")]
     (data / "dataset.toml").write_text("".join(f"[[record]]\nfile = '{file}'\n" for file in files))
     assert [row.file for row in read_index(data / "dataset.toml")[0].record] == files
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}

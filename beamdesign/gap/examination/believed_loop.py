@@ -81,9 +81,6 @@ def believed_loop(
         controller: of the record.
         outer_end_mass: payload, kg.
         inner_end_mass: kg.
-
-    Raises:
-        ValueError: for figures with which no loop can be computed.
     """
     plant = paper_model(prototype.but(effects={}))
     a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
