@@ -296,7 +296,7 @@ def transfer_polynomials(filtered: bool, names: tuple[str, ...], wanted: tuple[P
             powers = [power - mass for power in terms if power - power % M == mass]
             outputs.append(ca.vertcat(*(terms.pop(mass + k, 0) for k in range(max(powers, default=-1) + 1))))
         assert not terms  # each mass acts with rank one
-    return ca.Function("transfer_polynomials", [p], [ca.densify(one) for one in outputs])
+    return ca.Function("transfer_polynomials", [p], ca.cse([ca.densify(one) for one in outputs]))
 
 
 def _minors(matrices: Sequence[ca.SX], wanted: Sequence[Pairs], size: int) -> list[Terms]:
