@@ -433,3 +433,19 @@ def test_optimiser_finds_the_least_of_a_known_function_and_goes_on_where_it_was(
     again = run_sweep(plan(path), tmp_path / "out")
     assert again.computed == 0
     assert [row["address"] for row in again.records] == [row["address"] for row in found.records]
+
+
+def test_commands_say_what_does_not_hold(sweep, command, tmp_path):
+    path, folder = sweep(vary=[MASSES]), tmp_path / "out"
+    command("run", path, "--out", folder)
+    for file in sorted((folder / "cases").iterdir())[:2]:
+        file.write_text(file.read_text(encoding="utf-8").replace('"stable": ', '"stable":  1'), encoding="utf-8")
+    said = "kept results do not hold"
+    for count, words in ((2, ("status", path, "--out", folder)), (2, ("show", folder)), (4, ("diff", folder, folder))):
+        status, output, fields = command(*words)
+        assert f"{count} {said}" in output
+        assert f"{count} {said}" in fields["unsound"][0]
+        assert status == (words[0] != "show")
+    _, output, fields = command("run", path, "--out", folder)
+    assert f"2 {said} and are computed again" in output
+    assert (fields["computed"], len(fields["unsound"])) == (2, 1)

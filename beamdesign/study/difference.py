@@ -53,8 +53,9 @@ class Difference:
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs."""
-        return not (self.changed or self.only_first or self.only_second or any(case.inputs for case in self.cases))
+        """Whether nothing differs, and nothing was left out."""
+        left_out = self.only_first or self.only_second or self.unsound
+        return not (self.changed or left_out or any(case.inputs for case in self.cases))
 
 
 def difference(first: Path, second: Path) -> Difference:
