@@ -117,7 +117,11 @@ def kept(folder: Path, address: str, asked: Case | None = None) -> dict[str, Any
     """
     path = _file(folder, address)
     found = _read(_Kept, path)
-    if found is not None and (wrong := _wrong(found, address, asked)):
+    try:
+        wrong = None if found is None else _wrong(found, address, asked)
+    except RecursionError:
+        wrong = "(file)", "is nested too deeply"
+    if wrong is not None:
         raise InputError(path, [wrong])
     return found
 
@@ -130,11 +134,12 @@ def _read(shape: type[Record], path: Path) -> dict[str, Any] | None:
     """
     try:
         found = _JSON.decode(read_bytes(path, LARGEST_TABLE).decode())
-        shape.model_validate(found)
+        try:
+            shape.model_validate(found)
+        except ValidationError:
+            records.parse(shape, found, path)  # which says what is wrong
     except FileNotFoundError:
         return None
-    except ValidationError:
-        records.parse(shape, found, path)  # which says what is wrong
     except OSError as error:
         raise InputError(path, [("(file)", f"cannot be read: {error.strerror}")]) from None
     except (ValueError, RecursionError):
