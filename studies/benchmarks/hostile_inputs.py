@@ -47,7 +47,7 @@ MADE = {
     "made/stages.toml": "certify-switching studies/scheduled/prototype.toml --out made/stages.toml",
     "made/contact": "stiffness studies/prototypes/compliant.toml --out made/contact",
     "made/plane": "arm studies/prototypes/arm.toml --out made/plane",
-    "made/store": "study run studies/sweeps/lag_breaks.toml --cases 4 --out made/store",
+    "made/store": "study run made/sweep.toml --cases 4 --out made/store",
     "made/other": "study run studies/sweeps/materials.toml --cases 2 --out made/other",
 }
 """Files and folders that are not shipped, by the commands that make them."""
@@ -97,7 +97,7 @@ COMMANDS = [
     Command(f"certify-switching studies/scheduled/prototype.toml {_PROOF}", quick=False),
     Command("arm studies/prototypes/arm.toml --offset-m 0.1,0.1,0 --out out", quick=False),
     Command("stiffness studies/prototypes/compliant.toml --rigs 2 --wall-N-per-m 0:1e9"),
-    Command(f"code {_TAME} --rate-Hz 10000 --out out", share=2),
+    Command(f"code {_TAME} --rate-Hz 10000 --out out"),
     Command(f"code {_TAME} --rate-Hz 10000 --float --compile --out out", quick=False, share=2),
     Command("explain gain_A_per_V"),
     Command("explain --reference"),
@@ -106,9 +106,10 @@ COMMANDS = [
     Command(f"simulate {_RIG} --scenario studies/scenarios/wall.toml --out out", quick=False),
     Command(f"simulate {_RIG} --scenario studies/scenarios/commands.toml --no-plots --out out", quick=False),
     Command(f"limits {_RIG} --payload 6.8 --preload 10 --out out", quick=False),
-    Command("study run studies/sweeps/lag_breaks.toml --cases 4 --out made/store", _RIG, share=3),
-    Command("study run studies/sweeps/end_masses.toml --cases 2 --out made/store", _RIG, share=2),
-    Command("study run studies/sweeps/link_length.toml --cases 1 --out made/store", "studies/prototype.toml"),
+    Command("study run made/sweep.toml --cases 4 --out made/store", _RIG, share=3),
+    Command("study run studies/sweeps/lag_breaks.toml --cases 4 --out made/other", _RIG, quick=False),
+    Command("study run studies/sweeps/end_masses.toml --cases 2 --out made/store", _RIG, quick=False, share=2),
+    Command("study run studies/sweeps/link_length.toml --cases 1 --out made/store", "studies/prototype.toml", False),
     Command("study status studies/sweeps/lag_breaks.toml --cases 4 --out made/store", _RIG),
     Command("study status studies/sweeps/tolerance.toml --out made/store", _TAME),
     Command("study status studies/sweeps/largest_bandwidth.toml --out made/store", _RIG),
@@ -116,7 +117,7 @@ COMMANDS = [
     Command("study why ./made/store/1", beside="made/store"),
     Command("study diff made/store made/other"),
     Command(f"gap predict {_TAME} {_SET}/slow_sensor --out out", quick=False, share=2),
-    Command(f"gap diagnose {_SET}/slow_sensor --workers 1 --out out", share=6, enough="out/fits/*"),
+    Command(f"gap diagnose {_SET}/slow_sensor --workers 1 --out out", share=4, enough="out/fits/*"),
     Command(f"gap diagnose {_SET}/paper_gains --workers 1 --out out", quick=False, seconds=120, share=0.5),
     Command("new study --out out/fresh.toml"),
     Command("run studies/prototype.toml --out out", quick=False, seconds=120, share=0.5),
@@ -349,6 +350,8 @@ def make(folder: Path, commands: Sequence[Command] = COMMANDS, forked: bool = Fa
     tame = (stock / _TAME).read_text(encoding="utf-8")
     (stock / "made").mkdir()
     (stock / "made/sticky.toml").write_text(f"{tame}\n[effects.seal_friction]\ncoulomb_N = 20.0\n", encoding="utf-8")
+    sweep = (stock / "studies/sweeps/lag_breaks.toml").read_text(encoding="utf-8").partition("[[picture]]")[0]
+    (stock / "made/sweep.toml").write_text(sweep.replace("../prototypes", "../studies/prototypes"), encoding="utf-8")
     wanted = [name for command in commands for name in command.files]
     for made, line in MADE.items():
         if any(name.startswith(made) for name in wanted):
@@ -382,7 +385,7 @@ def mutant(seed: int, folder: Path, stock: Path) -> Mutant:
     path = dice.choice([path for path in inputs if path.suffix in CHANGES and path.name != "table.csv"])
     made.label = str(path.relative_to(made.work))
     made.named.append(path.name)
-    if path.suffix == ".json" and made.command.line.startswith("study run studies/sweeps/lag_breaks"):
+    if path.suffix == ".json" and made.command.line.startswith("study run made/sweep.toml"):
         made.believed["made/store/table.csv"] = _digest(stock / "made/store/table.csv")
     if path.suffix == ".json" and dice.random() < 0.2:
         other = dice.choice([*_files(stock / "made/store"), *_files(stock / "made/other")])
@@ -518,12 +521,20 @@ def _waited(pid: int) -> float:
         return 0.0
 
 
+LIBRARIES = (
+    "casadi", "control", "cvxpy", "flint", "matplotlib.pyplot", "numba", "pyarrow.parquet", "scipy.optimize",
+    "scipy.signal",
+)  # fmt: skip
+"""That the program loads where it needs them."""
+
+
 @cache
 def _server() -> multiprocessing.context.ForkServerContext:
     """Whose forks begin with the program loaded."""
     context = multiprocessing.get_context("forkserver")
     modules = pkgutil.walk_packages([str(ROOT / "beamdesign")], "beamdesign.")
-    context.set_forkserver_preload([module.name for module in modules if "__main__" not in module.name])
+    loaded = [module.name for module in modules if "__main__" not in module.name]
+    context.set_forkserver_preload([*loaded, *LIBRARIES])
     return context
 
 
