@@ -242,10 +242,6 @@ def put(column: str, name: str, row: int | slice, value: float) -> Spoil:
     return spoil
 
 
-def in_law(**figures: float) -> Spoil:
-    return lambda data: data.entry("force")["controller"].update(figures)
-
-
 NAMED: dict[str, tuple[Spoil, str, str, str, bool, bool]] = {
     # how: caution, record, words, whether the record is left out, whether confidence is limited
     "clipped displacement": (clip("displacement_m", 0.5, "force"), "clipped", "force", "cut off at", True, True),
