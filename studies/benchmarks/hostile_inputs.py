@@ -398,7 +398,11 @@ def mutant(seed: int, folder: Path, stock: Path) -> Mutant:
         ways = CHANGES[path.suffix]
         way = dice.choices(list(ways), list(ways.values()))[0]
         text = path.read_text(encoding="utf-8")
-        label, content = way(dice, _COMMENT.sub("", text) if path.suffix == ".toml" else text)
+        text = _COMMENT.sub("", text) if path.suffix == ".toml" else text
+        try:
+            label, content = way(dice, text)
+        except IndexError:  # nothing of that kind in it
+            way, (label, content) = raw, raw(dice, text)
         if isinstance(content, str):
             content = (_sealed(content) if dice.random() < 0.8 else content).encode()
         path.write_bytes(content)
