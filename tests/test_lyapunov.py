@@ -21,7 +21,7 @@ from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof import replay_lyapunov
-from beamdesign.proof.any_change import any_change, verified
+from beamdesign.proof.any_change import any_change
 from beamdesign.proof.bounded_rate import bounded_rate
 from beamdesign.proof.decrease import (
     decrease,
@@ -29,15 +29,15 @@ from beamdesign.proof.decrease import (
     exact_terms,
     holds_across_jumps,
     holds_at_rate,
-    holds_for_any_change,
     jump,
 )
-from beamdesign.proof.growth import frozen, growing_cycle, proved_cycles
+from beamdesign.proof.growth import frozen, growing_cycle, masses_in_turn, proved_growth
 from beamdesign.proof.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
 from beamdesign.proof.lyapunov import Switching, describe, switching
-from beamdesign.proof.mass_family import MassFamily, close_with, closed_loop, floats, rationals
+from beamdesign.proof.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
 from beamdesign.proof.sudden_change import sudden_change
 from beamdesign.proof.switching_document import switching_document
+from beamdesign.proof.verified import checked
 from beamdesign.prototype import Lag, Payload, Proportional, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 
@@ -75,13 +75,13 @@ _found: dict[str, Switching] = {}
 
 def _firm(firm: Prototype) -> Switching:
     if "firm" not in _found:
-        _found["firm"] = switching(firm, 0.0, 6.8)
+        _found["firm"] = switching([closed_loop(firm)], 0.0, 6.8)
     return _found["firm"]
 
 
 def _loose(loose: Prototype) -> Switching:
     if "loose" not in _found:
-        _found["loose"] = switching(loose, 0.0, 6.8, LOOSE_RATE)
+        _found["loose"] = switching([closed_loop(loose)], 0.0, 6.8, LOOSE_RATE)
     return _found["loose"]
 
 
@@ -100,7 +100,7 @@ def test_two_stable_matrices_that_switching_destabilises():
     product = expm(np.array(second) * quarter) @ expm(np.array(first) * quarter)
     assert np.abs(np.linalg.eigvals(product)).max() == pytest.approx(growth, rel=1e-9)
 
-    answer, _ = any_change(family, fmpq(0), fmpq(1))
+    answer, _ = any_change((family,), fmpq(0), fmpq(1))
     assert answer.status == "refuted"
     assert answer.counterexample is not None
     assert answer.counterexample.proved
@@ -110,7 +110,7 @@ def test_two_stable_matrices_that_switching_destabilises():
 def test_ball_arithmetic_does_not_call_a_shrinking_cycle_growing():
     family = _between([[-1, 10], [-100, -1]], [[-1, 100], [-10, -1]])
     time = exact(pi / sqrt(1000))  # half turns: the state comes back to its line, shrunk by exp(-2 T)
-    assert proved_cycles(family, fmpq(0), fmpq(1), time, time) == 0
+    assert proved_growth(family.at(fmpq(0)), family.at(fmpq(1)), time, time) == 0
 
 
 @pytest.mark.parametrize(("a", "exists"), [("2.5", True), ("5.8", True), ("5.9", False), ("6", False)])
@@ -126,7 +126,7 @@ def test_threshold_of_a_common_quadratic_function(a: str, exists: bool):
     eigenvalues = np.concatenate([np.linalg.eigvals(p) for p in products])
     assert (not np.any((np.abs(eigenvalues.imag) < 1e-12) & (eigenvalues.real < 0))) is exists
 
-    answer, _ = any_change(_between(first.tolist(), second.tolist()), fmpq(0), fmpq(1))
+    answer, _ = any_change((_between(first.tolist(), second.tolist()),), fmpq(0), fmpq(1))
     assert (answer.status == "proved") is exists
     if not exists:
         assert answer.status in ("undecided", "unverified")
@@ -145,11 +145,11 @@ def test_commuting_stable_matrices_have_a_common_function():
     family = _between(first.tolist(), second.tolist())
     p1 = solve_continuous_lyapunov(floats(first).T, -np.eye(3))
     p2 = solve_continuous_lyapunov(floats(second).T, -p1)
-    assert holds_for_any_change(family, rationals(p2), fmpq(0), fmpq(1)).holds
-    answer, _ = any_change(family, fmpq(0), fmpq(1))
+    assert holds_at_rate([family], [rationals(p2)], fmpq(0), fmpq(1), fmpq(0), "matched").holds
+    answer, _ = any_change((family,), fmpq(0), fmpq(1))
     assert answer.status == "proved"
     assert answer.function is not None
-    assert holds_for_any_change(family, answer.function, fmpq(0), fmpq(1)).holds
+    assert holds_at_rate([family], [answer.function], fmpq(0), fmpq(1), fmpq(0), "matched").holds
 
 
 # The equations.
@@ -184,7 +184,7 @@ def test_controller_of_third_order(firm):
     for mass in (LOW, HIGH):
         whole = plant.denominator.at(mass) * law.denominator + plant.control[0].constant * law.numerator
         assert family.at(mass).charpoly() == whole / whole[whole.degree()]
-    answer, _ = any_change(family, LOW, fmpq(1))
+    answer, _ = any_change((family,), LOW, fmpq(1))
     assert answer.status == "proved"
     with pytest.raises(ValueError, match="differentiates"):
         close_with(rig, inner, TransferFunction(fmpq_poly([1, 1]), fmpq_poly([1])))
@@ -197,9 +197,9 @@ def test_loop_without_a_controller_is_refused(paper):
 
 def test_ranges_and_rates_that_mean_nothing_are_refused(firm):
     with pytest.raises(ValueError, match="cannot change"):
-        switching(firm, 2.0, 2.0)
+        switching([closed_loop(firm)], 2.0, 2.0)
     with pytest.raises(ValueError, match="rate"):
-        switching(firm, 0.0, 1.0, -1.0)
+        switching([closed_loop(firm)], 0.0, 1.0, -1.0)
 
 
 def _mass_on_spring() -> MassFamily:
@@ -313,7 +313,7 @@ def test_rig_proved_for_any_change(firm):
     assert found.any_change.proved_up_to_kg == 6.8
     assert found.stable
     assert found.rates[0].rate_kg_per_s == inf
-    assert growing_cycle(found.family, LOW, HIGH) is None
+    assert growing_cycle(found.families, masses_in_turn(found.families, LOW, HIGH)) is None
 
     # V falls over every piece of a switching signal drawn at random, in equations written down anew.
     random, state, mass = np.random.default_rng(3), START, 0.0
@@ -330,12 +330,12 @@ def test_pick_up_from_rest_needs_its_own_bound(firm):
     # A sudden loss of velocity is not harmless in itself: the common V does not bound it, a factor does.
     found = _firm(firm)
     function = [found.any_change.function]
-    assert holds_across_jumps(found.family, function, LOW, HIGH, fmpq(1001, 1000), "matched").holds
-    assert not holds_across_jumps(found.family, function, LOW, HIGH, fmpq(1001, 1000), "from_rest").holds
+    assert holds_across_jumps(found.families[0], function, LOW, HIGH, fmpq(1001, 1000), "matched").holds
+    assert not holds_across_jumps(found.families[0], function, LOW, HIGH, fmpq(1001, 1000), "from_rest").holds
     sudden = found.sudden[1]
     assert sudden.joining == "from_rest"
     assert sudden.status == "proved"
-    assert holds_across_jumps(found.family, sudden.coefficients, LOW, HIGH, sudden.factor, "from_rest").holds
+    assert holds_across_jumps(found.families[0], sudden.coefficients, LOW, HIGH, sudden.factor, "from_rest").holds
     assert float(sudden.dwell_s) == pytest.approx(log(float(sudden.factor)) / (2 * float(sudden.decay_per_s)), rel=1e-2)
     assert dwell_suffices(sudden.dwell_s, sudden.factor, sudden.decay_per_s)
     assert not dwell_suffices(sudden.dwell_s / 2, sudden.factor, sudden.decay_per_s)
@@ -365,7 +365,7 @@ def test_rig_refuted_for_any_change_yet_proved_at_a_rate(loose):
     assert [rate.rate_kg_per_s for rate in found.rates] == [LOOSE_RATE, LOOSE_RATE]
     assert found.stable
     for rate in found.rates:
-        checked = partial(holds_at_rate, found.family, rate.coefficients, LOW, HIGH)
+        checked = partial(holds_at_rate, found.families, rate.coefficients, LOW, HIGH)
         assert checked(exact(LOOSE_RATE), rate.joining).holds
         assert not checked(exact(1e6), rate.joining).holds
     # Each sudden change restarts the wait; the cycle that grows changes much more often than is proved to be safe.
@@ -407,21 +407,21 @@ def test_mass_that_swings_at_the_proved_rate_decays(loose, from_rest: bool):
 
 def test_largest_rate_is_found_between_one_proved_and_one_not(loose):
     family = closed_loop(loose)
-    found = bounded_rate(family, LOW, fmpq(5), "matched", modal_coordinates(at(family, fmpq(2))))
+    found = bounded_rate([family], LOW, fmpq(5), "matched", modal_coordinates(at(family, fmpq(2))))
     assert found.status == "proved"
     assert found.rate_kg_per_s < found.refused_kg_per_s < 1.06 * found.rate_kg_per_s
-    assert holds_at_rate(family, found.coefficients, LOW, fmpq(5), exact(found.rate_kg_per_s), "matched").holds
+    assert holds_at_rate([family], found.coefficients, LOW, fmpq(5), exact(found.rate_kg_per_s), "matched").holds
 
 
 def test_unstable_at_a_mass_that_stays_is_refuted(remedy):
-    found = switching(remedy, 0.0, 6.8)
+    found = switching([closed_loop(remedy)], 0.0, 6.8)
     assert not found.stable
     assert {found.any_change.status, *(r.status for r in found.rates), *(s.status for s in found.sudden)} == {"refuted"}
     assert "1.968442" in found.reason
     assert describe(found)[0].startswith("REFUTED")
-    assert not is_hurwitz(found.family.at(found.frozen.unstable_at).charpoly())
-    assert frozen(found.family, exact(1.97), exact(17.79)).stable
-    assert not frozen(found.family, exact(1.968), exact(17.79)).stable
+    assert not is_hurwitz(found.families[0].at(found.frozen.unstable_at).charpoly())
+    assert frozen(found.families, exact(1.97), exact(17.79)).stable
+    assert not frozen(found.families, exact(1.968), exact(17.79)).stable
 
 
 # A solver that says optimal and is wrong.
@@ -432,15 +432,15 @@ def test_solver_in_si_units_cannot_certify_an_unstable_loop(remedy, solver):
     # Below 1.968 kg this loop is unstable, so no P exists. In SI units, in which entries of A span from 1e-4 to 1e14,
     # a solver's tolerances hide that: SCS 3.2 answers "optimal" with a positive margin. What counts is the exact check.
     family = closed_loop(remedy)
-    answer = solve(family, Sought(LOW, HIGH), np.eye(family.order), solver)
+    answer = solve([family], Sought(LOW, HIGH), np.eye(family.order), solver)
     for coefficient in answer.coefficients:
-        assert verified(family, coefficient, LOW, HIGH).function is None
-        assert not holds_at_rate(family, [rationals(coefficient)], LOW, HIGH, fmpq(1), "matched").holds
+        assert checked([family], Sought(LOW, HIGH), [coefficient])[1]
+        assert not holds_at_rate([family], [rationals(coefficient)], LOW, HIGH, fmpq(1), "matched").holds
 
-    def in_si(family: MassFamily, sought: Sought, coordinates: np.ndarray, name: str) -> Answer:
-        return solve(family, sought, np.eye(family.order), name)
+    def in_si(families: Families, sought: Sought, coordinates: np.ndarray, name: str) -> Answer:
+        return solve(families, sought, np.eye(family.order), name)
 
-    verdict, _ = any_change(family, LOW, HIGH, in_si)
+    verdict, _ = any_change((family,), LOW, HIGH, in_si)
     assert verdict.status != "proved"
     assert verdict.proved_up_to_kg is None
 
@@ -462,14 +462,14 @@ def test_textbook_inequality_relaxed_to_tolerance_is_refused(remedy):
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         problem.solve(solver="SCS")
     # SCS 3.2 says "optimal"; a better solver may say "infeasible" and return nothing.
-    assert p.value is None or verified(family, p.value, LOW, HIGH).function is None
-    assert not frozen(family, LOW, HIGH).stable
+    assert p.value is None or checked([family], Sought(LOW, HIGH), [p.value])[1]
+    assert not frozen([family], LOW, HIGH).stable
 
 
 def _liar(matrix: np.ndarray):
     """A solver that calls any matrix optimal."""
 
-    def claim(family: MassFamily, sought: Sought, coordinates: np.ndarray, solver: str) -> Answer:
+    def claim(families: Families, sought: Sought, coordinates: np.ndarray, solver: str) -> Answer:
         return Answer(solver, "optimal", True, (matrix,) * (sought.degree + 1), coordinates)
 
     return claim
@@ -478,19 +478,19 @@ def _liar(matrix: np.ndarray):
 def test_doctored_answers_are_reported_as_unverified():
     # The pair of Dayawansa and Martin at a = 6 has no common quadratic function, and no change destabilises it.
     family = _between([[-1, -1], [1, -1]], [[-1, -6], [fmpq(1, 6), -1]])
-    almost, _ = any_change(family, fmpq(0), fmpq(1), _liar(np.array([[1.0, 0.0], [0.0, 5.8]])))
+    almost, _ = any_change((family,), fmpq(0), fmpq(1), _liar(np.array([[1.0, 0.0], [0.0, 5.8]])))
     for verdict in (
         almost,
-        any_change(family, fmpq(0), fmpq(1), _liar(np.array([[1.0, 2.0], [2.0, 1.0]])))[0],
-        any_change(family, fmpq(0), fmpq(1), _liar(np.full((2, 2), np.nan)))[0],
+        any_change((family,), fmpq(0), fmpq(1), _liar(np.array([[1.0, 2.0], [2.0, 1.0]])))[0],
+        any_change((family,), fmpq(0), fmpq(1), _liar(np.full((2, 2), np.nan)))[0],
     ):
         assert verdict.status == "unverified"
         assert "optimal" in verdict.reason
         assert "exact check refuses" in verdict.reason
-    rate = bounded_rate(family, fmpq(0), fmpq(1), "matched", np.eye(2), fmpq(10), _liar(-np.eye(2)))
+    rate = bounded_rate([family], fmpq(0), fmpq(1), "matched", np.eye(2), fmpq(10), _liar(-np.eye(2)))
     assert rate.status == "unverified"
     assert rate.coefficients == ()
-    sudden = sudden_change(family, fmpq(0), fmpq(1), "matched", np.eye(2), _liar(-np.eye(2)))
+    sudden = sudden_change([family], fmpq(0), fmpq(1), "matched", np.eye(2), _liar(-np.eye(2)))
     assert sudden.status == "unverified"
     assert sudden.dwell_s is None
 
@@ -542,7 +542,7 @@ def test_replay_writes_down_the_same_matrices(certificate, loose):
 @pytest.mark.parametrize("filter_Hz", [None, 400.0])
 def test_replay_of_a_refutation(remedy, filter_Hz):
     prototype = remedy.but(sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=filter_Hz))
-    text = switching_document(prototype, switching(prototype, 0.0, 6.8), "unstable")
+    text = switching_document(prototype, switching([closed_loop(prototype)], 0.0, 6.8), "unstable")
     outcome = replay_lyapunov.replay(text)
     assert outcome.valid, outcome.reasons
     assert any("unstable at" in words for words in outcome.claims)
@@ -554,7 +554,7 @@ def test_replay_of_a_proportional_loop_with_filter(paper):
         sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=400.0),
         payload=Payload(inner_end_mass_kg=4.5),
     )
-    found = switching(prototype, 0.0, 1.0, 50.0)
+    found = switching([closed_loop(prototype)], 0.0, 1.0, 50.0)
     assert found.stable
     assert replay_lyapunov.replay(switching_document(prototype, found, "proportional")).valid
 

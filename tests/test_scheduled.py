@@ -17,11 +17,13 @@ from beamdesign.design.schedule import stage_members, stage_ranges
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
+from beamdesign.proof.decrease import holds_at_rate
+from beamdesign.proof.lyapunov import Switching, describe, switching
 from beamdesign.proof.mass_family import MassFamily, closed_loop
 from beamdesign.proof.replay_stages import Malformed, StageLoop, replay
-from beamdesign.proof.stage_document import in_words, stage_document
+from beamdesign.proof.stage_change import stage_change, verified_dwell
 from beamdesign.proof.stage_family import stage_families, stage_family
-from beamdesign.proof.stage_switching import StageSwitching, all_fall, stage_switching, verified_dwell
+from beamdesign.proof.switching_document import switching_document
 from beamdesign.prototype import Prototype, Section, Structured, read_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
@@ -50,8 +52,8 @@ def rig() -> ScheduledRig:
 
 
 @pytest.fixture(scope="module")
-def proved(rig: ScheduledRig) -> StageSwitching:
-    return stage_switching(stage_families(rig), LOW, HIGH)
+def proved(rig: ScheduledRig) -> Switching:
+    return switching(stage_families(rig), 0.0, 6.8, dwell_s=rig.schedule.dwell_s)
 
 
 def volts_of(prototype: Prototype, mass: float, force: np.ndarray, current: np.ndarray) -> np.ndarray:
@@ -164,7 +166,7 @@ Liberzon (2003), Switching in Systems and Control, chapter 2, discuss the like."
 
 
 def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dwell_alone() -> None:
-    found = stage_switching(switched(*BRANICKY), fmpq(0), fmpq(1))
+    found, _ = stage_change(switched(*BRANICKY), fmpq(0), fmpq(1))
     assert found.kind == "dwell"
     assert found.counterexample is not None
     assert found.counterexample.cycles > 0
@@ -184,9 +186,9 @@ def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dw
     assert verified_dwell(switched(*BRANICKY), found.functions, fmpq(0), fmpq(1), 4 * found.decay_per_s) is None
 
 
-def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: ScheduledRig, proved: StageSwitching) -> None:
+def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: ScheduledRig, proved: Switching) -> None:
     assert kept_apart(rig, proved) is rig
-    slow = kept_apart(rig, replace(proved, kind="dwell", dwell_s=fmpq(2934, 10000)))
+    slow = kept_apart(rig, replace(proved, stages=replace(proved.stages, kind="dwell", dwell_s=fmpq(2934, 10000))))
     assert slow.schedule.dwell_s == 0.3
     structured = read_scheduled(SHIPPED.with_name("structured.toml"))
     assert [len(stage.section) for stage in structured.schedule.stage] == [3, 3, 3]
@@ -200,35 +202,45 @@ def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: ScheduledRig, p
 
 
 def test_a_stage_that_is_unstable_by_itself_refutes_all() -> None:
-    found = stage_switching(switched([-1.0, 0.0, 0.0, -2.0], [0.5, 0.0, 0.0, -1.0]), fmpq(0), fmpq(1))
-    assert (found.status, found.kind) == ("refuted", "none")
-    assert "stage 2 is not stable" in found.reason
+    found = switching(switched([-1.0, 0.0, 0.0, -2.0], [0.5, 0.0, 0.0, -1.0]), 0.0, 1.0)
+    assert (found.stages.status, found.stages.kind) == ("refuted", "none")
+    assert not found.stable
+    assert "stage 2" in found.reason
+    assert describe(found)[0].startswith("REFUTED")
 
 
-def test_the_shipped_stages_are_stable_whichever_acts_when(rig: ScheduledRig, proved: StageSwitching) -> None:
-    assert (proved.status, proved.kind, proved.dwell_s) == ("proved", "any_time", 0)
-    assert {rate.joining for rate in proved.rates} == {"matched", "from_rest"}
+def test_the_shipped_stages_are_stable_whichever_acts_when(rig: ScheduledRig, proved: Switching) -> None:
+    assert (proved.stages.status, proved.stages.kind, proved.stages.dwell_s) == ("proved", "any_time", 0)
+    assert proved.stable
+    # Known to lie between what is proved and what was not: payload matched and from rest, steady and in jumps.
+    assert [rate.rate_kg_per_s >= least for rate, least in zip(proved.rates, (38.0, 26.8), strict=True)] == [True, True]
+    assert [float(sudden.dwell_s) for sudden in proved.sudden] == pytest.approx([0.8437, 1.03], rel=1e-2)
+    # One of the stages by itself does not bear every course of the payload.
+    assert proved.any_change.status == "refuted"
+    assert proved.any_change.proved_up_to_kg > 3.5
     families = stage_families(rig)
-    assert all_fall(families, proved.functions[0], LOW, HIGH, fmpq(0), "matched").holds
+    assert holds_at_rate(families, proved.stages.functions[0], LOW, HIGH, fmpq(0), "matched").holds
     # V falls along every stage in floats too, at payloads the exact check did not name.
     for mass in (0.7, 3.3, 6.1):
-        p = sum(np.array(c.table(), dtype=float) * mass**k for k, c in enumerate(proved.functions[0]))
+        p = sum(np.array(c.table(), dtype=float) * mass**k for k, c in enumerate(proved.stages.functions[0]))
         scale = 1 / np.sqrt(np.diag(p))
         for family in families:
             a = np.array(family.at(exact(mass)).table(), dtype=float)
             fall = -(a.T @ p + p @ a) * np.outer(scale, scale)
             assert np.linalg.eigvalsh(fall).min() > 0
     # One entry off by a thousandth is refused.
-    spoilt = fmpq_mat(proved.functions[0][0])
+    spoilt = fmpq_mat(proved.stages.functions[0][0])
     spoilt[0, 0] *= fmpq(999, 1000)
-    assert not all_fall(families, (spoilt, *proved.functions[0][1:]), LOW, HIGH, fmpq(0), "matched").holds
+    assert not holds_at_rate(families, (spoilt, *proved.stages.functions[0][1:]), LOW, HIGH, fmpq(0), "matched").holds
 
 
-def test_the_certificate_is_proved_again_and_not_after_a_change(rig: ScheduledRig, proved: StageSwitching) -> None:
-    text = stage_document(rig, proved, "\n".join(in_words(proved, rig.schedule.dwell_s)))
+def test_the_certificate_is_proved_again_and_not_after_a_change(rig: ScheduledRig, proved: Switching) -> None:
+    text = switching_document(rig.prototype, proved, "\n".join(describe(proved)), rig.schedule.stage)
     again = replay(text)
     assert again.valid, again.reasons
     assert any("whichever stage acts when" in claim for claim in again.claims)
+    assert len([claim for claim in again.claims if claim.startswith("any stage at any time")]) == 1 + 2 + 2
+    assert any("the motion grows" in claim for claim in again.claims)
     gain = f'gain_A_per_V = "{rig.schedule.stage[0].gain_A_per_V}"'
     assert gain in text
     louder = replay(text.replace(gain, 'gain_A_per_V = "0.3"'))
@@ -377,7 +389,6 @@ def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:
         (["certify", str(SHIPPED)], "'scheduled' holds several laws"),
         (["tune", remedy, "--controller", "scheduled", "--outer-end-mass", "2:2"], "which needs no stages"),
         (["tune", remedy, "--controller", "scheduled", "--stages", "9"], "leave no room for overlaps"),
-        (["certify-switching", str(SHIPPED), "--rate", "3"], "the largest is found"),
     ):
         done = CliRunner().invoke(app, arguments)
         assert isinstance(done.exception, InputError)
@@ -422,11 +433,12 @@ def test_certify_switching_takes_a_schedule(tmp_path: Path, monkeypatch: pytest.
     # A narrow range is quickly proved.
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(
-        app, ["certify-switching", str(SHIPPED), "--outer-end-mass", "2:3", "--json", "answer.json"]
+        app, ["certify-switching", str(SHIPPED), "--outer-end-mass", "2:3", "--rate", "3", "--json", "answer.json"]
     )
     assert done.exit_code == 0, done.output
     assert "stable whichever stage acts when" in done.output
     answer = json.loads((tmp_path / "answer.json").read_text())
     assert answer["at_any_time"] is True
+    assert all(rate["unlimited"] or rate["rate_kg_per_s"] == 3.0 for rate in answer["bounded_rate"])
     again = CliRunner().invoke(app, ["certify", "--replay", str(tmp_path / "prototype.stages.toml")])
     assert again.exit_code == 0, again.output

@@ -2,7 +2,7 @@
 
 from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -13,6 +13,9 @@ from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, progre
 
 if TYPE_CHECKING:
     from beamdesign.proof.lyapunov import Switching
+    from beamdesign.proof.mass_family import Families
+    from beamdesign.prototype import Prototype
+    from beamdesign.scheduling.record import Stage
 
 
 def certify_switching(
@@ -29,73 +32,104 @@ def certify_switching(
         typer.Option(
             metavar="FILE",
             callback=file_to_write,
-            help="File for the certificate; else STEM.switching.toml in this folder.",
+            help="File for the certificate; else STEM.switching.toml, or STEM.stages.toml, in this folder.",
         ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Prove stability while the payload changes in motion.
+    """Prove stability while the payload changes in motion, and the stage of a scheduled controller with it.
 
-    That is gripping, releasing, filling, pouring; of a scheduled controller also any change of its stage. Lyapunov
-    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
-    reported as unverified. Exit status 0 if the
-    rate asked for, or else some rate, is proved both for payload that joins with the tip's velocity and for
-    payload at rest; 1 otherwise.
+    That is gripping, releasing, filling, pouring. Lyapunov functions come from a semidefinite program and are verified
+    in rational arithmetic; what only the solver claims is reported as unverified. Exit status 0 if the rate asked for,
+    or else some rate, is proved both for payload that joins with the tip's velocity and for payload at rest; of a
+    scheduled controller, if changes of stage as the schedule makes them are proved, and the rate if one is asked for;
+    1 otherwise.
     """
     from beamdesign import quantities as q
-    from beamdesign.controller import without_sections
-    from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
     from beamdesign.scheduling.record import is_scheduled
 
-    if is_scheduled(prototype):
-        from beamdesign.cli.certify_stages import certify_stages
-
-        if rate is not None:
-            raise InputError(
-                "certify-switching", [("--rate", "the largest is found where the controller is scheduled")]
-            )
-        certify_stages(prototype, outer_end_mass, out, json)
-        return
-    record = read_prototype(prototype)
-    if record.controller is None:
-        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    without_sections(record.controller, prototype, "certify-switching, whose Lyapunov functions are of low order")
-    low, high = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    rig = _scheduled(prototype) if is_scheduled(prototype) else _of_one_law(prototype)
+    low, high = mass_range(outer_end_mass, rig.outer_end_mass_kg, prototype)
     problems = []
     if not low < high:
         problems.append(("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
-    path = certificate_file(out, f"{prototype.stem}.switching.toml")
+    path = certificate_file(out, f"{prototype.stem}.{'stages' if rig.stages else 'switching'}.toml")
     refuse_implausible("certify-switching", {"--rate": (rate, q.MassRate)}, problems)
 
     from beamdesign.proof.lyapunov import describe, switching
     from beamdesign.proof.switching_document import switching_document
 
+    record = rig.record
     with progress("Lyapunov functions") as update:
-        found = switching(record, low, high, rate, update)
+        found = switching(rig.families, low, high, rate, rig.dwell_s, update)
     lines = describe(found)
-    say(f"{record.name}: outer end mass changing between {low:g} and {high:g} kg")
+    several = f"{len(rig.stages)} stages, " if rig.stages else ""
+    say(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
     for line in lines:
         say(f"  {line}")
     if record.effects:
         say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
-    write_certificate(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
+    write_certificate(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines), rig.stages))
     say(f"certificate: {path}")
-    write_json(json, _fields(found) | {"not_covered": list(record.effects), "certificate": path})
+    write_json(json, switching_fields(found) | {"not_covered": list(record.effects), "certificate": path})
     if not found.stable:
         raise typer.Exit(1)
 
 
-def _fields(found: "Switching") -> dict[str, Any]:
+class _Rig(NamedTuple):
+    """What is to be proved: of one law there are no stages and no dwell."""
+
+    record: "Prototype"
+    families: "Families"
+    outer_end_mass_kg: tuple[float, float] | None
+    stages: "tuple[Stage, ...]" = ()
+    dwell_s: float = 0.0
+
+
+def _of_one_law(path: Path) -> _Rig:
+    from beamdesign.controller import without_sections
+    from beamdesign.proof.mass_family import closed_loop
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    record = read_prototype(path)
+    if record.controller is None:
+        raise InputError(path, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    without_sections(record.controller, path, "certify-switching, whose Lyapunov functions are of low order")
+    return _Rig(record, (closed_loop(record),), record.payload.outer_end_mass_kg)
+
+
+def _scheduled(path: Path) -> _Rig:
+    from beamdesign.proof.stage_family import stage_families
+    from beamdesign.records import InputError
+    from beamdesign.scheduling.record import read_scheduled
+
+    rig = read_scheduled(path)
+    try:
+        families = stage_families(rig)
+    except ValueError as error:
+        raise InputError(path, [("controller.stage", str(error))]) from error
+    schedule = rig.schedule
+    return _Rig(rig.prototype, families, schedule.outer_end_mass_kg, schedule.stage, schedule.dwell_s)
+
+
+def switching_fields(found: "Switching") -> dict[str, Any]:
+    """What is proved while payload and stage change, for a JSON file."""
     from beamdesign.proof.rational import nearest
 
-    common, cycle = found.any_change, found.any_change.counterexample
+    common, cycle, stages = found.any_change, found.any_change.counterexample, found.stages
     return {
         "stable": found.stable,
         "reason": found.reason,
         "outer_end_mass_kg": found.outer_end_mass_kg,
         "rate_kg_per_s": found.wanted_kg_per_s,
         "stable_while_the_mass_stays": found.frozen.stable,
+        "at_any_time": stages.kind == "any_time",
+        "stage_change": {
+            "status": stages.status,
+            "reason": stages.reason,
+            "dwell_s": nearest(stages.dwell_s) if stages.status == "proved" else None,
+        },
         "any_change": {
             "status": common.status,
             "reason": common.reason,
@@ -104,6 +138,7 @@ def _fields(found: "Switching") -> dict[str, Any]:
             "counterexample": None
             if cycle is None
             else {
+                "stages": [k + 1 for k in cycle.stages],
                 "outer_end_mass_kg": cycle.outer_end_mass_kg,
                 "time_s": cycle.time_s,
                 "growth_per_cycle": cycle.factor,

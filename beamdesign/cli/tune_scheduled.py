@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from beamdesign.cli.certify_switching import switching_fields
 from beamdesign.cli.output import progress, say, say_table, write_json
 from beamdesign.files import write_set
 
 if TYPE_CHECKING:
-    from beamdesign.proof.stage_switching import StageSwitching
+    from beamdesign.proof.lyapunov import Switching
     from beamdesign.prototype import Prototype
     from beamdesign.scheduling.record import ScheduledRig
 
@@ -39,10 +40,9 @@ def tune_scheduled(
         typer.Exit: with status 1 where a stage, or changes between stages, were not proved.
     """
     from beamdesign.design.schedule import tune_schedule
-    from beamdesign.polynomial import exact
-    from beamdesign.proof.stage_document import in_words, stage_document
+    from beamdesign.proof.lyapunov import describe, switching
     from beamdesign.proof.stage_family import stage_families
-    from beamdesign.proof.stage_switching import stage_switching
+    from beamdesign.proof.switching_document import switching_document
     from beamdesign.prototype import Structured
     from beamdesign.records import InputError
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
@@ -70,11 +70,11 @@ def tune_scheduled(
         say(found.reason)
         write_json(json, {"controller": None, "reason": found.reason})
         raise typer.Exit(1)
-    rig, low, high = found.rig, exact(masses[0]), exact(masses[1])
     with progress("changes of stage") as update:
-        switching = stage_switching(stage_families(rig), low, high, update)
-    rig = kept_apart(rig, switching)
-    words = in_words(switching, rig.schedule.dwell_s)
+        proof = switching(stage_families(found.rig), *masses, update=update)
+    rig = kept_apart(found.rig, proof)
+    proof = replace(proof, dwell_s=rig.schedule.dwell_s)
+    words = describe(proof)
     each = [
         certified(stage, proved, stage.payload.outer_end_mass_kg or masses, f"stage_{k}.certificate.toml")
         for k, (stage, proved) in enumerate(zip(rig.stages, found.proved, strict=True), start=1)
@@ -84,7 +84,10 @@ def tune_scheduled(
         summary = f"{record.name}: changes between {stages} stages\n" + "\n".join(words)
         texts = {
             "prototype": ("prototype.toml", scheduled_toml(rig)),
-            "certificate_switching": ("stages.certificate.toml", stage_document(rig, switching, summary)),
+            "certificate_switching": (
+                "stages.certificate.toml",
+                switching_document(rig.prototype, proof, summary, rig.schedule.stage),
+            ),
         }
         for k, (certificate, _) in enumerate(each, start=1):
             texts[f"certificate_stage_{k}"] = (f"stage_{k}.certificate.toml", certificate.text)
@@ -105,7 +108,6 @@ def tune_scheduled(
         say(f"  {line}")
     for kind, path in paths.items():
         say(f"{kind}: {path}")
-    kept = switching.suffices(rig.schedule.dwell_s)
     answer: dict[str, Any] = {
         "controller": rig.schedule.model_dump(),
         "inner_end_mass_kg": inner,
@@ -118,44 +120,19 @@ def tune_scheduled(
             for stage, proved in zip(rig.schedule.stage, found.proved, strict=True)
         ],
         "alone_bandwidth_Hz": found.alone_Hz,
-        "switching": switching_fields(switching),
+        "switching": switching_fields(proof),
         **paths,
     }
     write_json(json, answer)
-    if not kept:
+    if not proof.stable:
         raise typer.Exit(1)
 
 
-def kept_apart(rig: "ScheduledRig", found: "StageSwitching") -> "ScheduledRig":
+def kept_apart(rig: "ScheduledRig", found: "Switching") -> "ScheduledRig":
     """The rig with changes of stage at least so far apart as is proved to be enough."""
     from beamdesign.proof.rational import nearest
 
-    if found.status != "proved" or found.suffices(rig.schedule.dwell_s):
+    if found.stages.status != "proved" or found.stages.suffices(rig.schedule.dwell_s):
         return rig
-    needed = ceil(100 * nearest(found.dwell_s)) / 100
+    needed = ceil(100 * nearest(found.stages.dwell_s)) / 100
     return replace(rig, schedule=rig.schedule.but(dwell_s=needed))
-
-
-def switching_fields(found: Any) -> dict[str, Any]:
-    """What is proved of changes between stages, for a JSON file."""
-    from beamdesign.proof.rational import nearest
-
-    cycle = found.counterexample
-    return {
-        "status": found.status,
-        "reason": found.reason,
-        "outer_end_mass_kg": found.outer_end_mass_kg,
-        "at_any_time": found.kind == "any_time",
-        "dwell_s": nearest(found.dwell_s) if found.status == "proved" else None,
-        "payload_rate": [{"joining": r.joining, "rate_kg_per_s": r.rate_kg_per_s} for r in found.rates],
-        "payload_jumps": [{"joining": j.joining, "dwell_s": nearest(j.dwell_s)} for j in found.jumps],
-        "counterexample": None
-        if cycle is None
-        else {
-            "stages": [k + 1 for k in cycle.stages],
-            "outer_end_mass_kg": cycle.outer_end_mass_kg,
-            "time_s": cycle.time_s,
-            "growth_per_cycle": cycle.factor,
-            "proved": cycle.cycles > 0,
-        },
-    }

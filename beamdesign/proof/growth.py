@@ -1,13 +1,15 @@
-"""Masses that destabilise a loop: one that stays, decided exactly, or a cycle of two, proved by ball arithmetic."""
+"""What destabilises a loop: a mass that stays, decided exactly, or two masses or stages in turn, by ball arithmetic."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from flint import arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof.lmi import at, modal_coordinates
-from beamdesign.proof.mass_family import MassFamily
+from beamdesign.proof.mass_family import Families, MassFamily
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import stable_ranges
 
@@ -16,17 +18,23 @@ DOUBLINGS = 13
 """Of the number of cycles, until a proof of growth is given up; a factor of 1.001 per cycle needs about 11."""
 
 
+Corner = tuple[int, fmpq]
+"""A stage, numbered from 0, and an outer end mass, kg."""
+
+
 @dataclass(frozen=True)
 class Cycle:
-    """Sudden matched changes between two masses, again and again, under which the loop's motion grows.
+    """Sudden changes between two stages, or between two masses, matched, under which the loop's motion grows.
 
     Attributes:
-        outer_end_mass_kg: the two masses.
+        stages: the stage at each, numbered from 0.
+        outer_end_mass_kg: the mass at each.
         time_s: time spent at each.
         factor: growth per cycle, the spectral radius over one cycle, in floats.
         cycles: repetitions after which growth is proved; 0 where it was only computed in floats.
     """
 
+    stages: tuple[int, int]
     outer_end_mass_kg: tuple[float, float]
     time_s: tuple[float, float]
     factor: float
@@ -38,17 +46,23 @@ class Cycle:
         return self.cycles > 0
 
 
-def proved_cycles(family: MassFamily, low: fmpq, high: fmpq, time_low: fmpq, time_high: fmpq) -> int:
-    """The number of cycles after which growth is proved, or 0.
+def masses_in_turn(families: Families, low: fmpq, high: fmpq) -> Iterator[tuple[Corner, Corner]]:
+    """The least and the largest mass in turn, with each stage that stays."""
+    return (((k, low), (k, high)) for k in range(len(families)))
 
-    With M = exp(A(high) t_high) exp(A(low) t_low), enclosed by balls, |trace M^k| > n for one k proves that the
-    spectral radius of M exceeds one, since |trace M^k| is at most n times its k-th power.
-    """
-    return proved_growth(family.at(low), family.at(high), time_low, time_high)
+
+def stages_in_turn(families: Families, low: fmpq, high: fmpq) -> Iterator[tuple[Corner, Corner]]:
+    """Any two stages in turn, at a few masses that stay."""
+    pairs = list(combinations(range(len(families)), 2))
+    return (((i, mass), (j, mass)) for mass in (low, (low + high) / 2, high) for i, j in pairs)
 
 
 def proved_growth(first: fmpq_mat, second: fmpq_mat, time_first: fmpq, time_second: fmpq) -> int:
-    """The same for any two matrices in turn."""
+    """The number of cycles after which growth is proved, or 0.
+
+    With M = exp(A2 t2) exp(A1 t1), enclosed by balls, |trace M^k| > n for one k proves that the spectral radius of M
+    exceeds one, since |trace M^k| is at most n times its k-th power.
+    """
     order = first.nrows()
     with ctx.workprec(PRECISION_BITS):
         power = arb_mat(second * time_second).exp() * arb_mat(first * time_first).exp()
@@ -62,14 +76,22 @@ def proved_growth(first: fmpq_mat, second: fmpq_mat, time_first: fmpq, time_seco
     return 0
 
 
-def growing_cycle(family: MassFamily, low: fmpq, high: fmpq) -> Cycle | None:
-    """Search for a cycle between the two end masses under which the motion grows."""
-    found = growing_times(at(family, low), at(family, high))
-    if found is None:
-        return None
-    at_low, at_high, factor = found
-    cycles = proved_cycles(family, low, high, exact(at_low), exact(at_high))
-    return Cycle((nearest(low), nearest(high)), (at_low, at_high), factor, cycles)
+def growing_cycle(families: Families, turns: Iterable[tuple[Corner, Corner]]) -> Cycle | None:
+    """The cycle under which the motion grows fastest; finding none proves nothing.
+
+    Args:
+        families: the closed loop with each stage.
+        turns: pairs of corners to go between.
+    """
+    best: Cycle | None = None
+    for (i, first), (j, second) in turns:
+        found = growing_times(at(families[i], first), at(families[j], second))
+        if found is None or (best is not None and found[2] <= best.factor):
+            continue
+        *times, factor = found
+        cycles = proved_growth(families[i].at(first), families[j].at(second), *map(exact, times))
+        best = Cycle((i, j), (nearest(first), nearest(second)), (times[0], times[1]), factor, cycles)
+    return best
 
 
 def growing_times(first: np.ndarray, second: np.ndarray) -> tuple[float, float, float] | None:
@@ -105,7 +127,7 @@ def growing_times(first: np.ndarray, second: np.ndarray) -> tuple[float, float, 
 
 @dataclass(frozen=True)
 class Frozen:
-    """Whether every mass that stays is stable, exactly.
+    """Whether every mass that stays is stable with every stage that stays, exactly.
 
     Attributes:
         stable: for the whole range.
@@ -119,11 +141,20 @@ class Frozen:
     unstable_at: fmpq | None
 
 
-def frozen(family: MassFamily, low: fmpq, high: fmpq) -> Frozen:
-    """Decide the stability of all masses that stay.
+def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
+    """Decide the stability of all masses and stages that stay.
 
     A family whose characteristic polynomial is not affine in the mass is settled at its two ends only.
     """
+    for k, family in enumerate(families, start=1):
+        stays = _frozen(family, low, high)
+        if not stays.stable:
+            stage = f"stage {k}: " if len(families) > 1 else ""
+            return replace(stays, reason=stage + stays.reason)
+    return Frozen(True, "", None)
+
+
+def _frozen(family: MassFamily, low: fmpq, high: fmpq) -> Frozen:
     try:
         characteristic = family.characteristic()
     except ValueError:

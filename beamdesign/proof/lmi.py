@@ -1,5 +1,6 @@
 """Candidates for Lyapunov functions from semidefinite programs, in coordinates in which the stiff plant is tame.
 
+They are sought for several closed loops in the same states, the stages, or for one, which is the case of one stage.
 Nothing here is a result. What a solver returns, and whatever it says about it, goes to `beamdesign.proof.decrease`,
 which decides in rationals.
 """
@@ -12,12 +13,11 @@ from typing import Any
 import numpy as np
 from flint import fmpq
 
-from beamdesign.proof.decrease import Joining, Terms, decrease, extremes
+from beamdesign.proof.decrease import ZERO, Joining, Terms, decrease, extremes
 from beamdesign.proof.definite import bernstein
-from beamdesign.proof.mass_family import MassFamily, floats
+from beamdesign.proof.mass_family import Families, MassFamily, floats
 
 SOLVERS = ("CLARABEL", "SCS")
-ZERO = fmpq(0)
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Sought:
     decay: fmpq = ZERO
 
 
-Solve = Callable[[MassFamily, Sought, np.ndarray, str], Answer]
-"""How a candidate is obtained: family, what is sought, coordinates, name of the solver."""
+Solve = Callable[[Families, Sought, np.ndarray, str], Answer]
+"""How a candidate is obtained: families, what is sought, coordinates, name of the solver."""
 
 
 def at(family: MassFamily, mass: fmpq) -> np.ndarray:
@@ -70,9 +70,9 @@ def at(family: MassFamily, mass: fmpq) -> np.ndarray:
     return floats(family.at(mass))
 
 
-def slowest_decay(family: MassFamily, low: fmpq, high: fmpq) -> float:
-    """The lesser decay rate of the two ends, 1/s, sampled; negative for an unstable one."""
-    return min(-max(np.linalg.eigvals(at(family, mass)).real) for mass in (low, high))
+def slowest_decay(families: Families, low: fmpq, high: fmpq) -> float:
+    """The least decay rate of all families at the two ends, 1/s, sampled; negative for an unstable one."""
+    return min(-max(np.linalg.eigvals(at(family, mass)).real) for family in families for mass in (low, high))
 
 
 def modal_coordinates(a: np.ndarray) -> np.ndarray:
@@ -111,96 +111,119 @@ def factor(positive: np.ndarray) -> np.ndarray:
     return np.linalg.cholesky(positive).T
 
 
-def lyapunov_candidates(family: MassFamily, low: fmpq, high: fmpq) -> list[np.ndarray]:
+def lyapunov_candidates(families: Families, low: fmpq, high: fmpq) -> list[np.ndarray]:
     """Common P without a program: Lyapunov functions of the middle, and the sum of those of both ends, (n, n), SI."""
     from scipy.linalg import solve_continuous_lyapunov
 
-    total_low, total_high = family.bare_mass + low, family.bare_mass + high
-    middle = 2 * total_low * total_high / (total_low + total_high) - family.bare_mass
-    t = modal_coordinates(at(family, middle))
+    total_low, total_high = families[0].bare_mass + low, families[0].bare_mass + high
+    middle = 2 * total_low * total_high / (total_low + total_high) - families[0].bare_mass
+    t = modal_coordinates(at(families[len(families) // 2], middle))
     inverse = np.linalg.inv(t)
     found = []
     for mass in (middle, low, high):
-        a = t @ at(family, mass) @ inverse
-        function = solve_continuous_lyapunov(a.T, -np.eye(len(a)))
+        loops = [t @ at(family, mass) @ inverse for family in families]
+        function = sum(solve_continuous_lyapunov(a.T, -np.eye(len(a))) for a in loops)
         found.append(t.T @ function @ t)
     return [t.T @ t, found[0], found[1] + found[2]]
 
 
-def solve(family: MassFamily, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
-    """Maximise the margin t of t I <= P(m) <= I and -W dV/dt >= t c W I in the given coordinates z = T x.
+def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
+    """Maximise the margin t of t I <= P(m) <= I and -W dV/dt >= t c W I along every family, in coordinates z = T x.
 
     The identity is feasible with t of about 1 where it is a Lyapunov function already, so the margin says how far the
-    coordinates are from ideal; c is the slowest decay rate.
+    coordinates are from ideal; c is the slowest decay rate of a family.
 
     Args:
-        family: the closed loop.
+        families: the closed loop with each stage.
         sought: what is asked of V.
         coordinates: T, (n, n); the identity matrix leaves the problem in SI.
         solver: of `SOLVERS`.
     """
-    scaled = Scaled(family, sought, coordinates)
-    identity = np.eye(family.order)
-    basis = scaled.basis(sought.degree)
-    values = bernstein(list(np.moveaxis(basis, 1, 0)), scaled.low, scaled.high)
-    falls = [f for case in _cases(sought) for f in scaled.decrease(basis, sought, *case)]
-    slowest = abs(slowest_decay(family, sought.low, sought.high)) / scaled.pace
-    constraints = [(v, 0.0, identity) for v in values]
-    constraints += [(-v, 1.0, np.zeros_like(identity)) for v in values]
-    constraints += [(f, 0.0, slowest * identity) for f in falls]
+    scaled = _scaled(families, sought, coordinates)
+    first, identity = scaled[0], np.eye(families[0].order)
+    basis = first.basis(sought.degree)
+    values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
+    constraints = [(v, 0.0, identity) for v in values] + [(-v, 1.0, 0 * identity) for v in values]
+    cases = extremes(sought.joining) if sought.rate and sought.degree else ((0, 0),)
+    for one, family in zip(scaled, families, strict=True):
+        slowest = abs(slowest_decay([family], sought.low, sought.high)) / one.pace
+        for case in cases:
+            constraints += [(f, 0.0, slowest * identity) for f in one.decrease(basis, sought, *case)]
     status, margin, weights = maximise_margin(constraints, solver)
     if weights is None:
         return Answer(solver, status, False, (), None)
     inner = np.tensordot(weights, basis, axes=1)
-    return scaled.answer(solver, status, status.startswith("optimal") and margin > 0, inner)
+    return first.answer(solver, status, status.startswith("optimal") and margin > 0, inner)
 
 
-def solve_across_jumps(family: MassFamily, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
+def solve_across_jumps(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
     """Minimise g of I <= P(m) and J' P(m) J <= g I at a fixed decay rate: little growth of V at sudden changes.
 
     Args:
-        family: the closed loop.
+        families: the closed loop with each stage.
         sought: of degree 0 or 1; its rate is not used, the mass stays between the changes.
         coordinates: T, (n, n).
         solver: of `SOLVERS`.
     """
-    scaled = Scaled(family, sought, coordinates)
-    identity = np.eye(family.order)
-    basis = scaled.basis(sought.degree)
-    values = bernstein(list(np.moveaxis(basis, 1, 0)), scaled.low, scaled.high)
-    falls = scaled.decrease(basis, sought, 0, 0)
-    share = 1.0 if sought.joining == "matched" else float((scaled.bare + scaled.low) / (scaled.bare + scaled.high))
-    jump = identity - (1 - share) * scaled.pick
+    scaled = _scaled(families, sought, coordinates)
+    first, identity = scaled[0], np.eye(families[0].order)
+    basis = first.basis(sought.degree)
+    values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
+    share = 1.0 if sought.joining == "matched" else float((first.bare + first.low) / (first.bare + first.high))
+    jump = identity - (1 - share) * first.pick
     # The margin is maximised, so the sign of g is turned: P >= I, J' P J <= -t I with t = -g.
-    constraints = [(v, -1.0, 0 * identity) for v in values]
-    constraints += [(-v, 0.0, identity) for v in values]
+    constraints = [(v, -1.0, 0 * identity) for v in values] + [(-v, 0.0, identity) for v in values]
     constraints += [(-(jump.T @ v @ jump), 0.0, identity) for v in values]
-    room = 0.02 * abs(slowest_decay(family, sought.low, sought.high)) / scaled.pace  # for the exact check
-    constraints += [(f, -room, 0 * identity) for f in falls]
+    for one, family in zip(scaled, families, strict=True):
+        constraints += _falling(one, family, sought, basis)
     status, _, weights = maximise_margin(constraints, solver, most=-1.0)
     if weights is None:
         return Answer(solver, status, False, (), None)
-    inner = np.tensordot(weights, basis, axes=1)
-    return scaled.answer(solver, status, status.startswith("optimal"), inner)
+    return first.answer(solver, status, status.startswith("optimal"), np.tensordot(weights, basis, axes=1))
 
 
-def _cases(sought: Sought) -> tuple[tuple[int, int], ...]:
-    return extremes(sought.joining) if sought.rate and sought.degree else ((0, 0),)
+def solve_one_each(
+    families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL"
+) -> tuple[Answer, ...]:
+    """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
+
+    Returns:
+        one answer for each family, all with the same coordinates to go on in: those of the mean of all functions.
+    """
+    scaled = _scaled(families, sought, coordinates)
+    first, identity, count = scaled[0], np.eye(families[0].order), len(families)
+    own = first.basis(sought.degree)
+    size = len(own)
+    constraints = []
+    for k, (one, family) in enumerate(zip(scaled, families, strict=True)):
+        basis = np.zeros((size * count, *own.shape[1:]))
+        basis[k * size : (k + 1) * size] = own
+        values = bernstein(list(np.moveaxis(basis, 1, 0)), one.low, one.high)
+        constraints += [(v, -1.0, 0 * identity) for v in values] + [(-v, 0.0, identity) for v in values]
+        constraints += _falling(one, family, sought, basis)
+    status, _, weights = maximise_margin(constraints, solver, most=-1.0)
+    if weights is None:
+        return tuple(Answer(solver, status, False, (), None) for _ in families)
+    inner = [np.tensordot(weights[k * size : (k + 1) * size], own, axes=1) for k in range(count)]
+    claims, middle = status.startswith("optimal"), (first.low + first.high) / 2
+    mean = sum(p * middle**k for each in inner for k, p in enumerate(each)) / count
+    try:
+        onward = factor(mean) @ coordinates
+    except np.linalg.LinAlgError:
+        onward = None
+    answers = [one.answer(solver, status, claims, each) for one, each in zip(scaled, inner, strict=True)]
+    return tuple(Answer(solver, status, claims, answer.coefficients, onward) for answer in answers)
 
 
 class Scaled:
-    """The family in coordinates z = T x, in units of its total mass at mid-range and of the time of its mean pole.
+    """The family in coordinates z = T x, in units of its total mass at mid-range and of a time, 1 / pace (s)."""
 
-    A pace (1/s) takes the place of the mean pole where it is given.
-    """
-
-    def __init__(self, family: MassFamily, sought: Sought, coordinates: np.ndarray, pace: float | None = None):
+    def __init__(self, family: MassFamily, sought: Sought, coordinates: np.ndarray, pace: float):
         inverse = np.linalg.inv(coordinates)
         self.coordinates = coordinates
         middle = (sought.low + sought.high) / 2
         self.unit = float(family.bare_mass + middle)
-        own = float(np.exp(np.mean(np.log(np.abs(np.linalg.eigvals(at(family, middle))) + 1e-3))))
-        self.pace = own if pace is None else pace
+        self.pace = pace
         self.bare = float(family.bare_mass) / self.unit
         self.low, self.high = float(sought.low) / self.unit, float(sought.high) / self.unit
         self.fixed = coordinates @ floats(family.fixed) @ inverse / self.pace
@@ -238,6 +261,21 @@ class Scaled:
         except np.linalg.LinAlgError:
             coordinates = None
         return Answer(solver, status, claims, coefficients, coordinates)
+
+
+def _falling(
+    one: Scaled, family: MassFamily, sought: Sought, basis: np.ndarray
+) -> list[tuple[np.ndarray, float, np.ndarray]]:
+    room = 0.02 * abs(slowest_decay([family], sought.low, sought.high)) / one.pace  # for the exact check
+    return [(f, -room, np.zeros(f.shape[1:])) for f in one.decrease(basis, sought, 0, 0)]
+
+
+def _scaled(families: Families, sought: Sought, coordinates: np.ndarray) -> list[Scaled]:
+    """All families in one unit of time, that of their mean."""
+    middle = (sought.low + sought.high) / 2
+    poles = np.concatenate([np.linalg.eigvals(at(family, middle)) for family in families])
+    pace = float(np.exp(np.mean(np.log(np.abs(poles) + 1e-3))))
+    return [Scaled(family, sought, coordinates, pace) for family in families]
 
 
 def maximise_margin(

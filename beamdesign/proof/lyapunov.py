@@ -1,4 +1,7 @@
-"""What is proved of a loop whose payload changes in motion: at any rate, at a bounded rate, and in sudden steps."""
+"""What is proved of a loop whose payload, or stage, changes in motion: at any rate, at a bounded rate, in sudden steps.
+
+A law that stays is the case of one stage.
+"""
 
 from dataclasses import dataclass
 from math import inf
@@ -6,120 +9,176 @@ from math import inf
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proof.any_change import AnyChange, Status, any_change
-from beamdesign.proof.bounded_rate import BoundedRate, Update, bounded_rate, quiet
-from beamdesign.proof.decrease import Joining
+from beamdesign.proof.any_change import AnyChange, any_change
+from beamdesign.proof.bounded_rate import DEGREES, BoundedRate, Update, bounded_rate, quiet
+from beamdesign.proof.decrease import ZERO, Joining
 from beamdesign.proof.growth import Frozen, frozen
-from beamdesign.proof.mass_family import MassFamily, closed_loop
+from beamdesign.proof.mass_family import Families
 from beamdesign.proof.rational import nearest
+from beamdesign.proof.stage_change import StageChange, stage_change
 from beamdesign.proof.sudden_change import SuddenChange, sudden_change
-from beamdesign.prototype import Prototype
+from beamdesign.proof.verified import Status
 
 JOININGS: tuple[Joining, ...] = ("matched", "from_rest")
 
 
 @dataclass(frozen=True)
 class Switching:
-    """Everything that was proved, or not, about a mass m(t) that moves within a range.
+    """Everything that was proved, or not, about a mass m(t) that moves within a range, and a stage that changes.
 
-    Each claim is about one kind of course; a course that mixes them, such as sudden changes between ramps, is covered
-    by `any_change` alone, and only where payload is matched in velocity.
+    Each claim is about one kind of course of m(t); a course that mixes them, such as sudden changes between ramps, is
+    covered by `any_change` alone, and only where payload is matched in velocity. All but `stages` hold whichever stage
+    acts when.
 
     Attributes:
         outer_end_mass_kg: the range.
-        frozen: every mass that stays, exactly.
+        frozen: every mass and stage that stays, exactly.
+        stages: changes of stage at any mass that stays.
         any_change: however fast, payload matched in velocity.
-        rates: bounded |dm/dt|, one for each way of joining.
-        sudden: sudden changes with time between them, one for each way of joining.
+        rates: bounded |dm/dt|, one for each way of joining; none where the stage may not change at any time.
+        sudden: sudden changes with time between them, likewise.
         wanted_kg_per_s: the rate that was asked for, None where the largest was searched for.
-        family: the loop it is about.
+        dwell_s: least time between changes of stage that is kept.
+        families: the loop it is about, with each stage.
     """
 
     outer_end_mass_kg: tuple[float, float]
     frozen: Frozen
+    stages: StageChange
     any_change: AnyChange
     rates: tuple[BoundedRate, ...]
     sudden: tuple[SuddenChange, ...]
     wanted_kg_per_s: float | None
-    family: MassFamily
+    dwell_s: float
+    families: Families
 
     @property
     def stable(self) -> bool:
-        """Whether a rate is proved for both ways of joining: the one asked for, or else any at all."""
-        return all(rate.status == "proved" for rate in self.rates)
+        """Whether changes of stage are proved and a rate for both ways of joining: the one asked for, or else any.
+
+        Where the stage changes, no rate has to be proved unless one was asked for.
+        """
+        rates = bool(self.rates) and all(rate.status == "proved" for rate in self.rates)
+        optional = len(self.families) > 1 and self.wanted_kg_per_s is None
+        return self.stages.suffices(self.dwell_s) and (rates or optional)
 
     @property
     def reason(self) -> str:
-        """Why the answer is no, in words; empty where it is yes."""
-        return "; ".join(f"payload {r.joining.replace('_', ' ')}: {r.reason}" for r in self.rates if r.reason)
+        """Why the answer is no, or not at any time, in words; empty where it is yes."""
+        reasons = [self.stages.reason, *(f"payload {_spaced(r.joining)}: {r.reason}" for r in self.rates if r.reason)]
+        return "; ".join(reason for reason in reasons if reason)
 
 
 def switching(
-    prototype: Prototype, low_kg: float, high_kg: float, wanted_kg_per_s: float | None = None, update: Update = quiet
+    families: Families,
+    low_kg: float,
+    high_kg: float,
+    wanted_kg_per_s: float | None = None,
+    dwell_s: float = 0.0,
+    update: Update = quiet,
 ) -> Switching:
-    """Prove what can be proved of a prototype's loop while its outer end mass changes between two masses.
+    """Prove what can be proved of a closed loop while its outer end mass changes between two masses, and its stage.
 
     Args:
-        prototype: with a controller.
+        families: the loop with each stage, in the same states; see `closed_loop` and `stage_families`.
         low_kg: least mass.
         high_kg: largest mass, above `low_kg`.
         wanted_kg_per_s: a rate |dm/dt| to prove; the largest is searched for where it is left out.
+        dwell_s: least time between changes of stage that is kept.
         update: told of progress.
 
     Raises:
-        ValueError: without a controller, for a range that does not hold two masses, or a rate that is not positive.
+        ValueError: for a range that does not hold two masses, or a rate that is not positive.
     """
     if not low_kg < high_kg:
         raise ValueError(f"the mass cannot change between {low_kg:g} and {high_kg:g} kg")
     if wanted_kg_per_s is not None and not 0 < wanted_kg_per_s < inf:
         raise ValueError(f"the rate must be positive and finite, is {wanted_kg_per_s}")
-    family = closed_loop(prototype)
     low, high = exact(low_kg), exact(high_kg)
-    stays = frozen(family, low, high)
-    if not stays.stable:
-        return _refuted(family, (low_kg, high_kg), stays, wanted_kg_per_s)
-    update(0.05, "any change")
-    common, reached = any_change(family, low, high)
+
+    def result(
+        stages: StageChange, common: AnyChange, rates: list[BoundedRate], sudden: list[SuddenChange]
+    ) -> Switching:
+        range_kg = (low_kg, high_kg)
+        return Switching(
+            range_kg, stays, stages, common, tuple(rates), tuple(sudden), wanted_kg_per_s, dwell_s, families
+        )
+
+    stays = frozen(families, low, high)
+    if not stays.stable:  # a mass that stays is a course of m(t) too: no claim about all courses holds
+        reason = f"not stable even for a mass that stays: {stays.reason}"
+        return result(
+            StageChange("refuted", reason if len(families) > 1 else "", "none"),
+            AnyChange("refuted", reason, (low_kg, high_kg), None, None, None),
+            [BoundedRate("refuted", reason, joining, None, ()) for joining in JOININGS],
+            [SuddenChange("refuted", reason, joining, None, ZERO, ZERO, ()) for joining in JOININGS],
+        )
+    if len(families) > 1:
+        update(0.05, "changes of stage")
+    stages, coordinates = stage_change(families, low, high)
+    if stages.kind != "any_time":
+        status: Status = "undecided"
+        if stages.counterexample is not None and stages.counterexample.proved:
+            status = "refuted"
+        common = AnyChange(status, stages.reason, (low_kg, high_kg), None, None, stages.counterexample)
+        return result(stages, common, [], [])
+    update(0.15, "any change")
+    common, reached = any_change(families, low, high)
+    if len(families) == 1 or common.status == "proved":
+        coordinates = reached.coordinates
+    degrees = [d for d in DEGREES if not stages.functions or d >= len(stages.functions[0]) - 1]
     wanted = None if wanted_kg_per_s is None else exact(wanted_kg_per_s)
     rates: list[BoundedRate] = []
     sudden: list[SuddenChange] = []
     for share, joining in zip((0.3, 0.65), JOININGS, strict=True):
         if joining == "matched" and common.status == "proved" and common.function is not None:
             rates.append(BoundedRate("proved", "", joining, inf, (common.function,)))
-            sudden.append(SuddenChange("proved", "", joining, fmpq(0), fmpq(1), fmpq(0), (common.function,)))
+            sudden.append(SuddenChange("proved", "", joining, ZERO, fmpq(1), ZERO, (common.function,)))
             continue
 
         def part(fraction: float, text: str = "", share: float = share) -> None:
             update(share + 0.3 * fraction, text)
 
-        rates.append(bounded_rate(family, low, high, joining, reached.coordinates, wanted, update=part))
-        update(share + 0.3, f"sudden changes, mass {joining.replace('_', ' ')}")
-        sudden.append(sudden_change(family, low, high, joining, reached.coordinates))
-    return Switching((low_kg, high_kg), stays, common, tuple(rates), tuple(sudden), wanted_kg_per_s, family)
-
-
-def _refuted(family: MassFamily, range_kg: tuple[float, float], stays: Frozen, wanted: float | None) -> Switching:
-    """A mass that stays is a course of m(t) too: where one is not stable, no claim about all courses holds."""
-    reason = f"not stable even for a mass that stays: {stays.reason}"
-    return Switching(
-        range_kg,
-        stays,
-        AnyChange("refuted", reason, range_kg, None, None, None),
-        tuple(BoundedRate("refuted", reason, joining, None, ()) for joining in JOININGS),
-        tuple(SuddenChange("refuted", reason, joining, None, fmpq(0), fmpq(0), ()) for joining in JOININGS),
-        wanted,
-        family,
-    )
+        rates.append(bounded_rate(families, low, high, joining, coordinates, wanted, update=part, degrees=degrees))
+        update(share + 0.3, f"sudden changes, mass {_spaced(joining)}")
+        sudden.append(sudden_change(families, low, high, joining, coordinates))
+    return result(stages, common, rates, sudden)
 
 
 def describe(found: Switching) -> list[str]:
     """The result in words, one line for each statement."""
     low, high = found.outer_end_mass_kg
+    several = len(found.families) > 1
     if not found.frozen.stable:
         return [
             f"REFUTED: not every mass from {low:g} to {high:g} kg is stable even if it stays: {found.frozen.reason}"
         ]
     lines = [f"proved: stable for every mass from {low:g} to {high:g} kg that stays"]
+    if several:
+        lines = [f"{lines[0]}, with every stage that stays", *_of_stages(found.stages, found.dwell_s)]
+    lines += _of_payload(found)
+    return [*lines, "all of it about the linear loop, each law in continuous time"] if several else lines
+
+
+def _of_stages(stages: StageChange, dwell_s: float) -> list[str]:
+    """Changes of stage in words."""
+    if stages.kind == "any_time":
+        return ["proved: stable whichever stage acts when, at every payload that stays; what follows holds likewise"]
+    if stages.status != "proved":
+        return [f"{_head(stages.status)}: changes of stage: {stages.reason}"]
+    kept = "kept by the schedule" if stages.suffices(dwell_s) else f"NOT kept by its dwell_s of {dwell_s:g}"
+    return [
+        f"proved: stable for changes of stage at least {nearest(stages.dwell_s):.4g} s apart on average, at every"
+        f" payload that stays, which is {kept}",
+        f"not at any time: {stages.reason}",
+    ]
+
+
+def _of_payload(found: Switching) -> list[str]:
+    """Changes of the payload in words; of nothing that needs changes of stage at any time where they are not proved."""
+    if found.stages.kind != "any_time":
+        return []
+    low, lines = found.outer_end_mass_kg[0], []
     common = found.any_change
     matched = "however fast the mass changes, payload joining and leaving with the tip's velocity"
     if common.status == "proved":
@@ -157,3 +216,7 @@ _WORDS = {
 
 def _head(status: Status) -> str:
     return {"unverified": "UNVERIFIED, so not known to be stable"}.get(status, status.upper())
+
+
+def _spaced(joining: Joining) -> str:
+    return joining.replace("_", " ")

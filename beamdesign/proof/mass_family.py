@@ -1,5 +1,6 @@
 """The closed loop as a family of exact matrices over the outer end mass: x' = A(m) x."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,10 @@ class MassFamily:
         if value(2) != constant + 2 * slope:
             raise ValueError("the characteristic polynomial of this family is not affine in the mass")
         return Affine(constant, slope)
+
+
+Families = Sequence[MassFamily]
+"""The closed loop with each of its stages, in the same states; one law that stays is the case of one stage."""
 
 
 def closed_loop(prototype: Prototype) -> MassFamily:
