@@ -4,9 +4,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from beamdesign.controller import control_model
 from beamdesign.members import family
-from beamdesign.observer import Observer
 from beamdesign.prototype import Prototype
 from beamdesign.rig.linearised import SEEN
 
@@ -50,7 +48,7 @@ def state_space(
     member = family(prototype, outer_end_mass_kg).rest
     a, b, c = member.rig.matrices(outer_end_mass_kg, prototype.payload.inner_end_mass_kg)
     b = b * [1.0, member.gain.high]
-    added = prototype.controller.added if isinstance(prototype.controller, Observer) else ()
+    added = prototype.controller.added if prototype.controller is not None else ()
     c = c[[0, 1, *(SEEN.index(name) for name in added)]]
     states = [name.replace(".", "_") for name in member.rig.states]
     if loop == "plant":
@@ -60,15 +58,14 @@ def state_space(
         )  # fmt: skip
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
-    law = control_model(prototype.controller)
+    law = prototype.controller.control_model()
     n, k = len(states), law.nstates
     # The error, in volts, is the command less what is fed back of the sensor; the added sensors have no command.
     fed_back = c[1:] if loop == "closed" else np.zeros((1 + len(added), n))
     disturbance, current, commanded = b[:, :1], b[:, 1:], slice(0, 1)
     dynamics = np.block([[a - current @ law.D @ fed_back, current @ law.C], [-law.B @ fed_back, law.A]])
     inputs = np.block([[disturbance, current @ law.D[:, commanded]], [np.zeros((k, 1)), law.B[:, commanded]]])
-    if isinstance(prototype.controller, Observer) and prototype.controller.b_command:
-        inputs[n:, 1] += prototype.controller.b_command
+    inputs[n:, 1] += prototype.controller.command_entries(k)
     shown = np.hstack([c, np.zeros((len(c), k))])
     outputs = np.vstack([shown[:2], np.hstack([-law.D @ fed_back, law.C]), shown[2:]])
     through = np.zeros((len(outputs), 2))

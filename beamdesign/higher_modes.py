@@ -15,7 +15,6 @@ import numpy as np
 
 from beamdesign import lumped, section
 from beamdesign.beam import MODE_MASS_FRACTION, natural_frequencies
-from beamdesign.controller import sensor_responses
 from beamdesign.loop import critical_gain
 from beamdesign.materials import material
 from beamdesign.prototype import Beam, Prototype
@@ -154,7 +153,7 @@ def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequenc
         sensed = sensed / (1 + s / figure["filter_frequency"])
     law = {"displacement_m": np.ones_like(s)}
     if prototype.controller is not None:
-        law = sensor_responses(prototype.controller, frequency_Hz)
+        law = prototype.controller.sensor_responses(frequency_Hz)
     per_force = law.get("load_pressure_Pa", 0.0) / area - law.get("inner_displacement_m", 0.0) * c_i
     back = sensed * law["displacement_m"] + per_force * force
     return Signals(back, c_o * (1 - c_o / z), np.asarray(per_force * c_o * force))

@@ -18,6 +18,7 @@ from beamdesign.fourier_balance import DISPLACEMENT, FreeRig, NoBalance
 from beamdesign.harmonic_balance import forced_motion
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Structure, assemble
+from beamdesign.rig.electronics import PROPORTIONAL
 from beamdesign.rig.equilibrium import equilibrium, linearise
 
 Varied = Literal["load", "force", "air"]
@@ -93,7 +94,7 @@ def linear_part(prototype: Prototype) -> Prototype:
 
 @cache
 def _is_linear(effect: str) -> bool:
-    function = assemble(Structure("proportional", effects=(effect,))).function
+    function = assemble(Structure(PROPORTIONAL, effects=(effect,))).function
     t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
     return not any(ca.which_depends(ca.vertcat(*function(t, x, u, p)), ca.vertcat(x, u), 2))
 

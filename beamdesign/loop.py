@@ -7,12 +7,12 @@ from math import atan2, degrees, inf, pi, sqrt
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.controller import sensed_law
+from beamdesign.controllers import Controller
 from beamdesign.crossing import Crossing, crossings
 from beamdesign.linear import LinearModel, Plant
 from beamdesign.members import Member, family
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Controller, Prototype
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
     Raises:
         ValueError: for a plant with other sensors than the controller's.
     """
-    law, zero = sensed_law(controller), fmpq_poly([0])
+    law, zero = controller.sensed_law(), fmpq_poly([0])
     if law.sensors != plant.sensors:
         raise ValueError(f"the plant has the sensors {plant.sensors}, the controller {law.sensors}")
     returned, disturbance = Affine(zero, zero), plant.disturbance * law.denominator
@@ -71,7 +71,7 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
 
 def rig_loop(rig: LinearModel, inner_end_mass: float, controller: Controller) -> Loop:
     """Close the loop of a rig, with the given mass (kg) added to its inner beam, with any controller."""
-    return close_loop(rig.plant(inner_end_mass, sensed_law(controller).sensors), controller)
+    return close_loop(rig.plant(inner_end_mass, controller.sensed_law().sensors), controller)
 
 
 def loop(prototype: Prototype) -> Loop:

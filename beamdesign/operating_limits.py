@@ -20,7 +20,6 @@ from math import inf, tau
 import numpy as np
 
 from beamdesign import lumped
-from beamdesign.controller import gain_at_high_frequency
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
@@ -205,7 +204,7 @@ def sensor_reach(prototype: Prototype, outer_end_mass: float = 0.0) -> SensorRea
     hidden = None if sensor.resolution_m is None else (sensor.resolution_m / error if error > 0 else inf)
     if sensor.noise_V is None:
         return SensorReach(error, sensor.resolution_m, hidden)
-    fast = gain_at_high_frequency(law)
+    fast = law.gain_at_high_frequency()
     rated = rated_current(prototype)
     return SensorReach(
         error, sensor.resolution_m, hidden, sensor.noise_V / sensor.gain_V_per_m, fast * sensor.noise_V,

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.controllers import Cascade, Controller
 from beamdesign.files import write_whole
 from beamdesign.materials import unknown_material
-from beamdesign.observer import Observer
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
@@ -110,46 +110,6 @@ class Sensor(Record):
     resolution_m: Annotated[q.Resolution | None, Field(description="least displacement it tells")] = None
 
 
-class Proportional(Record):
-    """C(s) = 1."""
-
-    kind: Annotated[Literal["proportional"], Field(description="which law, with its own figures")] = "proportional"
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain")]
-
-
-class Lag(Record):
-    """C(s) = (1 + s / zero) / (1 + s / pole)."""
-
-    kind: Annotated[Literal["lag"], Field(description="which law, with its own figures")] = "lag"
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
-    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
-    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
-
-
-class Section(Record):
-    """C_i(s) = (1 + 2 d s / z + s^2 / z^2) / (1 + 2 e s / p + s^2 / p^2), one second-order section of a controller."""
-
-    zero_Hz: Annotated[q.Frequency, Field(description="z, natural frequency of the numerator")]
-    zero_damping_ratio: Annotated[q.SectionDamping, Field(description="d, of the numerator; small is a notch")]
-    pole_Hz: Annotated[q.Frequency, Field(description="p, natural frequency of the denominator")]
-    pole_damping_ratio: Annotated[q.SectionDamping, Field(description="e, of the denominator; small is a resonance")]
-
-
-class Structured(Record):
-    """C(s) = (1 + s / zero) / (1 + s / pole) times its second-order sections: a lag with up to three of them."""
-
-    kind: Annotated[Literal["structured"], Field(description="which law, with its own figures")] = "structured"
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
-    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
-    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
-    section: Annotated[
-        tuple[Section, ...], Field(min_length=1, max_length=3, description="second-order sections behind the lag")
-    ]
-
-
-Controller = Annotated[Proportional | Lag | Structured | Observer, Field(discriminator="kind")]
-
-
 class Compliance(Record):
     """What a compliant [controller] stands for: the servo's command moves by the force on the tip over a stiffness."""
 
@@ -157,9 +117,7 @@ class Compliance(Record):
     force_filter_Hz: Annotated[
         q.ComponentFrequency, Field(description="break frequency of the low-pass that the estimated force goes through")
     ]
-    servo: Annotated[
-        Proportional | Lag | Structured, Field(discriminator="kind", description="law that holds the tip at a command")
-    ]
+    servo: Annotated[SerializeAsAny[Cascade], Field(description="law that holds the tip at a command")]
 
 
 class Payload(Record):
@@ -223,7 +181,8 @@ class Arm(Record):
         q.StructuralDamping | None, Field(description="zeta of torsion without payload; else that of the outer beam")
     ] = None
     second_controller: Annotated[
-        Controller | None, Field(description="law of the compensator in y; that of [controller] where absent")
+        SerializeAsAny[Controller] | None,
+        Field(description="law of the compensator in y; that of [controller] where absent"),
     ] = None
 
 
@@ -312,7 +271,7 @@ class Prototype(Record):
     servovalve: Servovalve
     sensor: Sensor
     supply: Supply = Supply()
-    controller: Controller | None = None
+    controller: SerializeAsAny[Controller] | None = None
     compliance: Compliance | None = None
     payload: Payload = Payload()
     arm: Arm | None = None

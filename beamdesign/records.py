@@ -99,6 +99,11 @@ class Record(BaseModel):
             raise ValidationError.from_exception_data(cls.__name__, [*_line_errors(error), *problems]) from None
         raise ValidationError.from_exception_data(cls.__name__, problems)
 
+    @classmethod
+    def variants(cls) -> "list[type[Record]]":
+        """The records that a field of this type may hold: this one alone, or all kinds of an abstract one."""
+        return [cls]
+
     def but(self, **changes: Any) -> Self:
         """Give a validated copy with some fields replaced."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
@@ -125,7 +130,7 @@ def _texts(value: Any, place: Place, annotation: Any) -> Iterator[tuple[Place, s
         for k, item in enumerate(value):
             yield from _texts(item, (*place, k), annotation)
     elif isinstance(value, Mapping):
-        plain = not _nested_records(annotation)
+        plain = not nested_records(annotation)
         for key, item in value.items():
             inside = (*place, spelling.one_line(str(key)))
             yield inside, str(key)
@@ -173,17 +178,23 @@ def _as_tuples(value: Any) -> Any:
     return value
 
 
-def _nested_records(annotation: Any) -> list[type[BaseModel]]:
-    """The record types an annotation mentions, unions and Annotated included."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [record for part in get_args(annotation) for record in _nested_records(part)]
+def under_tag(error: ValidationError, tag: str) -> ValidationError:
+    """The same problems, placed inside of the kind of record that was meant; `_walk` knows such places."""
+    lines = [line | {"loc": (tag, *line.get("loc", ()))} for line in _line_errors(error)]
+    return ValidationError.from_exception_data(error.title, lines)
 
 
-def _walk(record: type[BaseModel], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
+def nested_records(annotation: Any) -> list[type[Record]]:
+    """The record types an annotation mentions, unions, Annotated and the kinds of abstract records included."""
+    if isinstance(annotation, type) and issubclass(annotation, Record):
+        return annotation.variants()
+    return [record for part in get_args(annotation) for record in nested_records(part)]
+
+
+def _walk(record: type[Record], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
     """The path as a user would write it, without tags of unions and places in lists; and the keys allowed there."""
     written: list[str] = []
-    choices = [record]
+    choices = record.variants()
     for step in path:
         if isinstance(step, int):
             continue
@@ -193,7 +204,7 @@ def _walk(record: type[BaseModel], path: Sequence[str | int]) -> tuple[list[str]
             continue
         written.append(step)
         fields = [c.model_fields[step].annotation for c in choices if step in c.model_fields]
-        choices = [nested for annotation in fields for nested in _nested_records(annotation)]
+        choices = [nested for annotation in fields for nested in nested_records(annotation)]
     return written, list(dict.fromkeys(key for choice in choices for key in choice.model_fields))
 
 
@@ -270,7 +281,7 @@ def _reason(item: Any) -> str:
     return f"{item['msg'][:1].lower()}{item['msg'][1:]}, is {_shown(given)}"
 
 
-def _problems(error: ValidationError, record: type[BaseModel]) -> list[Problem]:
+def _problems(error: ValidationError, record: type[Record]) -> list[Problem]:
     problems = []
     for item in error.errors(include_url=False):
         written, _ = _walk(record, item["loc"])

@@ -4,15 +4,14 @@ from math import pi
 
 import numpy as np
 
-from beamdesign.controller import without_sections
-from beamdesign.prototype import Controller, Lag, Proportional
+from beamdesign.controllers import Break, Controller, refuse
 
 
-def tustin(controller: Proportional | Lag, period_s: float) -> tuple[float, float, float]:
+def tustin(lag: Break | None, period_s: float) -> tuple[float, float, float]:
     """b0, b1, a1 of i = K (b0 e + b1 e_old) - a1 i_old, by the trapezoidal rule; K C(0) is kept exactly."""
-    if not isinstance(controller, Lag):
+    if lag is None:
         return 1.0, 0.0, 0.0
-    pole, zero = (2 / (2 * pi * frequency * period_s) for frequency in (controller.pole_Hz, controller.zero_Hz))
+    pole, zero = (2 / (2 * pi * frequency * period_s) for frequency in (lag.pole_Hz, lag.zero_Hz))
     return (1 + zero) / (1 + pole), (1 - zero) / (1 + pole), (1 - pole) / (1 + pole)
 
 
@@ -32,7 +31,7 @@ def digital_law(
     Raises:
         InputError: for a controller with second-order sections.
     """
-    law = without_sections(controller, "scenario", "a sampled loop")
-    b0, b1, a1 = tustin(law, period_steps * step_s)
+    refuse(controller, "lag", "a sampled loop", "scenario")
+    b0, b1, a1 = tustin(controller.lag, period_steps * step_s)
     gain = controller.gain_A_per_V
     return np.array([period_steps, delay_periods, gain, b0, b1, a1, least_volt, rest, gain * rest])

@@ -10,7 +10,7 @@ from pydantic import Field
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.prototype import Controller
+from beamdesign.controllers import Controller
 from beamdesign.records import FileName, InputError, Problem, Record, numbers
 
 CHANNELS = ("disturbance_N", "command_V")

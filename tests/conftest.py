@@ -2,7 +2,8 @@
 
 import pytest
 
-from beamdesign.prototype import Actuator, Beam, Lag, Payload, Prototype, Sensor, Servovalve
+from beamdesign.controllers import Lag
+from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
 
 
 @pytest.fixture

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.paper.rig import paper_prototype
-from beamdesign.prototype import Lag, Proportional, Prototype, Tolerance
+from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
 from beamdesign.simulate import simulate
 

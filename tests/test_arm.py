@@ -22,11 +22,11 @@ from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, remaining,
 from beamdesign.arm.result import frequencies, work_out
 from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.cli import app
+from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import loop
-from beamdesign.observer import Observer
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay_any import replay
-from beamdesign.prototype import Arm, Lag, Payload, Prototype, read_prototype, write_prototype
+from beamdesign.prototype import Arm, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 
 END_INERTIA = 0.01

@@ -13,6 +13,7 @@ from test_figures import cut_off
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.design import codesign, remedies
 from beamdesign.design import front as front_room
 from beamdesign.design.codesign import Codesign, CodesignPoint
@@ -20,7 +21,7 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.remedies import Remedy
 from beamdesign.problem import read_problem
 from beamdesign.proof.replay_any import replay
-from beamdesign.prototype import Lag, read_prototype
+from beamdesign.prototype import read_prototype
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.trade_curves import plot_remedies
 from beamdesign.section import SquareTube

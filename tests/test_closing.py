@@ -11,6 +11,7 @@ from math import pi
 import numpy as np
 import pytest
 
+from beamdesign.controllers import Lag
 from beamdesign.gap.blind import opened
 from beamdesign.gap.blind.case_plan import Planned
 from beamdesign.gap.blind.drawing import displacements_digest, draw
@@ -22,7 +23,7 @@ from beamdesign.gap.truth.case import Noise
 from beamdesign.gap.truth.effects import Scales
 from beamdesign.gap.truth.trial import at_rest, on_trial
 from beamdesign.loop import critical_gain, loop
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.study.closing import attempt, payloads, promised_gain_factor
 from beamdesign.study.redesign import Redesign, redesign

@@ -7,12 +7,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
 from beamdesign.members import paper_model
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import INPUTS, Structure, assemble
 from beamdesign.rig.compiled import compiled, integrate
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import LAG, PROPORTIONAL
 from beamdesign.rig.equilibrium import scales
 from beamdesign.rig.machine_code import Body, MachineCode, machine_code, trace
 from beamdesign.rig.parameters import parameters_of, structure_of
@@ -151,5 +153,5 @@ def test_a_record_that_begins_without_numbers_is_empty(paper: Prototype):
 
 
 def test_code_of_one_structure_serves_all_figures():
-    assert compiled(Structure("lag")) is compiled(Structure("lag"))
-    assert compiled(Structure("lag")) is not compiled(Structure("proportional"))
+    assert compiled(Structure(LAG)) is compiled(Structure(LAG))
+    assert compiled(Structure(LAG)) is not compiled(Structure(PROPORTIONAL))

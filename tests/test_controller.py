@@ -10,16 +10,15 @@ from flint import fmpq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.controller import control_model, transfer_function
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.design.controller_forms import FORMS
-from beamdesign.prototype import Lag, Proportional
 
 FREQUENCIES_HZ = np.geomspace(1e-3, 1e3, 60)
 breaks = st.floats(1e-3, 1e3)
 
 
 def response(controller, frequency_Hz: np.ndarray) -> np.ndarray:
-    law = transfer_function(controller)
+    law = controller.transfer_function()
     s = 2j * pi * frequency_Hz
     top, bottom = (np.polyval([float(c) for c in reversed(p.coeffs())], s) for p in (law.numerator, law.denominator))
     return top / bottom
@@ -34,7 +33,7 @@ def test_a_lag_is_the_quotient_of_two_breaks(gain, pole, zero):
 
 def test_figures_are_taken_exactly():
     """Neither the gain at rest nor the breaks are rounded on the way: a figure is the decimal that is written down."""
-    law = transfer_function(Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0))
+    law = Lag(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0).transfer_function()
     assert law.numerator(0) / law.denominator(0) == fmpq(1, 10)
     for polynomial, frequency_Hz in ((law.numerator, 26.0), (law.denominator, 1.75)):
         decimal = Fraction(repr(2 * pi * frequency_Hz))
@@ -42,14 +41,14 @@ def test_figures_are_taken_exactly():
 
 
 def test_a_proportional_controller_has_no_dynamics():
-    law = transfer_function(Proportional(gain_A_per_V=0.024))
+    law = Proportional(gain_A_per_V=0.024).transfer_function()
     assert law.numerator.degree() == law.denominator.degree() == 0
     np.testing.assert_array_equal(response(Proportional(gain_A_per_V=0.024), FREQUENCIES_HZ), 0.024)
 
 
 @pytest.mark.parametrize("controller", [Proportional(gain_A_per_V=0.02), Lag(gain_A_per_V=0.3, pole_Hz=2, zero_Hz=20)])
 def test_python_control_gets_the_same_controller(controller):
-    model = control_model(controller)
+    model = controller.control_model()
     assert (model.input_labels, model.output_labels) == (["error_V"], ["current_A"])
     found = control.frequency_response(model, 2 * pi * FREQUENCIES_HZ).frdata.ravel()
     np.testing.assert_allclose(found, response(controller, FREQUENCIES_HZ), rtol=1e-9)

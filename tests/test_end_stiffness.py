@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
-from beamdesign.controller import transfer_function
+from beamdesign.controllers import Lag, Structured
 from beamdesign.design.compliant_law import (
     CompliantLaw,
     commanded_compliance,
@@ -37,7 +37,7 @@ from beamdesign.proof.bouncing import popov_slack
 from beamdesign.proof.contact import Wall, prove_contact, stable_walls
 from beamdesign.proof.passivity import absorbed
 from beamdesign.proof.replay_contact import Malformed, replay
-from beamdesign.prototype import Lag, Prototype, Structured, read_prototype, write_prototype
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulate import SimulatedRecord, simulate
@@ -86,7 +86,7 @@ def apparent(rig: Prototype, law: CompliantLaw, mass: float, frequency_Hz: np.nd
     inner += figure["inner_stiffness"]
     natural = figure["valve_frequency"]
     valve = figure["flow_gain"] / ((s / natural) ** 2 + 2 * figure["valve_damping_ratio"] * s / natural + 1)
-    exact_law = transfer_function(law.servo)
+    exact_law = law.servo.transfer_function()
     servo = np.polyval([float(c) for c in reversed(exact_law.numerator.coeffs())], s)
     servo = servo / np.polyval([float(c) for c in reversed(exact_law.denominator.coeffs())], s)
     seen = gain / (1 + s / figure["filter_frequency"]) if figure["filter_frequency"] else gain

@@ -10,6 +10,7 @@ from flint import fmpq
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.design.tuning import tune
 from beamdesign.loop import close_loop
 from beamdesign.members import family
@@ -25,7 +26,7 @@ from beamdesign.proof.replay_box import member_at
 from beamdesign.proof.replay_members import KNOWN, replay
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.prototype import Lag, Payload, Prototype, write_prototype
+from beamdesign.prototype import Payload, Prototype, write_prototype
 from beamdesign.rig.effects import library
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate

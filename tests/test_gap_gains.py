@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gap_sets import TOLERANCE
 
+from beamdesign.controllers import Controller, Lag, Proportional
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import fit
@@ -24,16 +25,7 @@ from beamdesign.gap.gains.shares import gain_shares
 from beamdesign.gap.judgement import evidence as marginal_likelihood
 from beamdesign.harmonic_balance import limit_cycles
 from beamdesign.loop import critical_gain, loop
-from beamdesign.prototype import (
-    Actuator,
-    Beam,
-    Controller,
-    Lag,
-    Payload,
-    Proportional,
-    Prototype,
-    Servovalve,
-)
+from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Servovalve
 from beamdesign.records import InputError
 
 PROPORTIONAL = Proportional(gain_A_per_V=0.01)

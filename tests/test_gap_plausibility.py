@@ -13,11 +13,12 @@ from gap_sets import believed, measured, scenario
 from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
+from beamdesign.controllers import Lag
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.examination.believed_loop import believed_loop
 from beamdesign.gap.examination.controller_equation import _knee, controller_fit, demanded
 from beamdesign.gap.examination.plausibility import examine
-from beamdesign.prototype import Lag, Prototype, Tolerance
+from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.records import InputError
 
 SHARED = Path(__file__).parents[2] / "shared" / "rig"

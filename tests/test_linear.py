@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from paper_descriptor import descriptor, leakage_flow, oil_force
 from scipy.linalg import eigh
 
+from beamdesign.controllers import SENSED
 from beamdesign.linear import LinearModel, Plant
 from beamdesign.members import paper_model
-from beamdesign.observer import SENSED
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError

@@ -10,10 +10,10 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from scipy.optimize import brentq
 
 from beamdesign.control_models import state_space
+from beamdesign.controllers import SENSED, Lag, Proportional
 from beamdesign.loop import critical_gain, loop
 from beamdesign.members import family, paper_model
-from beamdesign.observer import SENSED
-from beamdesign.prototype import Lag, Payload, Proportional, Prototype, Sensor
+from beamdesign.prototype import Payload, Prototype, Sensor
 from beamdesign.records import InputError
 from beamdesign.rig import linearised
 from beamdesign.rig.assembly import assemble

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import LoopAtMass, critical_gain, loop
-from beamdesign.prototype import Lag, Payload, Proportional, Prototype
+from beamdesign.prototype import Payload, Prototype
 
 
 @pytest.fixture(params=["remedy", "lag", "proportional", "filter", "loaded at low gain"])

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.loop_constraints import check_points, guarantee, loop_slack
 from beamdesign.design.loop_search import (
@@ -23,7 +24,7 @@ from beamdesign.design.loop_search import (
 )
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.members import paper_model
-from beamdesign.prototype import Lag, Payload, Proportional, Prototype
+from beamdesign.prototype import Payload, Prototype
 from beamdesign.rig.beams_rig import FIGURES
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)

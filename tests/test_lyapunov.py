@@ -16,7 +16,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from typer.testing import CliRunner
 
 from beamdesign.cli.certify_switching import certify_switching
-from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.controllers import Lag, Proportional, TransferFunction
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
@@ -38,7 +38,7 @@ from beamdesign.proof.mass_family import Families, MassFamily, close_with, close
 from beamdesign.proof.sudden_change import sudden_change
 from beamdesign.proof.switching_document import switching_document
 from beamdesign.proof.verified import checked
-from beamdesign.prototype import Lag, Payload, Proportional, Prototype, Sensor, write_prototype
+from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 
 LOW, HIGH = fmpq(0), exact(6.8)
@@ -173,7 +173,7 @@ def test_matrices_have_the_characteristic_polynomial_of_the_loop(paper, controll
 def test_controller_of_third_order(firm):
     # The lag with a lead of 380/570 rad/s and a second lag of 900/1200 rad/s.
     rig, inner = paper_model(firm), exact(3.5)
-    lag = transfer_function(firm.controller)
+    lag = firm.controller.transfer_function()
     extra = TransferFunction(
         fmpq_poly([1, fmpq(1, 380)]) * fmpq_poly([1, fmpq(1, 1200)]) * fmpq(7, 10),
         fmpq_poly([1, fmpq(1, 570)]) * fmpq_poly([1, fmpq(1, 900)]),

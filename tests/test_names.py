@@ -25,12 +25,13 @@ from beamdesign import cli
 from beamdesign.cli.output import say, say_table, write_csv
 from beamdesign.cli.progress import display
 from beamdesign.columns import read_columns
+from beamdesign.controllers import Lag
 from beamdesign.gap.blind.outcome import Outcome
 from beamdesign.gap.data.dataset_index import TimeEntry, read_index
 from beamdesign.gap.experiment_menu import Experiment, scenario_of
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.document import quoted, remarks, sealed
-from beamdesign.prototype import Lag, Prototype, read_prototype, write_prototype
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.realisation.c_code import LAW, SELF_TEST, c_files
 from beamdesign.realisation.machine import compile_self_test, compiler
 from beamdesign.realisation.realise import Realisation, realise

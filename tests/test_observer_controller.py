@@ -13,20 +13,12 @@ from typer.testing import CliRunner
 from beamdesign.arm.plane import plane_loop
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
-from beamdesign.controller import (
-    control_model,
-    gain_at_high_frequency,
-    sensed_law,
-    sensor_responses,
-    shape_response,
-    transfer_function,
-)
+from beamdesign.controllers import SENSED, Lag, Observer
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import figures
 from beamdesign.members import family, paper_model
-from beamdesign.observer import SENSED, Observer
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof import replay_box, replay_members
 from beamdesign.proof.bilinear import axis_inside
@@ -37,10 +29,9 @@ from beamdesign.proof.performance import guaranteed_gain_margin
 from beamdesign.proof.replay import replay, stable_on_rectangle
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.prototype import Arm, Lag, Prototype, read_prototype, write_prototype
+from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
 from beamdesign.realisation.realise import realise
 from beamdesign.records import InputError
-from beamdesign.report.html import controller_rows
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate
 
@@ -123,9 +114,9 @@ def test_a_lag_written_in_matrices_is_that_lag(bare: Prototype) -> None:
     assert replay(found.text).valid
     assert critical_gain(other).gain_A_per_V == pytest.approx(critical_gain(one).gain_A_per_V, rel=1e-12)
     np.testing.assert_allclose(
-        shape_response(as_observer(lag), FREQUENCIES_HZ), shape_response(lag, FREQUENCIES_HZ), rtol=1e-12
+        as_observer(lag).shape_response(FREQUENCIES_HZ), lag.shape_response(FREQUENCIES_HZ), rtol=1e-12
     )
-    assert gain_at_high_frequency(as_observer(lag)) == pytest.approx(gain_at_high_frequency(lag))
+    assert as_observer(lag).gain_at_high_frequency() == pytest.approx(lag.gain_at_high_frequency())
 
 
 @pytest.mark.parametrize("sensors", [SENSED, SENSED[::2], ("displacement_m", *SENSED[:0:-1])])
@@ -147,7 +138,7 @@ def test_the_loop_is_that_of_its_matrices(rig: Prototype, sensors: tuple, mass: 
     a, b, c = paper_model(prototype).matrices(mass, 4.5)
     plant = control.ss(a, b[:, 1:], c[[k + 1 for k in columns]], 0)
     s = 2j * pi * FREQUENCIES_HZ
-    around = np.einsum("pkf,kpf->f", plant(s), control_model(law)(s))
+    around = np.einsum("pkf,kpf->f", plant(s), law.control_model()(s))
     np.testing.assert_allclose(here.loop_response(FREQUENCIES_HZ), around, rtol=1e-8)
     np.testing.assert_allclose(here.sensitivity_response(FREQUENCIES_HZ), 1 / (1 + around), rtol=1e-8)
 
@@ -171,15 +162,15 @@ def test_what_is_fed_back_of_added_sensors_depends_on_the_mass(rig: Prototype) -
 
 def test_responses_of_the_law_are_those_of_its_polynomials() -> None:
     s = 2j * pi * FREQUENCIES_HZ
-    law, found = sensed_law(LAW), sensor_responses(LAW, FREQUENCIES_HZ)
+    law, found = LAW.sensed_law(), LAW.sensor_responses(FREQUENCIES_HZ)
 
     def value(polynomial) -> np.ndarray:
         return np.polyval([float(c) for c in polynomial.coeffs()[::-1]], s)
 
     for name, numerator in zip(law.sensors, law.numerators, strict=True):
         np.testing.assert_allclose(LAW.gain_A_per_V * found[name], value(numerator) / value(law.denominator), rtol=1e-9)
-    with pytest.raises(InputError, match="added sensors are not for one transfer function"):
-        transfer_function(LAW)
+    with pytest.raises(InputError, match="'observer' is not for one transfer function"):
+        LAW.transfer_function()
 
 
 @pytest.fixture(scope="module")
@@ -332,8 +323,8 @@ def test_a_static_gain_needs_no_states(bare: Prototype) -> None:
     np.testing.assert_allclose(np.sort_complex(loop(prototype).at(2.0).poles()), poles, atol=1e-8 * np.abs(poles).max())
     found = certify(prototype, *MASSES_KG)
     assert replay(found.text).valid
-    assert control_model(law).nstates == 0
-    assert shape_response(law, FREQUENCIES_HZ)[0] == 1.0
+    assert law.control_model().nstates == 0
+    assert law.shape_response(FREQUENCIES_HZ)[0] == 1.0
 
 
 @pytest.mark.parametrize("effects", [{}, {"second_beam_mode": {}}])
@@ -378,7 +369,7 @@ def test_limits_of_the_actuator_see_every_sensor(rig: Prototype) -> None:
 
 
 def test_models_name_what_is_sensed(rig: Prototype) -> None:
-    law, plant = control_model(LAW), state_space(rig, 1.0, "plant")
+    law, plant = LAW.control_model(), state_space(rig, 1.0, "plant")
     assert law.input_labels == ["error_V", "inner_displacement_error_m", "load_pressure_error_Pa"]
     assert plant.output_labels == ["displacement_m", "sensor_V", "inner_displacement_m", "load_pressure_Pa"]
     assert state_space(rig, 1.0, "open").output_labels[3:] == ["inner_displacement_m", "load_pressure_Pa"]
@@ -424,8 +415,8 @@ d = [1.0]
     [
         (["spec"], "'observer' is not for a specification"),
         (["certify-switching"], "'observer' is not for certify-switching"),
-        (["code", "--rate-Hz", "5000"], "added sensors are not for code"),
-        (["certify-box"], "added sensors are not for certify-box"),
+        (["code", "--rate-Hz", "5000"], "'observer' is not for code"),
+        (["certify-box"], "'observer' is not for certify-box"),
     ],
 )
 def test_commands_that_cannot_say_so(rig: Prototype, tmp_path: Path, command: list[str], words: str) -> None:
@@ -471,16 +462,16 @@ def test_a_data_set_and_an_arm_refuse_it(rig: Prototype, tmp_path: Path) -> None
     assert CliRunner().invoke(app, ["new", "dataset", "--out", str(tmp_path / "set")]).exit_code == 0
     believed = read_prototype(tmp_path / "set" / "prototype.toml")
     write_prototype(believed.but(controller=LAW), tmp_path / "set" / "prototype.toml")
-    with pytest.raises(InputError, match="'observer' is not for the model of a data set; give a lag"):
+    with pytest.raises(InputError, match="'observer' is not for the model of a data set"):
         read_dataset(tmp_path / "set")
     tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": 1.475, "material": "6061-T6"}
     link = rig.but(outer_beam=rig.outer_beam.but(**tube), arm=Arm(end_polar_inertia_kg_m2=0.01))
-    with pytest.raises(InputError, match="added sensors are not for the arm"):
+    with pytest.raises(InputError, match="'observer' is not for the arm"):
         plane_loop(link, "z")
 
 
 def test_a_report_lists_every_entry() -> None:
-    rows = {name: value for name, value, _ in controller_rows(LAW)}
+    rows = {name: value for name, value, _ in LAW.rows()}
     assert rows["sensors"] == "displacement_m, inner_displacement_m, load_pressure_Pa"
     assert [float(value) for value in rows["b, row 2"].split(", ")] == [0.0, 30.0, 1e-6]
     assert [float(value) for value in rows["d"].split(", ")] == list(LAW.d)

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from beamdesign.controllers import SENSED, Observer
 from beamdesign.design import observer_tuning, weight_search
 from beamdesign.design.convex_limit import convex_limit
 from beamdesign.design.fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
@@ -24,7 +25,6 @@ from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family
-from beamdesign.observer import SENSED, Observer
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.sensor_value import payload_text, plot_sensor_value

@@ -8,6 +8,7 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, loop
 from beamdesign.members import paper_model
@@ -27,7 +28,7 @@ from beamdesign.proof.quadratic import quadratic_nonnegative
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.replay import Slack
 from beamdesign.proof.statements import frequency_below, shifted, squared_frequency_above
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, Proportional, Prototype
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 
 quick = settings(max_examples=80, deadline=None)
 MASSES = (0.0, 6.8)

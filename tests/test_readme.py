@@ -10,9 +10,10 @@ import typer.main
 
 import beamdesign
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Lag, read_prototype
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, read_prototype
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

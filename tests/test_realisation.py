@@ -17,10 +17,10 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
-from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots
-from beamdesign.prototype import Lag, Proportional, Prototype, Section, Structured, read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.realisation import c_files, judge, realise, sufficient, trade
 from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
 from beamdesign.realisation.closed_loop import run_closed
@@ -83,7 +83,7 @@ def response(realisation: Realisation, frequency_Hz: float) -> complex:
 @pytest.mark.parametrize("law", [Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), rich()], ids=["lag", "rich"])
 def test_tustins_rule_in_closed_form(law: Lag | TransferFunction) -> None:
     """C_d(exp(j w T)) = C(j 2/T tan(w T/2)), which defines the bilinear rule."""
-    continuous = law if isinstance(law, TransferFunction) else transfer_function(law)
+    continuous = law if isinstance(law, TransferFunction) else law.transfer_function()
     rate = 2000.0
     found = realise(law, rate, 32, prewarped=False)
     assert len(found.sections) == (1 if isinstance(law, Lag) else 5)  # overdamped ones as two each

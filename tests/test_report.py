@@ -418,7 +418,7 @@ def test_expected_compliance_agrees_with_the_state_space_matrices(run: DesignRun
 
 
 def test_stable_gains_agree_with_the_poles_and_with_the_published_critical_gain(paper: Prototype) -> None:
-    from beamdesign.prototype import Proportional
+    from beamdesign.controllers import Proportional
 
     loaded = paper.but(controller=Proportional(gain_A_per_V=0.01))
     intervals = stable_gains(loop(loaded), 0.0)

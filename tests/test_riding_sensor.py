@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.loop_constraints import member_slack
 from beamdesign.design.loop_search import best_gain, grid_plant, sampled_bandwidth
@@ -19,7 +20,7 @@ from beamdesign.linear import LinearModel
 from beamdesign.loop import LoopAtMass, loop, rig_loop
 from beamdesign.members import Member, family
 from beamdesign.proof.replay_members import replay
-from beamdesign.prototype import Lag, Payload, Prototype
+from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
 from beamdesign.study.redesign import redesign
 

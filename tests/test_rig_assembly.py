@@ -8,13 +8,15 @@ import pytest
 from flint import fmpq_mat, fmpq_poly
 from scipy.linalg import eigh
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.rig.assembly import INPUTS, OUTPUTS, PORTS, Structure, assemble
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import SAMPLED
 from beamdesign.rig.equilibrium import equilibrium, linearise
 from beamdesign.rig.linearised import evaluate_exactly
 from beamdesign.rig.parameters import parameters_of, structure_of
@@ -40,7 +42,7 @@ def operating_point(rig: Prototype, force: float = 0.0, sampled: bool = False, o
 
 def exact_transfers(filtered: bool, values: list[float]) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
     """Denominator, force to displacement and current to sensor volts of the assembly, in rationals."""
-    assembly = assemble(Structure("sampled", filtered))
+    assembly = assemble(Structure(SAMPLED, filtered))
     n = len(assembly.states)
     p, x, u = ca.SX.sym("p", len(assembly.parameters)), ca.SX.sym("x", n), ca.SX.sym("u", len(INPUTS))
     rate, y = assembly.function(0, x, u, p)

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.controller import control_model
+from beamdesign.controllers import Lag
 from beamdesign.design.loop_search import grid_plant
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread, rig_spread
@@ -22,7 +22,7 @@ from beamdesign.design.worst_samples import WorstSamples, worst_samples
 from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import replay
-from beamdesign.prototype import Lag, Prototype, Tolerance, read_prototype, write_prototype
+from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.study.delivered import delivered, drawn
 from beamdesign.study.robust_proof import claims_of, draw_rigs, least_share
@@ -66,7 +66,7 @@ def sampled(spread: RigSpread) -> WorstSamples:
 
 def true_slacks(rig: Prototype, points: Samples) -> tuple[np.ndarray, ...]:
     """Slacks of sensitivity and compliance of a rig at the points, by python-control."""
-    s, law = 2j * pi * points.frequency_Hz, control_model(LAW)(2j * pi * points.frequency_Hz)
+    s, law = 2j * pi * points.frequency_Hz, LAW.control_model()(2j * pi * points.frequency_Hz)
     found = []
     for row, mass in enumerate(MASSES_KG):
         on = points.row == row

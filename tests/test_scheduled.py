@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.cli.tune_scheduled import kept_apart
+from beamdesign.controllers import Section, Structured
 from beamdesign.design.schedule import stage_members, stage_ranges
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
@@ -24,7 +25,7 @@ from beamdesign.proof.replay_stages import Malformed, StageLoop, replay
 from beamdesign.proof.stage_change import stage_change, verified_dwell
 from beamdesign.proof.stage_family import stage_families, stage_family
 from beamdesign.proof.switching_document import switching_document
-from beamdesign.prototype import Prototype, Section, Structured, read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.scheduling.estimator import NOTHING, Estimate, PayloadEstimator, fitted_payload

@@ -8,14 +8,16 @@ import pytest
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.bench_simulation import bench_start
+from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
 from beamdesign.members import paper_model
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.records import parse
 from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
 from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
 from beamdesign.rig.compiled import integrate
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import SAMPLED, Series
 from beamdesign.rig.equilibrium import equilibrium, scales
 from beamdesign.rig.parameters import parameters_of, structure_of
 from beamdesign.rig.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
@@ -269,7 +271,7 @@ def test_a_diverging_record_ends_with_its_derivatives(paper: Prototype):
 
 
 def test_what_does_not_fit_is_refused():
-    assembly = assemble(Structure("lag"))
+    assembly = assemble(Structure(Series((1,))))
     n, p = len(assembly.states), np.ones(len(assembly.parameters))
     times, inputs = np.arange(2) * 1e-3, np.zeros((3, 2))
 
@@ -281,4 +283,4 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match=r"start sensitivity of \(9, 2\), not \(9, 1\)"):
         asked(assembly.kinds, ("gain",), 2)
     with pytest.raises(ValueError, match="continuous controller"):
-        asked(Structure("sampled"), ("gain",), 1)
+        asked(Structure(SAMPLED), ("gain",), 1)

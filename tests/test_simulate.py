@@ -13,11 +13,12 @@ from scipy.signal import lsim
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.kick import critical_gain_by_kicks
 from beamdesign.loop import critical_gain, loop
 from beamdesign.members import paper_model
 from beamdesign.oscillation import oscillation
-from beamdesign.prototype import Lag, Prototype, read_prototype, write_prototype
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.rig.assembly import assemble
 from beamdesign.rig.compiled import integrate

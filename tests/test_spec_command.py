@@ -12,10 +12,11 @@ from ezdxf import recover
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.controllers import Lag
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.proof.replay_any import replay
-from beamdesign.prototype import Lag, read_prototype, write_prototype
+from beamdesign.prototype import read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
 from beamdesign.simulate import simulate

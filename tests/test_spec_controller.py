@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.proof.replay_any import replay
-from beamdesign.prototype import Lag, Proportional, Prototype, read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.sampled import tustin
 from beamdesign.specification.analogue import analogue_controllers, with_tolerance
 from beamdesign.specification.difference_equation import DifferenceEquation, difference_equation, sensible_rate_Hz

@@ -10,9 +10,10 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag
 from beamdesign.loop import loop
 from beamdesign.proof.replay_any import replay
-from beamdesign.prototype import Lag, Prototype, read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.specification.acceptance_bands import acceptance_bands
 from beamdesign.specification.ratings import MARGIN, ratings
 from beamdesign.specification.sensor_need import lagging, noise_bandwidth_Hz, sensor_need

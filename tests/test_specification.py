@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beamdesign import section
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.lumped import lumped_beam
-from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.report.acceptance import representative_masses
 from beamdesign.report.lag_network import lag_network
 from beamdesign.report.result_folder import FILES

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from beamdesign.control_models import state_space
-from beamdesign.controller import control_model
+from beamdesign.controllers import Proportional
 from beamdesign.loop import loop
-from beamdesign.prototype import Payload, Proportional, Prototype
+from beamdesign.prototype import Payload, Prototype
 
 FREQUENCIES_HZ = np.array([0.01, 0.3, 1.75, 10.0, 26.0, 50.0, 54.5, 131.8, 545.0, 2000.0])
 S = 2j * np.pi * FREQUENCIES_HZ
@@ -35,7 +35,7 @@ def test_closed_loop_is_the_interconnection_of_plant_and_controller(rig: Prototy
     assert rig.controller is not None
     error = control.summing_junction(["command_V", "-sensor_V"], "error_V", name="error")
     joined = control.interconnect(
-        [error, control_model(rig.controller), state_space(rig, mass, "plant")],
+        [error, rig.controller.control_model(), state_space(rig, mass, "plant")],
         inputs=["disturbance_N", "command_V"],
         outputs=["displacement_m", "sensor_V", "current_A"],
     )
@@ -55,7 +55,7 @@ def test_closing_the_open_loop_gives_the_closed_one(rig: Prototype):
 def test_current_is_the_controller_of_the_error(rig: Prototype):
     assert rig.controller is not None
     closed = state_space(rig, 1.0)
-    law = control_model(rig.controller)(S)
+    law = rig.controller.control_model()(S)
     error = 1 - closed["sensor_V", "command_V"](S)
     np.testing.assert_allclose(closed["current_A", "command_V"](S), law * error, rtol=1e-9)
 

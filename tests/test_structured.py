@@ -14,7 +14,7 @@ from scipy.signal import sos2zpk, zpk2tf
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.controller import control_model, shape_response, transfer_function
+from beamdesign.controllers import Section, Structured
 from beamdesign.design.loop_search import grid_plant
 from beamdesign.design.sampled_loops import samples, slacks
 from beamdesign.design.tuning import Tuning, tune
@@ -25,7 +25,7 @@ from beamdesign.operating_limits import sensor_reach
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import Malformed, replay
-from beamdesign.prototype import Prototype, Section, Structured, read_prototype, write_prototype
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.limit_trades import LIMITS, Trade, plot_limit_trades
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, inputs_of
@@ -61,13 +61,13 @@ def by_python_control(rig: Prototype, mass: float) -> tuple[control.StateSpace, 
     """The plant from (force, current) to (displacement, volts), and the controller, as python-control has them."""
     a, b, c = paper_model(rig).matrices(mass, rig.payload.inner_end_mass_kg)
     assert rig.controller is not None
-    return control.ss(a, b, c[:2], 0), control_model(rig.controller)
+    return control.ss(a, b, c[:2], 0), rig.controller.control_model()
 
 
 def test_the_transfer_function_is_the_product_of_its_sections() -> None:
     """Against python-control and scipy, each section made from its own poles and zeros."""
     s = 2j * pi * FREQUENCIES_HZ
-    law = transfer_function(LAW)
+    law = LAW.transfer_function()
     found = np.polyval([float(c) for c in law.numerator.coeffs()[::-1]], s)
     found /= np.polyval([float(c) for c in law.denominator.coeffs()[::-1]], s)
     expected = LAW.gain_A_per_V * control.tf([1 / (2 * pi * 30.0), 1], [1 / (2 * pi * 1.0), 1])
@@ -76,8 +76,8 @@ def test_the_transfer_function_is_the_product_of_its_sections() -> None:
         row = [1 / z**2, 2 * part.zero_damping_ratio / z, 1, 1 / p**2, 2 * part.pole_damping_ratio / p, 1]
         expected = expected * control.tf(*zpk2tf(*sos2zpk([row])))
     np.testing.assert_allclose(found, expected(s), rtol=1e-9)
-    np.testing.assert_allclose(LAW.gain_A_per_V * shape_response(LAW, FREQUENCIES_HZ), expected(s), rtol=1e-9)
-    np.testing.assert_allclose(control_model(LAW)(s), expected(s), rtol=1e-7)
+    np.testing.assert_allclose(LAW.gain_A_per_V * LAW.shape_response(FREQUENCIES_HZ), expected(s), rtol=1e-9)
+    np.testing.assert_allclose(LAW.control_model()(s), expected(s), rtol=1e-7)
 
 
 def test_a_prototype_with_sections_goes_to_toml_and_back(rig: Prototype, tmp_path: Path) -> None:

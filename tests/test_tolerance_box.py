@@ -10,6 +10,7 @@ from flint import ctx, fmpq
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
@@ -19,7 +20,7 @@ from beamdesign.proof.replay_box import Cell, growth, member, replay
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.scaling import largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.prototype import Lag, Payload, Proportional, Prototype, Sensor, Tolerance, write_prototype
+from beamdesign.prototype import Payload, Prototype, Sensor, Tolerance, write_prototype
 from beamdesign.records import InputError
 
 TOLERANCE = Tolerance(

@@ -11,6 +11,7 @@ import pytest
 from hand_assembled import judge
 
 from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag
 from beamdesign.design import refinement, tuning
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, best_gain, grid_plant
@@ -25,7 +26,7 @@ from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import guaranteed_bandwidth, guaranteed_peak_sensitivity
 from beamdesign.proof.replay import replay
 from beamdesign.proof.stability import is_stable_over
-from beamdesign.prototype import Lag, Payload, Prototype
+from beamdesign.prototype import Payload, Prototype
 
 RANGE_KG = (0.0, 6.8)
 LIMIT_M_PER_N = 5.71e-8

@@ -25,7 +25,7 @@ from typing import Literal
 from flint import fmpq, fmpq_poly
 
 from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
-from beamdesign.controller import without_added_sensors
+from beamdesign.controllers import refuse
 from beamdesign.loop import Loop, LoopAtMass, loop
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
@@ -166,7 +166,7 @@ def single_loop(prototype: Prototype, name: Name) -> Loop:
         raise InputError(prototype.name, wrong)
     plane = in_plane(prototype, name)
     assert plane.controller is not None  # a second one stands beside a first
-    without_added_sensors(plane.controller, prototype.name, "the arm, whose loops are those of its tips")
+    refuse(plane.controller, "one sensor", "the arm, whose loops are those of its tips", prototype.name)
     return loop(plane)
 
 

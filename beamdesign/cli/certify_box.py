@@ -54,7 +54,7 @@ def certify_box(
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
     """
     from beamdesign import quantities as q
-    from beamdesign.controller import without_added_sensors
+    from beamdesign.controllers import refuse
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
@@ -65,7 +65,7 @@ def certify_box(
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    without_added_sensors(record.controller, prototype, "certify-box, whose polynomial is that of one sensor")
+    refuse(record.controller, "one sensor", "certify-box, whose polynomial is that of one sensor", prototype)
 
     path = certificate_file(out, f"{prototype.stem}.box.toml")
 

@@ -87,7 +87,7 @@ class _Rig(NamedTuple):
 
 
 def _of_one_law(path: Path) -> _Rig:
-    from beamdesign.controller import without_sections
+    from beamdesign.controllers import refuse
     from beamdesign.proof.mass_family import closed_loop
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -95,7 +95,7 @@ def _of_one_law(path: Path) -> _Rig:
     record = read_prototype(path)
     if record.controller is None:
         raise InputError(path, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    without_sections(record.controller, path, "certify-switching, whose Lyapunov functions are of low order")
+    refuse(record.controller, "lag", "certify-switching, whose Lyapunov functions are of low order", path)
     return _Rig(record, (closed_loop(record),), record.payload.outer_end_mass_kg)
 
 

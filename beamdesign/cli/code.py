@@ -69,7 +69,7 @@ def code(
     the range; a higher rate or a longer word may be.
     """
     from beamdesign import quantities as q
-    from beamdesign.controller import without_added_sensors
+    from beamdesign.controllers import refuse
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
@@ -93,7 +93,7 @@ def code(
     if faults:
         raise InputError(prototype, faults)
     assert record.controller is not None
-    without_added_sensors(record.controller, prototype, "code, which reads one voltage")
+    refuse(record.controller, "one sensor", "code, which reads one voltage", prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.realisation.folder import write_code

@@ -54,7 +54,7 @@ def spec(
     `beamdesign gap diagnose`. Exit status 1 if the loop is not stable over the range, with the reason.
     """
     from beamdesign import quantities as q
-    from beamdesign.controller import without_sections
+    from beamdesign.controllers import refuse
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
@@ -73,7 +73,7 @@ def spec(
     if faults:
         raise InputError(prototype, faults)
     assert record.controller is not None
-    without_sections(record.controller, prototype, "a specification, whose circuit and code are those of a lag")
+    refuse(record.controller, "lag", "a specification, whose circuit and code are those of a lag", prototype)
     breaks = [getattr(record.controller, key, 0.0) for key in ("pole_Hz", "zero_Hz")]
     if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * max(breaks):
         reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {max(breaks):g} Hz"

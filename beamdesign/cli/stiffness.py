@@ -19,7 +19,7 @@ from beamdesign.cli.output import (
 from beamdesign.files import write_set
 
 if TYPE_CHECKING:
-    from beamdesign.design.compliant_law import Servo
+    from beamdesign.controllers import Cascade
     from beamdesign.design.end_stiffness import EndStiffness, Need
     from beamdesign.prototype import Prototype
 
@@ -112,7 +112,7 @@ def give_stiffness(
     masses: tuple[float, float],
     walls: tuple[tuple[float, float], tuple[float, float]] = EVERY_WALL,
     need: "Need" = "wall",
-    servo: "Servo | None" = None,
+    servo: "Cascade | None" = None,
     rigs: int = RIGS,
     out: Path | None = None,
     json: Path | None = None,
@@ -146,7 +146,7 @@ def give_stiffness(
     done = carried_out(record, best, masses, wall)
     softest = softest_N_per_m(record, best.law.servo, best.law.force_filter_Hz, masses)
     rows = [
-        *_figures(best.law.servo),
+        *best.law.servo.summary(),
         ("force filter", quantity(best.law.force_filter_Hz, "Hz")),
         *_kept(best),
         ("softest with this lag and filter, at either end of the payload", quantity(softest, "N/m")),
@@ -225,30 +225,22 @@ def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
     ]
 
 
-def _servo(record: "Prototype", source: Path) -> "Servo":
+def _servo(record: "Prototype", source: Path) -> "Cascade":
     """The prototype's own law, or the one that its compliant controller was made from.
 
     Raises:
         InputError: where there is none.
     """
-    from beamdesign.observer import Observer
     from beamdesign.records import InputError
 
     if record.compliance is not None:
         return record.compliance.servo
     if record.controller is None:
         raise InputError(source, [("controller", "missing; write it there, or leave out --keep-controller")])
-    if isinstance(record.controller, Observer):
-        reason = "'observer' cannot be kept without a [compliance] that says what it stands for; give a lag"
-        raise InputError(source, [("controller.kind", reason)])
-    return record.controller
-
-
-def _figures(servo: "Servo") -> list[tuple[str, str]]:
-    figures = servo.model_dump()
-    sections = figures.pop("section", ())
-    rows = [(name, str(value)) for name, value in figures.items()]
-    return rows + ([("sections", str(len(sections)))] if sections else [])
+    if (servo := record.controller.cascade) is None:
+        reason = f"{record.controller.kind!r} cannot be kept without a [compliance] that says what it stands for"
+        raise InputError(source, [("controller.kind", f"{reason}; give a lag")])
+    return servo
 
 
 def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """`beamdesign tune`: controller and inner end mass with the largest guaranteed bandwidth."""
 
-from math import inf, pi
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,9 +20,9 @@ from beamdesign.cli.output import (
 from beamdesign.files import write_set
 
 if TYPE_CHECKING:
+    from beamdesign.controllers import Sensed
     from beamdesign.design.rig_spread import Shape
-    from beamdesign.observer import Sensed
-    from beamdesign.prototype import Controller, Goal, Prototype
+    from beamdesign.prototype import Goal, Prototype
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
 VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
@@ -174,7 +174,7 @@ def tune(
     certificate, guaranteed = certified(found.prototype, best, masses)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)}
     rows = [
-        *_figures(best.controller),
+        *best.controller.summary(),
         ("inner_end_mass_kg", str(best.inner_end_mass_kg)),
         ("guaranteed bandwidth", at_least(best.bandwidth_Hz, "Hz")),
         ("guaranteed peak sensitivity", at_most(best.peak_sensitivity, "1")),
@@ -237,7 +237,7 @@ def _compliant(
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     """What the controller reads, in the order of the record."""
-    from beamdesign.observer import SENSED
+    from beamdesign.controllers import SENSED
     from beamdesign.records import InputError
 
     if wrong := [name for name in added if name not in SENSED[1:]]:
@@ -256,26 +256,6 @@ def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
         elif kind in ("structured", "lqg", "hinf") and name in VALVE_LIMITS and getattr(goal, name) is None:
             changes[name] = VALVE_LIMITS[name]
     return goal.but(**changes) if changes else goal
-
-
-def _figures(controller: "Controller") -> list[tuple[str, str]]:
-    """The figures of a controller, those of each section in one row."""
-    figures = controller.model_dump()
-    if figures["kind"] == "observer":
-        import numpy as np
-
-        poles = np.linalg.eigvals(np.array(figures["a"])) / (2 * pi)
-        words = ", ".join(f"{abs(p):.4g}" for p in sorted(poles, key=abs) if p.imag >= 0)
-        return [("sensors", ", ".join(figures["sensors"])), ("order", str(len(poles))), ("poles, Hz", words)]
-    sections = figures.pop("section", ())
-    rows = [(name, str(value)) for name, value in figures.items()]
-    for k, section in enumerate(sections, start=1):
-        words = ", ".join(
-            f"{side} {section[f'{side}_Hz']:g} Hz damped {section[f'{side}_damping_ratio']:g}"
-            for side in ("zero", "pole")
-        )
-        rows.append((f"section {k}", words))
-    return rows
 
 
 def _kept(goal: "Goal") -> list[tuple[str, str]]:

@@ -43,7 +43,6 @@ def tune_scheduled(
     from beamdesign.proof.lyapunov import describe, switching
     from beamdesign.proof.stage_family import stage_families
     from beamdesign.proof.switching_document import switching_document
-    from beamdesign.prototype import Structured
     from beamdesign.records import InputError
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
     from beamdesign.scheduling.record import law_words, scheduled_toml
@@ -55,7 +54,7 @@ def tune_scheduled(
     if record.effects:
         names = ", ".join(record.effects)
         problems.append(("effects", f"changes of stage are proved without effects ({names}); take them out"))
-    if isinstance(record.controller, Structured) and record.sensor.filter_Hz is None:
+    if record.controller is not None and record.controller.sections and record.sensor.filter_Hz is None:
         problems.append(
             ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
         )

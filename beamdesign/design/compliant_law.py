@@ -14,15 +14,12 @@ from dataclasses import dataclass
 from math import inf, pi
 
 import numpy as np
-from flint import fmpq_poly
 
-from beamdesign.controller import sensed_law
+from beamdesign.controllers import Cascade, Observer, Sensed
 from beamdesign.lumped import figures
-from beamdesign.observer import Observer, Sensed
-from beamdesign.prototype import Controller, Lag, Proportional, Prototype, Structured
+from beamdesign.prototype import Prototype
 
 SENSORS: tuple[Sensed, ...] = ("displacement_m", "load_pressure_Pa")
-Servo = Proportional | Lag | Structured
 
 
 @dataclass(frozen=True)
@@ -35,12 +32,12 @@ class CompliantLaw:
         force_filter_Hz: break of the low-pass that the estimated force goes through.
     """
 
-    servo: Servo
+    servo: Cascade
     end_stiffness_N_per_m: float
     force_filter_Hz: float
 
 
-def servo_stiffness(prototype: Prototype, servo: Servo) -> float:
+def servo_stiffness(prototype: Prototype, servo: Cascade) -> float:
     """Static stiffness of the end under a servo alone, N/m: the most that it can be given; infinite without leakage."""
     given = figures(prototype)
     if given["leakage"] == 0:
@@ -79,7 +76,7 @@ def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
     given, servo = figures(prototype), law.servo
     compliance = commanded_compliance(prototype, law)
     cutoff = 2 * pi * law.force_filter_Hz
-    a, b, c, d = _servo_matrices(servo)
+    a, b, c, d = servo.matrices()
     n = len(b)
     # The sensor's volts are command - e_1, so that K_m x = K_m (command - e_1) / F_s.
     spring = given["outer_stiffness"] * compliance
@@ -92,40 +89,3 @@ def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
     commanded = np.zeros(n + 1)
     commanded[n] = cutoff * spring
     return Observer.of(servo.gain_A_per_V, SENSORS, whole, inputs, [*c, d], [d, 0.0], commanded)
-
-
-def command_numerator(controller: Controller) -> fmpq_poly:
-    """Numerator of current over command, A/V, with the denominator of the controller's law, exact."""
-    through_error = sensed_law(controller).numerators[0]
-    if not isinstance(controller, Observer) or not controller.b_command:
-        return through_error
-    rows = tuple((more, *row[1:]) for row, more in zip(controller.b, controller.b_command, strict=True))
-    return through_error + sensed_law(controller.but(b=rows, d=(0.0, *controller.d[1:]))).numerators[0]
-
-
-def _servo_matrices(servo: Servo) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """A (n, n), b (n,), c (n,) and d of a servo of unit gain: its lag, then its sections, in series."""
-    a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
-    if isinstance(servo, Proportional):
-        return a, b, c, d
-    pole, ratio = 2 * pi * servo.pole_Hz, servo.pole_Hz / servo.zero_Hz
-    blocks = [(np.array([[-pole]]), np.array([pole]), np.array([1 - ratio]), ratio)]
-    for section in servo.section if isinstance(servo, Structured) else ():
-        zero, damping = 2 * pi * section.zero_Hz, section.zero_damping_ratio
-        natural, own = 2 * pi * section.pole_Hz, section.pole_damping_ratio
-        through = (natural / zero) ** 2
-        blocks.append(
-            (
-                np.array([[0.0, 1.0], [-(natural**2), -2 * own * natural]]),
-                np.array([0.0, natural**2]),
-                np.array([1 - through, 2 * damping / zero - through * 2 * own / natural]),
-                through,
-            )
-        )
-    for a_next, b_next, c_next, d_next in blocks:
-        n, m = len(b), len(b_next)
-        joined = np.zeros((n + m, n + m))
-        joined[:n, :n], joined[n:, :n], joined[n:, n:] = a, np.outer(b_next, c), a_next
-        a, b = joined, np.concatenate([b, b_next * d])
-        c, d = np.concatenate([d_next * c, c_next]), d * d_next
-    return a, b, c, d

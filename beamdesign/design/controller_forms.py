@@ -6,7 +6,7 @@ from functools import cache
 from math import exp, log, pi
 from typing import Any
 
-from beamdesign.prototype import Controller, Lag, Proportional, Section, Structured
+from beamdesign.controllers import Break, Controller, Lag, Proportional, Section, Structured
 
 
 @dataclass(frozen=True)
@@ -107,3 +107,10 @@ def _times(left: Sequence[Any], right: Sequence[Any]) -> list[Any]:
         for j, two in enumerate(right):
             product[i + j] = product[i + j] + one * two
     return product
+
+
+def lag_and_sections(law: Controller) -> list[float]:
+    """The figures of a law as the variables of its form: gain, pole, zero, then those of each section."""
+    lag = law.lag or Break(1.0, 1.0)
+    sections = [getattr(section, name) for section in law.sections for name in SECTION_NAMES]
+    return [law.gain_A_per_V, lag.pole_Hz, lag.zero_Hz, *sections]

@@ -7,12 +7,10 @@ from typing import Literal
 import numpy as np
 from flint import fmpq
 
-from beamdesign.controller import sensed_law
+from beamdesign.controllers import Cascade, Controller
 from beamdesign.design.compliant_law import (
     SENSORS,
     CompliantLaw,
-    Servo,
-    command_numerator,
     commanded_compliance,
     controller_of,
     servo_stiffness,
@@ -28,7 +26,7 @@ from beamdesign.proof.performance import peak_sensitivity_where_stable
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
-from beamdesign.prototype import Controller, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.tip import tip
 
 Need = Literal["passive", "wall", "stable"]
@@ -127,7 +125,7 @@ def judge_as_it_is(prototype: Prototype, masses_kg: tuple[float, float], wall: W
 def _judged(
     prototype: Prototype, controller: Controller, masses_kg: tuple[float, float], wall: Wall, law: CompliantLaw | None
 ) -> EndStiffness:
-    heard = sensed_law(controller).sensors
+    heard = controller.sensed_law().sensors
     plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, heard)
     closed = close_loop(plant, controller)
     port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
@@ -137,7 +135,7 @@ def _judged(
     stable = is_stable_over(port.over_mass, low, high)
     passive = passivity(port, low, high)
     contact = prove_contact(port, (low, high), wall)
-    commanded = plant.displaced * command_numerator(controller) * exact(prototype.sensor.gain_V_per_m)
+    commanded = plant.displaced * controller.command_numerator() * exact(prototype.sensor.gain_V_per_m)
     stiffness = static if law is None else law.end_stiffness_N_per_m
     alone = static if law is None else servo_stiffness(prototype, law.servo)
     return EndStiffness(
@@ -158,7 +156,7 @@ def _judged(
     )
 
 
-def stable_compliances(prototype: Prototype, servo: Servo, force_filter_Hz: float, mass_kg: float) -> StabilityMap:
+def stable_compliances(prototype: Prototype, servo: Cascade, force_filter_Hz: float, mass_kg: float) -> StabilityMap:
     """All ranges of 1 / k_c (m/N), from none to `SOFTEST_N_PER_M`, that are stable or not at one outer end mass.
 
     The characteristic polynomial is affine in 1 / k_c, so that all crossings are exact.
@@ -170,7 +168,7 @@ def stable_compliances(prototype: Prototype, servo: Servo, force_filter_Hz: floa
     return stable_ranges(family, fmpq(0), exact(1 / SOFTEST_N_PER_M))
 
 
-def over_compliance(prototype: Prototype, servo: Servo, force_filter_Hz: float, mass: fmpq) -> Affine:
+def over_compliance(prototype: Prototype, servo: Cascade, force_filter_Hz: float, mass: fmpq) -> Affine:
     """The characteristic polynomial at one outer end mass (kg), affine in 1 / k_c."""
     stiffness = min(servo_stiffness(prototype, servo) / 2, 1e6)
     law = CompliantLaw(servo, stiffness, force_filter_Hz)
@@ -181,7 +179,7 @@ def over_compliance(prototype: Prototype, servo: Servo, force_filter_Hz: float, 
 
 
 def softest_N_per_m(
-    prototype: Prototype, servo: Servo, force_filter_Hz: float, masses_kg: tuple[float, float]
+    prototype: Prototype, servo: Cascade, force_filter_Hz: float, masses_kg: tuple[float, float]
 ) -> float:
     """Static stiffness from which up to the servo's own every one is stable, at either end of the payload.
 

@@ -7,6 +7,7 @@ from math import inf, log
 import casadi as ca
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.design.loop_constraints import member_slack
 from beamdesign.design.loop_search import GridPlant, grid_plant
 from beamdesign.linear import LinearModel
@@ -26,7 +27,7 @@ from beamdesign.proof.rectangle import (
     prove_peak,
     scaled,
 )
-from beamdesign.prototype import Controller, Goal
+from beamdesign.prototype import Goal
 
 LOOSER_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""

@@ -13,6 +13,7 @@ from math import inf, log
 
 import numpy as np
 
+from beamdesign.controllers import SENSED, Observer, Sensed
 from beamdesign.design.bandwidth_climb import climb
 from beamdesign.design.loop_set import LOOSER_PEAK, ends, loop_set
 from beamdesign.design.lqg import lqg
@@ -26,7 +27,6 @@ from beamdesign.design.state_space import StateSpace
 from beamdesign.design.weight_search import Proposal, WeightSearch, least_norm
 from beamdesign.linear import LinearModel
 from beamdesign.members import Member
-from beamdesign.observer import SENSED, Observer, Sensed
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
 
@@ -150,7 +150,7 @@ def tune_observer(
         masses_kg: range of outer end mass.
         largest_inner: most mass that may be added inside, kg.
         kind: `lqg` or `hinf`: how the controllers that are polished are synthesised; None for the starts alone.
-        sensors: what it reads, of `beamdesign.observer.SENSED`.
+        sensors: what it reads, of `beamdesign.controllers.SENSED`.
         told: the share done and what is being done.
         starts: further controllers, with these sensors or fewer, and masses inside (kg) to polish from.
     """
@@ -160,8 +160,8 @@ def tune_observer(
     if len(sensors) > 1 and kind and not starts:
         # What the displacement alone reaches is where an added sensor begins.
         alone = tune_observer(members, goal, masses_kg, largest_inner, kind, sensors[:1], _half(told))
-        if alone.proved is not None and isinstance(alone.proved.controller, Observer):
-            starts = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]
+        if alone.proved is not None and (own := alone.proved.controller.observer):
+            starts = [(own, alone.proved.inner_end_mass_kg)]
     proposals = _proposals(task, kind, told) if kind else []
     laws = [(_extended(task, one), inner) for one, inner in starts if one.order <= 2 * BLOCKS]
     laws = [(law, inner) for law, inner in laws if law.stable]

@@ -11,6 +11,7 @@ from math import exp, log
 import casadi as ca
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.design.controller_forms import ControllerForm
 from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, reach
@@ -18,7 +19,7 @@ from beamdesign.design.loop_set import Constraint, LoopSet, loop_set
 from beamdesign.design.worst_points import SHARES, high_peaks, largest_sampled, peak_near
 from beamdesign.members import Member
 from beamdesign.proof.performance import Claim
-from beamdesign.prototype import Controller, Goal
+from beamdesign.prototype import Goal
 
 ROUNDS = 24
 """Most rounds of refinement and proof from one start."""

@@ -13,6 +13,8 @@ import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
+from beamdesign.controllers import Lag
+from beamdesign.controllers.lag import as_lag
 from beamdesign.design.codesign import (
     ROUNDED_SLACK,
     codesign_program,
@@ -26,7 +28,6 @@ from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.problem import DesignProblem
-from beamdesign.prototype import Lag
 from beamdesign.section import SquareTube
 
 Progress = Callable[[float, str], None]
@@ -76,7 +77,7 @@ class Remedy:
     @property
     def controllers(self) -> tuple[Lag, ...]:
         """The lag of each part."""
-        return tuple(proved.controller for proved in self.proved if isinstance(proved.controller, Lag))
+        return tuple(as_lag(proved.controller) for proved in self.proved)
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.design.controller_forms import SECTION_NAMES
+from beamdesign.design.controller_forms import lag_and_sections
 from beamdesign.design.rig_samples import rig_samples
 from beamdesign.design.rig_spread import RigSpread, Shape, rig_spread
 from beamdesign.design.structured_tuning import grow
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, Progress, Tuning, no_answer, tuned
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs
 from beamdesign.members import family
-from beamdesign.prototype import Lag, Proportional, Prototype, Structured
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
 
@@ -124,15 +124,8 @@ def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> Worst
 
 def _variables(prototype: Prototype) -> np.ndarray:
     """The variables of `beamdesign.design.sampled_loops` at which a prototype stands."""
-    match prototype.controller:
-        case Proportional(gain_A_per_V=gain):
-            figures = [gain, 1.0, 1.0]
-        case Lag() as lag:
-            figures = [lag.gain_A_per_V, lag.pole_Hz, lag.zero_Hz]
-        case Structured() as law:
-            sections = [getattr(part, name) for part in law.section for name in SECTION_NAMES]
-            figures = [law.gain_A_per_V, law.pole_Hz, law.zero_Hz, *sections]
-        case _:
-            reason = "worst rigs are sought for a proportional, lag or structured controller"
-            raise InputError(prototype.name, [Problem("controller.kind", reason)])
-    return np.append(np.log(figures), prototype.payload.inner_end_mass_kg)
+    law = prototype.controller
+    if law is None or law.lacks("lag and sections"):
+        reason = "worst rigs are sought for a proportional, lag or structured controller"
+        raise InputError(prototype.name, [Problem("controller.kind", reason)])
+    return np.append(np.log(lag_and_sections(law)), prototype.payload.inner_end_mass_kg)

@@ -23,7 +23,7 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.structured_tuning import grow_on
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, STRICTER_PEAKS, bandwidth_program, refine_best
 from beamdesign.members import Member, family
-from beamdesign.prototype import Goal, Lag, Prototype, Structured
+from beamdesign.prototype import Goal, Prototype
 from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
 
 Progress = Callable[[float, str], None]
@@ -106,7 +106,7 @@ class _Task:
     def tuned(self, stage_kg: tuple[float, float], inner: float | None) -> tuple[Proved | None, str]:
         """The best law of a stage, with a given mass inside or with the best; or why there is none."""
         members = stage_members(self.prototype, stage_kg, self.whole_kg)
-        if isinstance(law := self.prototype.controller, Structured):
+        if (law := self.prototype.controller) is not None and law.sections:
             inside = self.prototype.payload.inner_end_mass_kg
             grown = grow_on(members, self.goal, stage_kg, law, inside)
             return grown.proved, grown.reason
@@ -201,13 +201,14 @@ def _hertz(proved: Proved | None) -> float:
 
 def _stage(proved: Proved, stage_kg: tuple[float, float]) -> Stage:
     law = proved.controller
-    assert isinstance(law, Lag | Structured)
+    lag = law.lag
+    assert lag is not None
     return Stage(
         outer_end_mass_kg=stage_kg,
         gain_A_per_V=law.gain_A_per_V,
-        pole_Hz=law.pole_Hz,
-        zero_Hz=law.zero_Hz,
-        section=law.section if isinstance(law, Structured) else (),
+        pole_Hz=lag.pole_Hz,
+        zero_Hz=lag.zero_Hz,
+        section=law.sections,
     )
 
 

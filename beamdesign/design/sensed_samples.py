@@ -10,8 +10,8 @@ from math import pi
 
 import numpy as np
 
+from beamdesign.controllers import SENSED, Sensed
 from beamdesign.linear import LinearModel
-from beamdesign.observer import SENSED, Sensed
 from beamdesign.rig.linearised import SEEN
 
 
@@ -45,7 +45,7 @@ def sensed_model(
         rig: of a prototype, or of one of its linear members.
         outer_end_mass: kg.
         inner_end_mass: kg.
-        sensors: of `beamdesign.observer.SENSED`, the displacement first.
+        sensors: of `beamdesign.controllers.SENSED`, the displacement first.
 
     Raises:
         ValueError: without the displacement in the first place.
@@ -107,7 +107,7 @@ def sensed_samples(
 
     Args:
         rig: of a prototype, or of one of its linear members.
-        sensors: of `beamdesign.observer.SENSED`.
+        sensors: of `beamdesign.controllers.SENSED`.
         frequency_Hz: (f,) ascending.
         outer_end_masses: kg.
         factor: on the gain from current.

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from beamdesign.controllers import SENSED, Sensed
 from beamdesign.design.observer_record import as_observer
 from beamdesign.design.observer_tuning import tune_observer
 from beamdesign.design.refinement import Proved
 from beamdesign.members import family
-from beamdesign.observer import SENSED, Observer, Sensed
 from beamdesign.proof.certificate import Asked, goal_claims
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
@@ -42,13 +42,13 @@ def certified_row(prototype: Prototype) -> SensorRow:
         ValueError: for a prototype without an observer, or without a range of payloads.
     """
     law, masses = prototype.controller, prototype.payload.outer_end_mass_kg
-    if not isinstance(law, Observer) or masses is None:
-        raise ValueError(f"{prototype.name} has no observer, or no payload range")
+    if law is None or masses is None:
+        raise ValueError(f"{prototype.name} has no controller, or no payload range")
     limits = (Asked("peak_sensitivity", prototype.goal.peak_sensitivity), *goal_claims(prototype.goal))
     found = certify(prototype, *masses, claims=limits)
     if not found.holds or found.guaranteed is None:
-        return SensorRow(law.sensors, masses, 0.0, None, found.reason)
-    return SensorRow(law.sensors, masses, found.guaranteed.bandwidth_Hz, prototype)
+        return SensorRow(law.senses, masses, 0.0, None, found.reason)
+    return SensorRow(law.senses, masses, found.guaranteed.bandwidth_Hz, prototype)
 
 
 def sensor_rows(
@@ -76,9 +76,9 @@ def sensor_rows(
     own = [start for one in (prototype, *starts) for start in as_observer(one)]
     for sensors in sets:
         grown = [
-            (proved.controller, proved.inner_end_mass_kg)
+            (law, proved.inner_end_mass_kg)
             for proved in sorted(reached, key=lambda proved: -proved.bandwidth_Hz)
-            if isinstance(proved.controller, Observer) and set(proved.controller.sensors) <= set(sensors)
+            if (law := proved.controller.observer) and set(law.sensors) <= set(sensors)
         ]
         first = [(one, inner) for one, inner in own if set(one.sensors) == set(sensors)]
         asked = (outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, [*grown[:2], *first])

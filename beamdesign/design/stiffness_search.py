@@ -9,21 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.design.compliant_law import CompliantLaw, Servo, controller_of, least_gain, servo_stiffness
+from beamdesign.controllers import Cascade, Lag, Observer
+from beamdesign.design.compliant_law import CompliantLaw, controller_of, least_gain, servo_stiffness
 from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, judge, sensed
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.tuning import Progress
 from beamdesign.linear import Plant
 from beamdesign.loop import Loop, close_loop
 from beamdesign.members import paper_model
-from beamdesign.observer import Observer
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, goal_claims
 from beamdesign.proof.contact import Wall, prove_contact
 from beamdesign.proof.passivity import active_bands
 from beamdesign.proof.rectangle import Rectangle, prove
 from beamdesign.proof.stability import is_stable_over
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.tip import tip
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
@@ -64,7 +64,7 @@ def design(
     masses_kg: tuple[float, float],
     wall: Wall,
     need: Need = "wall",
-    servo: Servo | None = None,
+    servo: Cascade | None = None,
     rigs: int = 0,
     progress: Progress | None = None,
 ) -> Design:
@@ -142,7 +142,7 @@ class _Search:
         masses_kg: tuple[float, float],
         wall: Wall,
         need: Need,
-        servo: Servo | None,
+        servo: Cascade | None,
     ):
         self.prototype, self.others, self.end_stiffness = prototype, others, end_stiffness
         self.plant = sensed(prototype)

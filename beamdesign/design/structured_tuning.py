@@ -11,9 +11,10 @@ from math import inf, log
 
 import numpy as np
 
+from beamdesign.controllers import Controller, Proportional
 from beamdesign.design.bandwidth_climb import climb
 from beamdesign.design.bandwidth_polish import STIFFER, WORTH, Polish
-from beamdesign.design.controller_forms import FORMS, SECTION_NAMES, STRUCTURED, ControllerForm, form_named
+from beamdesign.design.controller_forms import FORMS, STRUCTURED, ControllerForm, form_named, lag_and_sections
 from beamdesign.design.loop_set import LoopSet, loop_set
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.design.rig_samples import plants_of, rig_samples, sampled_masses
@@ -22,7 +23,7 @@ from beamdesign.design.sampled_loops import Samples, slacks
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs
 from beamdesign.linear import BilinearPlant
 from beamdesign.members import Member
-from beamdesign.prototype import Goal, Proportional, Structured
+from beamdesign.prototype import Goal
 
 SECTION_HZ = (8.0, 25.0, 70.0, 200.0)
 """Where a new section begins."""
@@ -173,7 +174,7 @@ def grow_on(
     members: Sequence[Member],
     goal: Goal,
     masses_kg: tuple[float, float],
-    controller: Structured,
+    controller: Controller,
     inner_end_mass: float,
 ) -> Grown:
     """The largest guaranteed bandwidth near a controller that is given, with the mass inside as it is.
@@ -186,9 +187,7 @@ def grow_on(
         inner_end_mass: kg, which stays too.
     """
     task = replace(_task(members, goal, masses_kg, inner_end_mass), least_inner=inner_end_mass)
-    sections = len(controller.section)
-    figures = [controller.gain_A_per_V, controller.pole_Hz, controller.zero_Hz]
-    figures += [getattr(one, name) for one in controller.section for name in SECTION_NAMES]
+    sections, figures = len(controller.sections), lag_and_sections(controller)
     variables, aimed = task.polish(sections)(np.append(np.log(figures), inner_end_mass))
     proved, certificates, reason, _ = _proved(task, variables, sections, aimed)
     return Grown(proved, (aimed,), certificates, "" if proved else reason)

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
+from beamdesign.controllers import SENSED, Sensed
 from beamdesign.design.controller_forms import FORMS, ControllerForm
 from beamdesign.design.loop_set import constraints, first_active
 from beamdesign.design.observer_record import as_observer
@@ -19,7 +20,6 @@ from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, LoopProgram, Prov
 from beamdesign.design.starts import best_starts
 from beamdesign.design.structured_tuning import grow
 from beamdesign.members import Member, family
-from beamdesign.observer import SENSED, Sensed
 from beamdesign.proof.family_certificate import gain_and_mass
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.records import InputError
@@ -111,7 +111,7 @@ def tune(
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
         sections: second-order sections of a structured controller.
-        sensors: what a controller with an observer reads, of `beamdesign.observer.SENSED`.
+        sensors: what a controller with an observer reads, of `beamdesign.controllers.SENSED`.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every

@@ -11,6 +11,7 @@ from math import log, pi
 
 import numpy as np
 
+from beamdesign.controllers import Sensed
 from beamdesign.design.hinf import synthesise
 from beamdesign.design.lqg import lqg
 from beamdesign.design.observer_slacks import slacks_of
@@ -19,7 +20,6 @@ from beamdesign.design.sensed_samples import SensedSamples, sensed_model
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
 from beamdesign.linear import LinearModel
-from beamdesign.observer import Sensed
 from beamdesign.prototype import Goal
 
 SAMPLES = 256

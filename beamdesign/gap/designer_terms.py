@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
 from beamdesign.loop import critical_gain
 from beamdesign.proof.certifying import certify
-from beamdesign.prototype import Controller, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
 MOST_LOOPS = 4

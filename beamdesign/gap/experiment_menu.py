@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.data.inputs import without_noise
-from beamdesign.prototype import Controller, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine
 from beamdesign.spelling import shorter
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.gap.data.inputs import without_noise
-from beamdesign.prototype import Controller, Prototype, read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.rig.assembly import OUTPUTS, assemble
 from beamdesign.rig.compiled import integrate

@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass
 from math import pi, sqrt
 
 from beamdesign import section
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.materials import material
-from beamdesign.prototype import Actuator, Beam, Lag, Payload, Proportional, Prototype, Sensor, Servovalve
+from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
 
 VALVE_DAMPING_RATIO = 0.5
 """Stated choice: the paper does not give xi; this value reproduces its critical gains."""

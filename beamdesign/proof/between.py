@@ -1,7 +1,6 @@
 """Stability of a prototype between the ends of its effects' frozen figures, which its linear members stand at."""
 
 from beamdesign.members import family
-from beamdesign.observer import Observer
 from beamdesign.proof.box import BoxVerdict, certify_box
 from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.tolerance_box import tolerance_box
@@ -23,7 +22,7 @@ def between(prototype: Prototype, low_kg: float, high_kg: float) -> BoxVerdict |
     found = family(prototype, high_kg)
     if not any(span.low < span.high for span in found.spans.values()):
         return None
-    if isinstance(prototype.controller, Observer) and prototype.controller.added:
+    if prototype.controller is not None and prototype.controller.added:
         return None
     left_out = effect_parameters(prototype, high_kg).left_out
     if any(not words or name == "seal_friction" for name, words in left_out.items()):

@@ -8,11 +8,9 @@ from typing import Any
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.controller import sensed_law
 from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
 from beamdesign.lumped import figures
-from beamdesign.observer import Observer
 from beamdesign.parameters import PARAMETERS
 from beamdesign.polynomial import exact
 from beamdesign.proof.performance import Claim
@@ -102,14 +100,8 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
     """The table of the controller: its figures and its polynomials."""
     controller = prototype.controller
     assert controller is not None  # there is a loop
-    law = sensed_law(controller)
-    if isinstance(controller, Observer):
-        yield "# z' = a z + b e, current = gain_A_per_V (c z + d e); e is the error voltage (V), then what the added"
-        yield "# sensors read (m, Pa) with its sign turned. The polynomials are from error voltage to current (A)."
-        if controller.b_command:
-            yield "# To z' comes b_command times the command, which has no part in the loop."
-    else:
-        yield "# From error voltage (V) to current (A); the polynomials are what counts."
+    law = controller.sensed_law()
+    yield from controller.comment
     yield "[controller]"
     figures = controller.model_dump()
     sections = figures.pop("section", ())

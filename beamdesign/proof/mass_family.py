@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.controllers import TransferFunction
 from beamdesign.linear import LinearModel
 from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
@@ -75,7 +75,7 @@ def closed_loop(prototype: Prototype) -> MassFamily:
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
     inner = exact(prototype.payload.inner_end_mass_kg)
-    return close_with(paper_model(prototype), inner, transfer_function(prototype.controller))
+    return close_with(paper_model(prototype), inner, prototype.controller.transfer_function())
 
 
 def close_with(rig: LinearModel, inner_end_mass: fmpq, law: TransferFunction) -> MassFamily:

@@ -6,13 +6,12 @@ from math import pi
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.controller import transfer_function
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact
 from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rational import text
 from beamdesign.proof.replay_box import Interval, Statement
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 
 
 @dataclass(frozen=True)
@@ -88,14 +87,14 @@ def rig_family(prototype: Prototype) -> Family:
         "gain": "loop_gain",
         "valve": "1 + 2*valve_damping_ratio*s/valve_frequency + s**2/valve_frequency**2",
     }
-    if isinstance(controller, Lag):
+    if (lag := controller.lag) and not controller.lacks("lag"):
         values |= {
-            "controller_zero": exact(2 * pi * controller.zero_Hz),
-            "controller_pole": exact(2 * pi * controller.pole_Hz),
+            "controller_zero": exact(2 * pi * lag.zero_Hz),
+            "controller_pole": exact(2 * pi * lag.pole_Hz),
         }
         leaves |= {"numerator": "1 + s/controller_zero", "denominator": "1 + s/controller_pole"}
     else:
-        law = transfer_function(controller)
+        law = controller.transfer_function()
         leaves |= {"numerator": _written(law.numerator / values["controller_gain"])}
         leaves |= {"denominator": _written(law.denominator)}
     lags = "valve*denominator"

@@ -14,12 +14,13 @@ from math import pi
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
+from beamdesign.controllers import Lag
 from beamdesign.crossing import crossings
 from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, even_odd, exact, real_roots, value_at
 from beamdesign.proof.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 from beamdesign.proof.stability import is_stable_over
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 
 LEAST_HZ = 1e-3
 LARGEST_HZ = 1e5

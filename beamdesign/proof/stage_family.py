@@ -15,11 +15,11 @@ from math import pi
 
 from flint import fmpq, fmpq_mat
 
+from beamdesign.controllers import Cascade
 from beamdesign.linear import LinearModel
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.mass_family import MassFamily
-from beamdesign.prototype import Lag, Structured
 from beamdesign.scheduling.record import ScheduledRig
 
 Row = list[fmpq]
@@ -37,7 +37,7 @@ def stage_families(rig: ScheduledRig) -> tuple[MassFamily, ...]:
     return tuple(stage_family(plant, inner, stage.law) for stage in rig.schedule.stage)
 
 
-def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Lag | Structured) -> MassFamily:
+def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFamily:
     """The matrices A(m) of one law; states of the rig, outputs and rates of its sections, then its current.
 
     Raises:
@@ -45,7 +45,8 @@ def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Lag | Structured) 
     """
     free, driven, sensed, velocity, bare_mass = rig.over_outer_mass(inner_end_mass)
     names, n = rig.states, free.nrows()
-    sections = law.section if isinstance(law, Structured) else ()
+    lag, sections = law.lag, law.sections
+    assert lag is not None
     order = n + 2 * len(sections) + 1
     rows = [[fmpq(0)] * order for _ in range(order)]
     for i in range(n):
@@ -68,7 +69,7 @@ def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Lag | Structured) 
         ]
         rows[n + 2 * k], rows[n + 2 * k + 1] = moving, bent
         signal, slope, curvature = out, moving, bent
-    gain, upper, lower = exact(law.gain_A_per_V), exact(2 * pi * law.zero_Hz), exact(2 * pi * law.pole_Hz)
+    gain, upper, lower = exact(law.gain_A_per_V), exact(2 * pi * lag.zero_Hz), exact(2 * pi * lag.pole_Hz)
     current = _unit(order, order - 1)
     rows[order - 1] = [
         lower * (gain * s - i) + gain * lower / upper * r for s, r, i in zip(signal, slope, current, strict=True)

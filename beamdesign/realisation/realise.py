@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from flint import fmpq_mat
 
-from beamdesign.controller import TransferFunction
-from beamdesign.prototype import Controller
+from beamdesign.controllers import Controller, TransferFunction
 from beamdesign.realisation.coefficient import Coefficient, fixed_point, float32
 from beamdesign.realisation.law import coefficients_of, states_of
 from beamdesign.realisation.linear_forms import LinearLaw, linear_law

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from math import log, pi, sqrt, tan
 from typing import Literal
 
-from beamdesign.controller import TransferFunction, transfer_function
+from beamdesign.controllers import Controller, TransferFunction
 from beamdesign.polynomial import roots
-from beamdesign.prototype import Controller
 
 _FARTHEST = -2.0 + 0j
 """Of delta: z = -1, where the bilinear rule puts a zero at infinity."""
@@ -68,7 +67,7 @@ def cascade(controller: Controller | TransferFunction, rate_Hz: float, prewarped
         ValueError: for a law that is not stable and proper, has a root at zero, or, where prewarped, one at or above
             half the rate.
     """
-    law = controller if isinstance(controller, TransferFunction) else transfer_function(controller)
+    law = controller if isinstance(controller, TransferFunction) else controller.transfer_function()
     zeros, poles = (_groups([complex(r) for r in roots(p)]) for p in (law.numerator, law.denominator))
     if law.numerator.is_zero() or law.numerator.degree() > law.denominator.degree():
         raise ValueError("only a controller that is proper can be coded")

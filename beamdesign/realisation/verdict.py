@@ -7,9 +7,9 @@ from math import degrees, log10, pi
 import numpy as np
 from flint import fmpq_poly
 
-from beamdesign.controller import transfer_function
+from beamdesign.controllers import Controller
 from beamdesign.loop import loop
-from beamdesign.prototype import Controller, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.realisation.margins import LoopFigures, continuous_figures, law_polynomials, sampled_figures
 from beamdesign.realisation.realise import Realisation
@@ -135,7 +135,7 @@ def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -
 
 def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -> LawErrors:
     """Errors of the law as realised against the continuous one."""
-    law = transfer_function(controller)
+    law = controller.transfer_function()
     top, bottom = law_polynomials(realisation)
     z, s = np.exp(2j * pi * at_Hz / realisation.rate_Hz), 2j * pi * at_Hz
     ratio = _at(top, z) / _at(bottom, z) * _at(law.denominator, s) / _at(law.numerator, s)

@@ -7,13 +7,13 @@ from math import isfinite, log10
 
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.designer_terms import LoopTerms, Terms
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.shrink import BANDS_HZ, Errors
 from beamdesign.parameters import PARAMETERS
-from beamdesign.prototype import Controller, Lag
 from beamdesign.report.gap_pictures import in_bands
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, quantity
 
@@ -234,10 +234,7 @@ def _place(z: float) -> float:
 def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
     """A controller in one line."""
     gain = quantity(controller.gain_A_per_V, "A/V")
-    law = (
-        f"lag {controller.pole_Hz:.4g}/{controller.zero_Hz:.4g} Hz" if isinstance(controller, Lag) else controller.kind
-    )
-    return f"{law} at {gain}, {inner_end_mass_kg:.3g} kg inside"
+    return f"{controller.words(4)} at {gain}, {inner_end_mass_kg:.3g} kg inside"
 
 
 def terms_rows(loop: LoopTerms) -> list[tuple[str, str, str]]:

@@ -1,6 +1,5 @@
 """A design run as one self-contained HTML page: no requests, both themes, fit for print."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,6 @@ from beamdesign.design.checks import Check
 from beamdesign.design.pair import CheckedPair
 from beamdesign.loop import loop
 from beamdesign.lumped import notes
-from beamdesign.observer import Observer
-from beamdesign.prototype import Controller, Proportional, Structured
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
 from beamdesign.report.lumped_table import lumped_rows
@@ -62,7 +59,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
             prices=price_words(run.sizing.shadow_prices),
             lumped=lumped_rows(prototype),
             notes=notes(prototype),
-            controller=controller_rows(prototype.controller),
+            controller=prototype.controller.rows(),
             expected=expected,
             statements=statements(run),
             moving_mass_kg=moving_mass_kg,
@@ -102,52 +99,6 @@ def check_row(check: Check) -> tuple[str, str, str, str, bool, float]:
         bool(check.satisfied),
         min(max(used, 0.0), 1.0),
     )
-
-
-def controller_rows(controller: Controller) -> list[tuple[str, str, str]]:
-    """Each figure of a controller: name, value in full, what it means."""
-    if isinstance(controller, Observer):
-        return _matrix_rows(controller)
-    rows = [("gain", quantity(controller.gain_A_per_V, "A/V", 7), "K_sa, valve current per error voltage when static")]
-    if not isinstance(controller, Proportional):
-        above = "gain above the zero" + (", before the sections" if isinstance(controller, Structured) else "")
-        drop = controller.pole_Hz / controller.zero_Hz
-        rows += [
-            ("pole", quantity(controller.pole_Hz, "Hz", 7), "from here up the gain falls"),
-            ("zero", quantity(controller.zero_Hz, "Hz", 7), "from here up it stays level again"),
-            (
-                above,
-                quantity(controller.gain_A_per_V * drop, "A/V"),
-                f"1/{decimal(1 / drop, 3)} of the static gain",
-            ),
-        ]
-    for k, section in enumerate(controller.section if isinstance(controller, Structured) else (), start=1):
-        zero, pole = (
-            f"{quantity(frequency, 'Hz', 7)}, damping ratio {decimal(damping, 6)}"
-            for frequency, damping in (
-                (section.zero_Hz, section.zero_damping_ratio),
-                (section.pole_Hz, section.pole_damping_ratio),
-            )
-        )
-        rows += [(f"zeros of section {k}", zero, "numerator"), (f"poles of section {k}", pole, "denominator")]
-    return rows
-
-
-def _matrix_rows(controller: Observer) -> list[tuple[str, str, str]]:
-    rows = [
-        ("gain", quantity(controller.gain_A_per_V, "A/V", 7), "factor on the whole law"),
-        ("sensors", ", ".join(controller.sensors), "e: error volts, then what the others read with its sign turned"),
-    ]
-    for name, matrix in (("a", controller.a), ("b", controller.b)):
-        for i, row in enumerate(matrix, start=1):
-            rows.append((f"{name}, row {i}", _listed(row), "z' = a z + b e, in SI"))
-    if controller.c:
-        rows.append(("c", _listed(controller.c), "current = gain (c z + d e)"))
-    return [*rows, ("d", _listed(controller.d), "the same")]
-
-
-def _listed(row: Sequence[float]) -> str:
-    return ", ".join(f"{value:.12g}" for value in row)
 
 
 def _inline(picture: Picture) -> Markup:

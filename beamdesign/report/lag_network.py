@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import pi
 
-from beamdesign.prototype import Lag
+from beamdesign.controllers import Break
 
 
 @dataclass(frozen=True)
@@ -21,17 +21,17 @@ class LagNetwork:
     capacitance_F: float
 
 
-def lag_network(controller: Lag, capacitance_F: float = 1e-6) -> LagNetwork:
+def lag_network(lag: Break, capacitance_F: float = 1e-6) -> LagNetwork:
     """Values of the network for a chosen capacitor, not rounded to any series.
 
     Args:
-        controller: breaks in Hz, the pole below the zero.
+        lag: its pole below the zero.
         capacitance_F: C.
 
     Raises:
         ValueError: where the pole does not lie below the zero: that is a lead, which this network cannot give.
     """
-    if controller.pole_Hz >= controller.zero_Hz:
+    if lag.pole_Hz >= lag.zero_Hz:
         raise ValueError("a passive lag network needs its pole below its zero")
-    shunt = 1 / (2 * pi * controller.zero_Hz * capacitance_F)
-    return LagNetwork(shunt * (controller.zero_Hz / controller.pole_Hz - 1), shunt, capacitance_F)
+    shunt = 1 / (2 * pi * lag.zero_Hz * capacitance_F)
+    return LagNetwork(shunt * (lag.zero_Hz / lag.pole_Hz - 1), shunt, capacitance_F)

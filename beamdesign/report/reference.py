@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from beamdesign.quantities import Plausible, unit_of
-from beamdesign.records import Record
+from beamdesign.records import Record, nested_records
 
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
@@ -167,7 +167,7 @@ def _walk(record: type[Record], file: str, prefix: str = "") -> Iterator[Key]:
     table, source = _described(record)
     for name, field in record.model_fields.items():
         path = f"{prefix}{name}"
-        nested = _records(field.annotation)
+        nested = nested_records(field.annotation)
         if not nested:
             yield Key(
                 path, file, field.description or "", _kind(field.annotation), _unit(name, field), _bounds(field),
@@ -209,12 +209,6 @@ def _merged(tagged: list[tuple[str, Key]], kinds: int) -> Iterator[Key]:
         if key.name == "kind" and kinds > 1:
             facts |= {"kind": "one of " + ", ".join(f'"{tag}"' for tag in tags), "default": "needed"}
         yield Key(**facts)
-
-
-def _records(annotation: Any) -> list[type[Record]]:
-    if isinstance(annotation, type) and issubclass(annotation, Record):
-        return [annotation]
-    return [record for part in get_args(annotation) for record in _records(part)]
 
 
 def _described(record: type[Record]) -> tuple[str, str]:

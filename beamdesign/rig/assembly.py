@@ -7,7 +7,7 @@ beam with every effect off.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 
@@ -16,7 +16,7 @@ from beamdesign.rig.bench import BENCH
 from beamdesign.rig.component import Rig
 from beamdesign.rig.effect import Effect, Site
 from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import observer_figures, observer_states, section_figures, section_states
+from beamdesign.rig.electronics import Law
 from beamdesign.rig.structure import WALL_FIGURES
 
 __all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble", "join"]
@@ -34,28 +34,22 @@ class Structure:
     """What decides the equations of a rig, as opposed to its figures.
 
     Attributes:
-        controller: `lag`, `structured`, `proportional` and `observer` are continuous; with `sampled` the current is an
-            input; `none` is the open loop.
+        controller: its equations, such as `LAG` or `SAMPLED` of `beamdesign.rig.electronics`; None leaves the rig's
+            own, such as the open loop of a bench.
         filtered: whether the prototype's own low-pass filter follows the sensor.
         effects: names, sorted.
         rig: one of `RIGS`.
         heard: share of the model's own volts that its controller hears; the rest has to come with the command, from a
             record that the model is made to follow.
-        sections: second-order sections of a structured controller.
         wall: whether a wall stands before the outer tip.
-        order: of an observer.
-        sensors: of an observer; none for every other controller.
     """
 
-    controller: Literal["lag", "structured", "proportional", "observer", "sampled", "none"]
+    controller: Law | None
     filtered: bool = False
     effects: tuple[str, ...] = ()
     rig: str = "twin_beam"
     heard: float = 1.0
-    sections: int = 0
     wall: bool = False
-    order: int = 0
-    sensors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,8 +59,8 @@ class Assembly:
     Attributes:
         function: (t, x, u, p) to (x', y), a CasADi SX function.
         states: names of x.
-        parameters: names of p: figures of the rig, those of the controller's sections or matrices, then
-            `EFFECT.PARAMETER`, then those of a wall.
+        parameters: names of p: figures of the rig, those of the controller, then `EFFECT.PARAMETER`, then those of a
+            wall.
         inputs: names of u.
         outputs: names of y.
         kinds: what decided the equations.
@@ -96,16 +90,16 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
     Raises:
         KeyError: for an effect that changes a port that does not exist.
     """
-    rig = RIGS[kinds.rig]
+    law = kinds.controller
+    rig = RIGS[kinds.rig].with_law(law)
     laws = rig.ports
     for effect in effects:
         for name in effect.laws:
             laws[name]
     states = rig.states + (("filtered_V",) if kinds.filtered else ())
-    states += ("slow_error_V",) if kinds.controller in ("lag", "structured") else ()
-    states += section_states(kinds.sections) + observer_states(kinds.order)
+    states += law.states if law is not None else ()
     states += tuple(f"{effect.name}.{state}" for effect in effects for state in effect.states)
-    parameters = rig.figures + section_figures(kinds.sections) + observer_figures(kinds.order, kinds.sensors)
+    parameters = rig.figures
     parameters += tuple(f"{e.name}.{q.name}" for e in effects for q in e.parameters)
     parameters += WALL_FIGURES if kinds.wall else ()
     x, u, p = (ca.SX.sym(name, len(names)) for name, names in (("x", states), ("u", INPUTS), ("p", parameters)))
@@ -114,16 +108,14 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
         dict(zip(names, ca.vertsplit(vector), strict=True))
         for names, vector in ((states, x), (parameters, p), (INPUTS, u))
     )
-    if kinds.controller != "sampled":
-        del given["sampled_current_A"]
 
     port: dict[str, Any] = state | given  # effects may read any state of the rig
     sites = {
         effect.name: Site(port, figure, _own(effect.name, figure), _own(effect.name, state), {}, time)
         for effect in effects
     }
-    for name, law in laws.items():
-        signal = law(port, figure, state)
+    for name, signal_of in laws.items():
+        signal = signal_of(port, figure, state)
         for effect in effects:
             if name in effect.laws:
                 signal = effect.laws[name](signal, sites[effect.name])

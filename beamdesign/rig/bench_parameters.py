@@ -36,7 +36,7 @@ def bench_structure(prototype: BenchPrototype) -> Structure:
     if wrong := problems_on_rig(prototype.effects, prototype.kind):
         raise InputError(prototype.name, wrong)
     filtered = prototype.sensors.displacement_filter_Hz is not None
-    return Structure("none", filtered, tuple(sorted(prototype.effects)), prototype.kind)
+    return Structure(None, filtered, tuple(sorted(prototype.effects)), prototype.kind)
 
 
 def bench_parameters(prototype: BenchPrototype) -> dict[str, float]:

@@ -1,8 +1,11 @@
 """What a rig is made of: components, each with laws at named ports and states of its own."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from beamdesign.rig.electronics import Law
 
 Signals = Mapping[str, Any]
 PortLaw = Callable[[Signals, Signals, Signals], Any]
@@ -58,6 +61,17 @@ class Rig:
     def ports(self) -> dict[str, PortLaw]:
         """Law of every port, in order."""
         return {name: law for component in self.components for name, law in component.laws.items()}
+
+    def with_law(self, law: "Law | None") -> "Rig":
+        """The same rig with another law of its controller; with None as it is."""
+        if law is None:
+            return self
+        parts = [
+            Component(dict(part.laws) | {"demanded_A": law.current}, law.rates) if "demanded_A" in part.laws else part
+            for part in self.components
+        ]
+        own = tuple(name for name in law.parameters if name not in self.figures)
+        return replace(self, components=tuple(parts), figures=self.figures + own)
 
     def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
         """Time derivatives of all states but those of effects."""

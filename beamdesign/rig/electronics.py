@@ -1,7 +1,8 @@
 """Sensor, controller and amplifier as components, and their laws."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from beamdesign.rig.component import Component, Signals
 
@@ -11,38 +12,110 @@ def low_pass_rate(frequency: Any, signal: Any, filtered: Any) -> Any:
     return frequency * (signal - filtered)
 
 
-def lag_current(gain: Any, pole: Any, zero: Any, error: Any, slow: Any) -> Any:
-    """Current of a lag K (1 + s/zero)/(1 + s/pole), A; `slow` is the error through 1/(1 + s/pole)."""
-    return gain * (slow + (error - slow) * pole / zero)
+class Law(Protocol):
+    """The equations of a controller, figures apart: what it adds to a rig."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its figures; some may be among those that every rig has."""
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of its states."""
+
+    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
+        """What it asks of the valve, A."""
+
+    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+        """Time derivatives of its states."""
 
 
-SECTION_FIGURES = ("zero", "zero_damping_ratio", "pole", "pole_damping_ratio")
-"""Of each second-order section of a controller; frequencies in rad/s."""
+@dataclass(frozen=True)
+class Sampled:
+    """A controller outside the equations, whose current is one of the rig's inputs."""
+
+    parameters: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+
+    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
+        """See `Law`."""
+        return port["sampled_current_A"]
+
+    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+        """See `Law`."""
+        return {}
 
 
-def section_figures(count: int) -> tuple[str, ...]:
-    """Names of the figures of so many sections."""
-    return tuple(f"section_{k}_{name}" for k in range(1, count + 1) for name in SECTION_FIGURES)
+FIRST_ORDER = ("pole", "zero")
+SECOND_ORDER = ("zero", "zero_damping_ratio", "pole", "pole_damping_ratio")
+"""Figures of each factor; frequencies in rad/s."""
 
 
-def section_states(count: int) -> tuple[str, ...]:
-    """Names of their states: the input through 1 / (1 + 2 e s / p + s^2 / p^2), and its rate."""
-    return tuple(f"section_{k}_{end}" for k in range(1, count + 1) for end in ("V", "V_per_s"))
+@dataclass(frozen=True)
+class Series:
+    """A gain and factors of first and second order behind each other, between error voltage and current.
 
+    States are the input of each factor through its denominator, V, and of a second-order one the rate of that.
 
-def _sections(port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
-    """Current of a lag with the sections that have states, A, and the rates of those."""
-    signal = lag_current(1.0, figure["pole"], figure["zero"], port["error_V"], state["slow_error_V"])
-    rates: dict[str, Any] = {}
-    k = 1
-    while f"section_{k}_V" in state:
-        zero, zero_damping, pole, pole_damping = (figure[f"section_{k}_{name}"] for name in SECTION_FIGURES)
-        slow, rate = state[f"section_{k}_V"], state[f"section_{k}_V_per_s"]
-        bent = pole**2 * (signal - slow) - 2 * pole_damping * pole * rate
-        rates |= {f"section_{k}_V": rate, f"section_{k}_V_per_s": bent}
-        signal = slow + 2 * zero_damping * rate / zero + bent / zero**2
-        k += 1
-    return figure["gain"] * signal, rates
+    Attributes:
+        orders: of the factors.
+    """
+
+    orders: tuple[int, ...] = ()
+
+    @property
+    def _prefixes(self) -> list[str]:
+        """Before the names of each factor: the first lag is the rig's own pole and zero."""
+        counts = [self.orders[: k + 1].count(order) for k, order in enumerate(self.orders)]
+        return [
+            f"section_{n}_" if order == 2 else "" if n == 1 else f"lag_{n}_"
+            for order, n in zip(self.orders, counts, strict=True)
+        ]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """See `Law`."""
+        names = [
+            prefix + name
+            for prefix, order in zip(self._prefixes, self.orders, strict=True)
+            for name in (FIRST_ORDER if order == 1 else SECOND_ORDER)
+        ]
+        return ("gain", *names)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """See `Law`."""
+        names = [
+            prefix + name
+            for prefix, order in zip(self._prefixes, self.orders, strict=True)
+            for name in (("slow_error_V",) if order == 1 else ("V", "V_per_s"))
+        ]
+        return tuple(names)
+
+    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
+        """See `Law`."""
+        return figure["gain"] * self._through(port, figure, state)[0]
+
+    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+        """See `Law`."""
+        return self._through(port, figure, state)[1]
+
+    def _through(self, port: Signals, figure: Signals, state: Signals) -> tuple[Any, dict[str, Any]]:
+        """The error behind all factors, V, and the rates of their states."""
+        signal, rates = port["error_V"], {}
+        for prefix, order in zip(self._prefixes, self.orders, strict=True):
+            if order == 1:
+                pole, zero = (figure[prefix + name] for name in FIRST_ORDER)
+                slow = state[f"{prefix}slow_error_V"]
+                rates[f"{prefix}slow_error_V"] = low_pass_rate(pole, signal, slow)
+                signal = slow + (signal - slow) * pole / zero
+            else:
+                zero, zero_damping, pole, pole_damping = (figure[prefix + name] for name in SECOND_ORDER)
+                slow, rate = state[f"{prefix}V"], state[f"{prefix}V_per_s"]
+                bent = pole**2 * (signal - slow) - 2 * pole_damping * pole * rate
+                rates |= {f"{prefix}V": rate, f"{prefix}V_per_s": bent}
+                signal = slow + 2 * zero_damping * rate / zero + bent / zero**2
+        return signal, rates
 
 
 SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
@@ -54,65 +127,59 @@ SENSED: dict[str, Callable[[Signals, Signals], Any]] = {
 """What a controller of several sensors is given of each: what it should be less what it is; and its command."""
 
 
-def observer_figures(order: int, sensors: Sequence[str]) -> tuple[str, ...]:
-    """Names of the entries of an observer's matrices: a and b row by row, then c and d."""
-    rows = range(1, order + 1)
-    names = [f"observer_a_{i}_{j}" for i in rows for j in rows]
-    names += [f"observer_b_{i}_{sensor}" for i in rows for sensor in sensors]
-    return (*names, *(f"observer_c_{i}" for i in rows), *(f"observer_d_{sensor}" for sensor in sensors))
+@dataclass(frozen=True)
+class Matrices:
+    """z' = a z + b e, current = gain (c z + d e), e what is given of each thing heard.
+
+    Attributes:
+        order: number of states.
+        heard: of `SENSED`.
+    """
+
+    order: int
+    heard: tuple[str, ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The gain, a and b row by row, then c and d."""
+        rows = range(1, self.order + 1)
+        names = [f"observer_a_{i}_{j}" for i in rows for j in rows]
+        names += [f"observer_b_{i}_{sensor}" for i in rows for sensor in self.heard]
+        return ("gain", *names, *(f"observer_c_{i}" for i in rows), *(f"observer_d_{sensor}" for sensor in self.heard))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """See `Law`."""
+        return tuple(f"observer_{i}" for i in range(1, self.order + 1))
+
+    def current(self, port: Signals, figure: Signals, state: Signals) -> Any:
+        """See `Law`."""
+        current = sum(figure[f"observer_d_{sensor}"] * SENSED[sensor](port, state) for sensor in self._in_order)
+        for i, name in enumerate(self.states, start=1):
+            current += figure[f"observer_c_{i}"] * state[name]
+        return figure["gain"] * current
+
+    def rates(self, port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
+        """See `Law`."""
+        given = {sensor: SENSED[sensor](port, state) for sensor in self._in_order}
+        return {
+            row: sum(figure[f"observer_a_{i}_{j}"] * state[column] for j, column in enumerate(self.states, start=1))
+            + sum(figure[f"observer_b_{i}_{sensor}"] * signal for sensor, signal in given.items())
+            for i, row in enumerate(self.states, start=1)
+        }
+
+    @property
+    def _in_order(self) -> list[str]:
+        return [sensor for sensor in SENSED if sensor in self.heard]
 
 
-def observer_states(order: int) -> tuple[str, ...]:
-    """Names of its states."""
-    return tuple(f"observer_{i}" for i in range(1, order + 1))
-
-
-def _observer_current(port: Signals, figure: Signals, state: Signals) -> Any:
-    current = sum(
-        figure[f"observer_d_{sensor}"] * signal(port, state)
-        for sensor, signal in SENSED.items()
-        if f"observer_d_{sensor}" in figure
-    )
-    i = 1
-    while f"observer_{i}" in state:
-        current += figure[f"observer_c_{i}"] * state[f"observer_{i}"]
-        i += 1
-    return figure["gain"] * current
-
-
-def _observer_rates(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-    given = {sensor: signal(port, state) for sensor, signal in SENSED.items() if f"observer_d_{sensor}" in figure}
-    names = [name for name in state if name.removeprefix("observer_").isdigit()]
-    return {
-        row: sum(figure[f"observer_a_{row[9:]}_{column[9:]}"] * state[column] for column in names)
-        + sum(figure[f"observer_b_{row[9:]}_{sensor}"] * signal for sensor, signal in given.items())
-        for row in names
-    }
-
-
-def _controller(port: Signals, figure: Signals, state: Signals) -> Any:
-    if "section_1_V" in state:
-        return _sections(port, figure, state)[0]
-    if "observer_d_displacement_m" in figure:
-        return _observer_current(port, figure, state)
-    if "slow_error_V" in state:
-        return lag_current(figure["gain"], figure["pole"], figure["zero"], port["error_V"], state["slow_error_V"])
-    return port.get("sampled_current_A", figure["gain"] * port["error_V"])
+SAMPLED, PROPORTIONAL, LAG = Sampled(), Series(), Series((1,))
 
 
 def _filtered(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     if "filtered_V" not in state:
         return {}
     return {"filtered_V": low_pass_rate(figure["filter_frequency"], port["sensor_V"], state["filtered_V"])}
-
-
-def _controller_rates(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
-    if "observer_1" in state:
-        return _observer_rates(port, figure, state)
-    if "slow_error_V" not in state:
-        return {}
-    more = _sections(port, figure, state)[1] if "section_1_V" in state else {}
-    return {"slow_error_V": low_pass_rate(figure["pole"], port["error_V"], state["slow_error_V"])} | more
 
 
 SENSOR = Component(
@@ -127,12 +194,11 @@ SENSOR = Component(
 CONTROLLER = Component(
     {
         "error_V": lambda port, figure, state: port["command_V"] - port["measured_V"],
-        "demanded_A": _controller,
+        "demanded_A": PROPORTIONAL.current,
         "current_A": lambda port, figure, state: port["demanded_A"],
     },
-    _controller_rates,
 )
-"""From command and measurement to current."""
+"""From command and measurement to current; `Rig.with_law` puts another law into it."""
 
 OPEN_LOOP = Component(
     {

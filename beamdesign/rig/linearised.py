@@ -20,6 +20,7 @@ from beamdesign.polynomial import exact
 from beamdesign.rig.assembly import INPUTS, OUTPUTS, Assembly, Structure, join
 from beamdesign.rig.effect import Effect, Parameter
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import SAMPLED
 
 STATES = (
     "displacement_m",  # X_m, the outer beam's at its tip
@@ -103,7 +104,7 @@ def linear_assembly(filtered: bool, names: tuple[str, ...]) -> LinearAssembly:
         ArithmeticError: where an end mass acts otherwise than by the acceleration of its tip.
     """
     members = [member for name in names if (member := linear_effect(library()[name])) is not None]
-    joined = join(Structure("sampled", filtered, tuple(member.name for member in members)), members)
+    joined = join(Structure(SAMPLED, filtered, tuple(member.name for member in members)), members)
     t, x, u, p = (ca.SX.sym(name, *joined.function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
     rate, y = joined.function(t, x, u, p)
     inputs, outputs = [INPUTS.index(name) for name in SOURCES], [OUTPUTS.index(name) for name in SEEN]

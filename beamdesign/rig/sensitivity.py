@@ -20,6 +20,7 @@ import numpy as np
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.compiled import NOT_SAMPLED, stepped
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import SAMPLED
 from beamdesign.rig.equilibrium import scales
 from beamdesign.rig.machine_code import Body, MachineCode, Trace, machine_code, trace
 
@@ -59,7 +60,7 @@ def integrate_with_sensitivities(
     Raises:
         ValueError: at a sampled controller, an unknown parameter, or shapes that do not fit.
     """
-    if kinds.controller == "sampled":
+    if kinds.controller == SAMPLED:
         raise ValueError("sensitivities are those of a continuous controller")
     if start_sensitivity.shape != (len(start), len(free)):
         raise ValueError(f"start sensitivity of {start_sensitivity.shape}, not {(len(start), len(free))}")

@@ -10,8 +10,9 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.files import write_whole
-from beamdesign.prototype import Lag, Prototype, Section, Structured
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem, Record, numbers
 from beamdesign.spelling import shorter
 

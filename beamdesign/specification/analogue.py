@@ -6,11 +6,11 @@ from typing import Literal
 
 from flint import fmpq
 
-from beamdesign.observer import Observer
+from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certifying import certify
-from beamdesign.prototype import Lag, Proportional, Prototype, Structured
+from beamdesign.prototype import Prototype
 from beamdesign.specification.lag_amplifier import LagAmplifier, lag_amplifier
 from beamdesign.specification.preferred_values import Series
 
@@ -56,7 +56,7 @@ class AnalogueController:
     """
 
     amplifier: LagAmplifier
-    controller: Proportional | Lag
+    controller: Controller
     errors: dict[str, float]
     stable: bool
     bandwidth_Hz: float | None
@@ -80,8 +80,8 @@ def analogue_controllers(
     asked = prototype.controller
     if asked is None:
         raise ValueError("the prototype has no [controller]")
-    if isinstance(asked, Structured | Observer):
-        raise ValueError("the circuit is that of a lag, without second-order sections or matrices")
+    if reason := asked.lacks("lag"):
+        raise ValueError(f"the circuit is that of a lag, and {asked.kind!r} {reason}")
     found: dict[tuple[float | None, ...], AnalogueController] = {}
     for resistors, capacitors in SERIES:
         told(f"analogue controller, {resistors}")
@@ -93,14 +93,14 @@ def analogue_controllers(
 
 
 def _certified(
-    prototype: Prototype, asked: Proportional | Lag, masses_kg: tuple[float, float], amplifier: LagAmplifier
+    prototype: Prototype, asked: Controller, masses_kg: tuple[float, float], amplifier: LagAmplifier
 ) -> AnalogueController:
     realised = amplifier.controller
     wanted, given = asked.model_dump(), realised.model_dump()
     errors = {key: given[key] / wanted[key] - 1 for key in wanted if key != "kind"}
     certificate = certify(prototype.but(controller=realised), *masses_kg)
     reached = certificate.guaranteed
-    capacitors = CAPACITORS if isinstance(realised, Lag) else CAPACITORS[:1]
+    capacitors = CAPACITORS if realised.lag else CAPACITORS[:1]
     verdicts = tuple(with_tolerance(prototype, masses_kg, amplifier, r, c) for r in RESISTORS for c in capacitors)
     return AnalogueController(
         amplifier,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import pi, tan
 
-from beamdesign.prototype import Lag, Proportional
+from beamdesign.controllers import Break, Controller
 from beamdesign.sampled import tustin
 
 DIGITS = 12
@@ -31,7 +31,7 @@ class DifferenceEquation:
         return 1 / self.rate_Hz
 
 
-def difference_equation(controller: Proportional | Lag, rate_Hz: float) -> DifferenceEquation:
+def difference_equation(controller: Controller, rate_Hz: float) -> DifferenceEquation:
     """Tustin's rule with each break prewarped: pole and zero lie at their own frequencies, the static gain is kept.
 
     Args:
@@ -41,13 +41,12 @@ def difference_equation(controller: Proportional | Lag, rate_Hz: float) -> Diffe
     Raises:
         ValueError: where a break lies at or above half the rate.
     """
-    warped = controller
-    if isinstance(controller, Lag):
-        if rate_Hz <= 2 * max(controller.pole_Hz, controller.zero_Hz):
+    lag = controller.lag
+    if lag is not None:
+        if rate_Hz <= 2 * max(lag.pole_Hz, lag.zero_Hz):
             raise ValueError(f"a rate of {rate_Hz:g} Hz is not more than twice the upper break of the controller")
-        breaks = {key: rate_Hz / pi * tan(pi * getattr(controller, key) / rate_Hz) for key in ("pole_Hz", "zero_Hz")}
-        warped = controller.but(**breaks)
-    b0, b1, a1 = tustin(warped, 1 / rate_Hz)
+        lag = Break(*(rate_Hz / pi * tan(pi * frequency / rate_Hz) for frequency in (lag.pole_Hz, lag.zero_Hz)))
+    b0, b1, a1 = tustin(lag, 1 / rate_Hz)
     gain = controller.gain_A_per_V
     return DifferenceEquation(rate_Hz, *(float(f"{c:.{DIGITS - 1}e}") for c in (gain * b0, gain * b1, a1)))
 

@@ -22,8 +22,8 @@ from math import log, pi
 
 from flint import fmpq
 
+from beamdesign.controllers import Break, Controller, Lag, Proportional
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Lag, Proportional
 from beamdesign.specification.preferred_values import Series, neighbours, values_between
 
 _CAPACITORS_F = (4.7e-8, 4.7e-6)
@@ -98,7 +98,7 @@ class LagAmplifier:
             )
 
 
-def lag_amplifier(controller: Proportional | Lag, resistors: Series, capacitors: Series) -> LagAmplifier:
+def lag_amplifier(controller: Controller, resistors: Series, capacitors: Series) -> LagAmplifier:
     """The values of two series that come nearest to a controller.
 
     All capacitors of a sensible size, and with each the neighbouring resistors, are looked at; the largest relative
@@ -107,7 +107,8 @@ def lag_amplifier(controller: Proportional | Lag, resistors: Series, capacitors:
     Raises:
         ValueError: where the pole does not lie below the zero, which this circuit cannot give.
     """
-    if isinstance(controller, Lag) and controller.pole_Hz >= controller.zero_Hz:
+    lag = controller.lag
+    if lag is not None and lag.pole_Hz >= lag.zero_Hz:
         raise ValueError("this circuit is a lag: its pole lies below its zero")
     gains = [
         (rs, ratio)
@@ -115,7 +116,7 @@ def lag_amplifier(controller: Proportional | Lag, resistors: Series, capacitors:
         for ratio in (controller.gain_A_per_V * rs,)  # Rf / R1
     ]
     best: tuple[float, LagAmplifier] | None = None
-    for feedback, shunt, farad, error in _lags(controller, resistors, capacitors):
+    for feedback, shunt, farad, error in _lags(lag, resistors, capacitors):
         for rs, ratio in gains:
             for r1 in neighbours(resistors, feedback / ratio):
                 if not _INPUT_OHM[0] <= r1 <= _INPUT_OHM[1]:
@@ -129,22 +130,22 @@ def lag_amplifier(controller: Proportional | Lag, resistors: Series, capacitors:
 
 
 def _lags(
-    controller: Proportional | Lag, resistors: Series, capacitors: Series
+    lag: Break | None, resistors: Series, capacitors: Series
 ) -> Iterator[tuple[float, float | None, float | None, float]]:
     """Rf, R2, C and the larger relative error of pole and zero."""
-    if not isinstance(controller, Lag):
+    if lag is None:
         for feedback in values_between(resistors, 2e4, 3e4):
             yield feedback, None, None, 0.0
         return
     found = []
     for farad in values_between(capacitors, *_CAPACITORS_F):
-        for shunt in neighbours(resistors, 1 / (2 * pi * controller.zero_Hz * farad)):
-            total = 1 / (2 * pi * controller.pole_Hz * farad)
+        for shunt in neighbours(resistors, 1 / (2 * pi * lag.zero_Hz * farad)):
+            total = 1 / (2 * pi * lag.pole_Hz * farad)
             if total <= shunt:
                 continue
             for feedback in neighbours(resistors, total - shunt):
                 if not (_FEEDBACK_OHM[0] <= shunt and feedback <= _FEEDBACK_OHM[1]):
                     continue
-                pole, zero = abs(log(total / (shunt + feedback))), abs(log(2 * pi * controller.zero_Hz * farad * shunt))
+                pole, zero = abs(log(total / (shunt + feedback))), abs(log(2 * pi * lag.zero_Hz * farad * shunt))
                 found.append((feedback, shunt, farad, max(pole, zero)))
     yield from sorted(found, key=lambda one: one[3])[:12]

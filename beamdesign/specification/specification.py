@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from beamdesign.controller import without_sections
+from beamdesign.controllers import refuse
 from beamdesign.loop import loop
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import Certificate
 from beamdesign.proof.certifying import certify
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.specification.acceptance_bands import AcceptanceAtMass, acceptance_bands
 from beamdesign.specification.analogue import AnalogueController, analogue_controllers
 from beamdesign.specification.data_folder import DURATION_S, AcceptancePlan, acceptance_plan
@@ -146,10 +146,12 @@ def digital_controller(
 ) -> DigitalController:
     """The difference equation; where no rate is asked for, it is raised until the sampled-data loop is proved."""
     assert prototype.controller is not None
-    controller = without_sections(prototype.controller, prototype.name, "a difference equation")
+    controller = prototype.controller
+    refuse(controller, "lag", "a difference equation", prototype.name)
     closed = loop(prototype)
     crossover = max(max(closed.at(mass).crossovers_Hz(), default=0.0) for mass in looked_at)
-    upper = max(controller.pole_Hz, controller.zero_Hz) if isinstance(controller, Lag) else 0.0
+    lag = controller.lag
+    upper = max(lag.pole_Hz, lag.zero_Hz) if lag else 0.0
     rate = rate_Hz or sensible_rate_Hz(crossover, upper)
     for _ in range(1 if rate_Hz else _TRIES):
         equation = difference_equation(controller, rate)

@@ -2,7 +2,6 @@
 
 from decimal import ROUND_CEILING, ROUND_FLOOR
 
-from beamdesign.prototype import Lag
 from beamdesign.report.foundations import proved_statements
 from beamdesign.report.quantity import decimal, mass_range_text, quantity
 from beamdesign.specification.analogue import AnalogueController
@@ -39,8 +38,8 @@ def controller(spec: Specification) -> Part:
     assert law is not None
     rows = [("gain at zero frequency", quantity(law.gain_A_per_V, "A/V", 6))]
     words = "Valve current = gain × (command − sensor voltage)."
-    if isinstance(law, Lag):
-        rows += [("pole", quantity(law.pole_Hz, "Hz", 6)), ("zero", quantity(law.zero_Hz, "Hz", 6))]
+    if lag := law.lag:
+        rows += [("pole", quantity(lag.pole_Hz, "Hz", 6)), ("zero", quantity(lag.zero_Hz, "Hz", 6))]
         words = (
             "Valve current = gain × C(s) × (command − sensor voltage), C(s) = (1 + s/(2π zero)) / (1 + s/(2π"
             " pole)). Build it"
@@ -53,7 +52,8 @@ def circuit(spec: Specification) -> Part:
     """The analogue realisation."""
     if not spec.analogue:
         return Part("Analogue controller", (Paragraph(f"None: {spec.analogue_reason}."),))
-    lag = isinstance(spec.prototype.controller, Lag)
+    law = spec.prototype.controller
+    lag = law is not None and law.lag is not None
     network = ", parallel to R2 and C in series," if lag else ""
     blocks: list[Block] = [
         Items(

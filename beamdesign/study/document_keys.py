@@ -5,9 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
-from pydantic import BaseModel
-
-from beamdesign.records import Record
+from beamdesign.records import Record, nested_records
 
 _STEP = re.compile(r"(?P<key>[^\[\]]+)(?:\[(?P<entry>\d+)\])?\Z")
 
@@ -27,17 +25,11 @@ def known_keys(record: type[Record]) -> dict[str, int]:
     return found
 
 
-def _walk(record: type[BaseModel], before: str) -> Iterator[tuple[str, int]]:
+def _walk(record: type[Record], before: str) -> Iterator[tuple[str, int]]:
     for name, field in record.model_fields.items():
         yield before + name, _entries(field.annotation)
-        for nested in _records(field.annotation):
+        for nested in nested_records(field.annotation):
             yield from _walk(nested, f"{before}{name}.")
-
-
-def _records(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [record for part in get_args(annotation) for record in _records(part)]
 
 
 def _entries(annotation: Any) -> int:

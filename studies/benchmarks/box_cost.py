@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 from flint import ctx, fmpq
 
+from beamdesign.controllers import Lag
 from beamdesign.proof.box import Box
 from beamdesign.proof.branch import Search, control_points
 from beamdesign.proof.refute import undamping
@@ -18,7 +19,7 @@ from beamdesign.proof.replay_box import PRECISION_BITS, holds, pieces
 from beamdesign.proof.rig_family import Family, rig_family
 from beamdesign.proof.scaling import largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.prototype import Actuator, Beam, Lag, Payload, Prototype, Sensor, Servovalve, Tolerance
+from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
 
 RIG = Prototype(
     name="published rig, lag 1.7/20 Hz at 50 mA/V",

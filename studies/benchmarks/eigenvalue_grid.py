@@ -6,9 +6,9 @@ from math import pi
 import numpy as np
 from flint import fmpq
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.linear import LinearModel
 from beamdesign.proof.mass_family import floats
-from beamdesign.prototype import Lag, Proportional
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,13 @@ from proofs import always_stable, guaranteed_bandwidth, guaranteed_peak_sensitiv
 from scipy.optimize import OptimizeResult, differential_evolution
 from stopwatch import Cost, timed
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, grid_plant, sampled_bandwidth
 from beamdesign.design.tuning import tune
 from beamdesign.loop import Loop, close_loop
 from beamdesign.members import paper_model
-from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.prototype import Prototype
 
 LARGEST_INNER_KG = 6.0
 _MASSES = 7

@@ -8,7 +8,7 @@ import control
 import numpy as np
 from eigenvalue_grid import Matrices, realised
 
-from beamdesign.prototype import Lag, Proportional
+from beamdesign.controllers import Lag, Proportional
 
 FREQUENCIES_HZ = np.geomspace(0.1, 1000.0, 401)
 """A hundred points a decade, as one would plot them."""

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from delivered_bandwidth import DEVIATIONS, rig_of
 
+from beamdesign.controllers import Lag
 from beamdesign.design.tuning import tune
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.scheduling.record import ScheduledRig, Stage, read_scheduled

@@ -20,8 +20,9 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from beamdesign.controllers import Lag
 from beamdesign.paper.rig import paper_prototype
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import OUTPUTS, Assembly, assemble
 from beamdesign.rig.compiled import compiled, integrate
 from beamdesign.rig.effects import library

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdesign.prototype import Lag, read_prototype
+from beamdesign.controllers import Lag
+from beamdesign.prototype import read_prototype
 from beamdesign.scenario import Measurement, Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate
 

@@ -9,9 +9,10 @@ from math import pi
 
 import pytest
 
+from beamdesign.controllers import Lag, Proportional
 from beamdesign.kick import Kick, critical_gain_by_kicks
 from beamdesign.loop import critical_gain
-from beamdesign.prototype import Lag, Payload, Proportional, Prototype
+from beamdesign.prototype import Payload, Prototype
 
 MEASURED_MA_PER_V = {"proportional": 15.0, "lag": 200.0, "lag, both masses": 150.0}
 

@@ -8,9 +8,10 @@ from math import asin, pi, sqrt
 
 import pytest
 
+from beamdesign.controllers import Proportional
 from beamdesign.harmonic_balance import limit_cycles
 from beamdesign.loop import critical_gain
-from beamdesign.prototype import Proportional, Prototype
+from beamdesign.prototype import Prototype
 
 
 def limiter(ratio: float) -> float:

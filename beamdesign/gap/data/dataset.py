@@ -10,10 +10,10 @@ import numpy as np
 
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.controller import without_sections
+from beamdesign.controllers import Controller, refuse
 from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
 from beamdesign.gap.data.inputs import without_noise
-from beamdesign.prototype import Controller, Prototype, read_prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
 INPUTS = ("disturbance_N", "command_V")
@@ -173,12 +173,13 @@ def read_dataset(folder: str | Path) -> Dataset:
     if problems := _missing_controllers(entry, prototype):
         raise InputError(path, problems)
     if prototype.controller is not None:
-        without_sections(prototype.controller, path.parent / entry.prototype, "the model of a data set")
+        refuse(prototype.controller, "lag", "the model of a data set", path.parent / entry.prototype)
 
     def controller(given: Controller | None) -> Controller:
         chosen = given or prototype.controller
         assert chosen is not None  # checked above
-        return without_sections(chosen, path, "a record of a data set")
+        refuse(chosen, "lag", "a record of a data set", path)
+        return chosen
 
     taken = tuple(
         _time_record(path.parent / row.file, row, controller(row.controller), warnings) for row in entry.record
@@ -269,6 +270,7 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
     else:
         given = dict(row.controller)
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
-    found = without_sections(records.parse(_Gained, table, path).controller, path, "a record of a data set")
+    found = records.parse(_Gained, table, path).controller
+    refuse(found, "lag", "a record of a data set", path)
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V)

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.prototype import Controller
+from beamdesign.controllers import Controller
 from beamdesign.records import FileName, InputError, Problem, Record
 
 _TOLD = 20  # entries whose files are wrong that are spelt out

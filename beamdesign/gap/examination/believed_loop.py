@@ -6,9 +6,10 @@ from math import pi
 
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.members import paper_model
-from beamdesign.prototype import Controller, Lag, Prototype
+from beamdesign.prototype import Prototype
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 _FADE = 0.05  # of a record, at its end
@@ -86,8 +87,8 @@ def believed_loop(
     a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
     force, current, volts = b[:, 0], b[:, 1], c[1]
     gain, pole, zero = controller.gain_A_per_V, 1.0, 1.0
-    if isinstance(controller, Lag):
-        pole, zero = 2 * pi * controller.pole_Hz, 2 * pi * controller.zero_Hz
+    if lag := controller.lag:
+        pole, zero = 2 * pi * lag.pole_Hz, 2 * pi * lag.zero_Hz
     # current = gain (slow + (error - slow) pole / zero), slow' = pole (error - slow), error = command - volts
     straight, lagging = gain * pole / zero, gain * (1 - pole / zero)
     n = len(a)

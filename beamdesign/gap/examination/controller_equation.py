@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.signal import lfilter
 
+from beamdesign.controllers import Controller, Lag
 from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.prototype import Controller, Lag
 
 _TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _LONGEST_LAG_S = 0.02
@@ -81,15 +81,15 @@ def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> 
         sensor_gain: believed, V/m.
     """
     error = record.inputs[:, 1] - sensor_gain * record.measured["displacement_m"]
-    if not isinstance(controller, Lag):
+    if (law := controller.lag) is None:
         return controller.gain_A_per_V * error
     # Exact for an error that goes straight from sample to sample.
-    reach = 2 * pi * controller.pole_Hz * record.step
+    reach = 2 * pi * law.pole_Hz * record.step
     kept = exp(-reach)
     mean = (1 - kept) / reach
     slow, _ = lfilter([1 - mean, mean - kept], [1.0, -kept], error[1:], zi=[(mean - kept) * error[0]])
     slow = np.concatenate([[0.0], slow])
-    asked = controller.gain_A_per_V * (slow + (error - slow) * controller.pole_Hz / controller.zero_Hz)
+    asked = controller.gain_A_per_V * (slow + (error - slow) * law.pole_Hz / law.zero_Hz)
     fading = np.exp(-reach * np.arange(len(error)))
     columns = np.column_stack([fading, np.ones(len(error))])
     share, _ = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]
@@ -258,8 +258,8 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
 
     own = record.controller
     starts = [(own.gain_A_per_V, 1.0, 1.5), (own.gain_A_per_V, 2.0, 20.0)]
-    if isinstance(own, Lag):
-        starts.append((own.gain_A_per_V, own.pole_Hz, own.zero_Hz))
+    if breaks := own.lag:
+        starts.append((own.gain_A_per_V, breaks.pole_Hz, breaks.zero_Hz))
     found = min((least_squares(off, np.log(s), method="lm", max_nfev=60) for s in starts), key=lambda f: f.cost)
     best = lag(found.x)
     residual = mismatch(current, demanded(record, best, sensor_gain))[0]

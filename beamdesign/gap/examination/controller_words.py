@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.examination.caution import Caution
 from beamdesign.gap.examination.controller_equation import ControllerFit, Rival, demanded, refitted, rivals
-from beamdesign.prototype import Controller, Lag, Prototype
+from beamdesign.prototype import Prototype
 
 DISOBEDIENT = 0.05
 """Relative residual of the controller's equation from which something must be said."""
@@ -143,6 +144,4 @@ def _contradicts(record: TimeRecord, fit: ControllerFit, rival: Rival) -> Cautio
 
 def described(controller: Controller) -> str:
     """A controller in words."""
-    if isinstance(controller, Lag):
-        return f"lag {controller.pole_Hz:.3g}/{controller.zero_Hz:.3g} Hz, {controller.gain_A_per_V:.3g} A/V"
-    return f"proportional, {controller.gain_A_per_V:.3g} A/V"
+    return f"{controller.words()}, {controller.gain_A_per_V:.3g} A/V"

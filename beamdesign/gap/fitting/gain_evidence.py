@@ -9,7 +9,7 @@ from beamdesign.gap.data.dataset import MeasuredGain
 from beamdesign.gap.fitting.linear_model import LinearModel, linear_model
 from beamdesign.gap.fitting.onset import Onset, onset, onset_slopes
 from beamdesign.gap.fitting.unknowns import Placement
-from beamdesign.prototype import Lag, Prototype
+from beamdesign.prototype import Prototype
 
 FREQUENCY_STD = 0.02
 """Relative, of the frequency that was noted with a critical gain."""
@@ -40,10 +40,8 @@ class GainEvidence:
     @property
     def name(self) -> str:
         """In words."""
-        law = self.measured.controller
-        breaks = f"lag {law.pole_Hz:.3g}/{law.zero_Hz:.3g} Hz" if isinstance(law, Lag) else "proportional"
         masses = f"{self.measured.outer_end_mass:g} kg outer, {self.measured.inner_end_mass:g} kg inner"
-        return f"critical gain, {breaks}, {masses}"
+        return f"critical gain, {self.measured.controller.words()}, {masses}"
 
     @property
     def condition(self) -> object:

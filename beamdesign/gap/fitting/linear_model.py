@@ -16,8 +16,10 @@ from functools import cached_property
 
 import numpy as np
 
+from beamdesign.controllers import Controller
+from beamdesign.controllers.lag import as_lag
 from beamdesign.gap.fitting.unknowns import Placement
-from beamdesign.prototype import Controller, Lag, Proportional, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.equilibrium import Linearisation, equilibrium, linearise, scales
 from beamdesign.rig.parameters import parameters_of
@@ -161,10 +163,8 @@ def linear_model(
         inner_end_mass: kg, added to the inner tip.
         load: constant force on the outer tip, N.
     """
-    if isinstance(controller, Proportional):
-        controller = Lag(gain_A_per_V=controller.gain_A_per_V, pole_Hz=1.0, zero_Hz=1.0)
     kinds = placement.assembly.kinds
-    rig = prototype.but(controller=controller, effects={name: {} for name in kinds.effects})
+    rig = prototype.but(controller=as_lag(controller), effects={name: {} for name in kinds.effects})
     base = np.array(list(parameters_of(rig, outer_end_mass, inner_end_mass).values()))
     kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
     return LinearModel(placement, base, assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig)), load)

@@ -6,9 +6,10 @@ from math import ceil
 
 import numpy as np
 
+from beamdesign.controllers.lag import as_lag
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.fitting.unknowns import Placement
-from beamdesign.prototype import Lag, Proportional, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import OUTPUTS, Structure, assemble
 from beamdesign.rig.compiled import integrate
 from beamdesign.rig.equilibrium import equilibrium, linearise
@@ -50,10 +51,7 @@ class Replay:
 
 def replay(record: TimeRecord, prototype: Prototype) -> Replay:
     """Prepare a record."""
-    controller = record.controller
-    if isinstance(controller, Proportional):
-        controller = Lag(gain_A_per_V=controller.gain_A_per_V, pole_Hz=1.0, zero_Hz=1.0)
-    return Replay(record, prototype.but(controller=controller))
+    return Replay(record, prototype.but(controller=as_lag(record.controller)))
 
 
 def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import LAG
 from beamdesign.rig.parameters import parameters_of
 
 FREE = 0.3
@@ -124,7 +125,7 @@ def of_effects(
 
 def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
     """One structure for every controller of a data set: a proportional one is a lag whose breaks coincide."""
-    return Structure("lag", prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
+    return Structure(LAG, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,6 @@ def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
 
 
 def _with_some_controller(prototype: Prototype) -> Prototype:
-    from beamdesign.prototype import Proportional
+    from beamdesign.controllers import Proportional
 
     return prototype if prototype.controller else prototype.but(controller=Proportional(gain_A_per_V=1e-3))

@@ -6,13 +6,13 @@ from math import exp, log, sqrt, tau
 
 import numpy as np
 
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.gap.diagnosis import NextExperiment
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
 from beamdesign.gap.fitting.response_evidence import response_evidence
 from beamdesign.gap.gains.search import Figure
-from beamdesign.prototype import Controller, Lag
 
 _LOAD_SHARE = 0.3  # of what the piston can hold at the supply
 _LINES = np.geomspace(1.0, 300.0, 30)
@@ -197,4 +197,4 @@ def _told(law: Controller) -> dict[str, object]:
 
 
 def _words(law: Controller) -> str:
-    return f"the lag {law.pole_Hz:.3g}/{law.zero_Hz:.3g} Hz" if isinstance(law, Lag) else "proportional control"
+    return f"the {law.words()}" if law.lag else "proportional control"

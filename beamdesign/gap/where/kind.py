@@ -9,6 +9,7 @@ from beamdesign.gap.where.conditions import Setting
 from beamdesign.gap.where.missing import Explanation
 from beamdesign.rig.assembly import Structure, assemble
 from beamdesign.rig.effects import library
+from beamdesign.rig.electronics import LAG
 
 _DRIFT = 0.5  # of the residual's power
 _BENT = 0.3  # of the residual's power away from the lines of the input
@@ -24,7 +25,7 @@ def kind_of_effect(name: str) -> str:
         return ""
     if effect.memory:
         return "hysteretic"
-    assembly = assemble(Structure("lag", False, (name,)))
+    assembly = assemble(Structure(LAG, False, (name,)))
     t, x, u, p = (ca.SX.sym(n, *assembly.function.size_in(k)) for k, n in enumerate("txup"))
     rate, y = assembly.function(t, x, u, p)
     slopes = ca.jacobian(ca.vertcat(rate, y), ca.vertcat(x, u))

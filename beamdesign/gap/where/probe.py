@@ -157,10 +157,11 @@ def _linear(kinds: Structure) -> ca.Function:
     figure = dict(zip(assembly.parameters, ca.vertsplit(p), strict=True))
     added = dict(zip(_PROBED, ca.vertsplit(u)[2:], strict=True))
     port: dict[str, Any] = state | {"disturbance_N": u[0], "command_V": u[1]}
-    for name, law in PORTS.items():
+    rig = TWIN_BEAM.with_law(kinds.controller)
+    for name, law in rig.ports.items():
         port[name] = law(port, figure, state) + added.get(name, 0.0)
-    rate = TWIN_BEAM.rates(port, figure, state)
-    seen: Mapping[str, Any] = port | TWIN_BEAM.outputs(port, figure, state)
+    rate = rig.rates(port, figure, state)
+    seen: Mapping[str, Any] = port | rig.outputs(port, figure, state)
     rates = ca.vertcat(*(rate[name] for name in assembly.states))
     y = ca.vertcat(*(seen[name] for name in SIGNALS))
     matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]

@@ -1,0 +1,38 @@
+"""Kinds of controller, one file each: what a command may ask of a law, and what it is refused with which reason."""
+
+from beamdesign.controllers.cascade import Break, Cascade
+from beamdesign.controllers.lag import Lag
+from beamdesign.controllers.observer import Observer
+from beamdesign.controllers.proportional import Proportional
+from beamdesign.controllers.protocol import (
+    KINDS,
+    SENSED,
+    Controller,
+    Sensed,
+    SensedLaw,
+    TransferFunction,
+    refuse,
+    register,
+)
+from beamdesign.controllers.structured import Section, Structured
+
+__all__ = [
+    "KINDS",
+    "SENSED",
+    "Break",
+    "Cascade",
+    "Controller",
+    "Lag",
+    "Observer",
+    "Proportional",
+    "Section",
+    "Sensed",
+    "SensedLaw",
+    "Structured",
+    "TransferFunction",
+    "refuse",
+    "register",
+]
+
+for kind in (Proportional, Lag, Structured, Observer):
+    register(kind)

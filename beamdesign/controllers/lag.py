@@ -1,0 +1,34 @@
+"""The lag, which gives a loop its gain at low frequencies."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from beamdesign import quantities as q
+from beamdesign.controllers.cascade import Break, Cascade, Factor
+from beamdesign.controllers.protocol import Controller, refuse
+
+
+class Lag(Cascade):
+    """C(s) = (1 + s / zero) / (1 + s / pole)."""
+
+    kind: Annotated[Literal["lag"], Field(description="which law, with its own figures")] = "lag"
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
+    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """Its breaks."""
+        return (Break(self.pole_Hz, self.zero_Hz),)
+
+
+def as_lag(controller: Controller) -> Lag:
+    """A lag as it is, and a proportional law as a lag whose breaks coincide.
+
+    Raises:
+        InputError: for any other.
+    """
+    refuse(controller, "lag", "a lag's place", "controller")
+    lag = controller.lag or Break(1.0, 1.0)
+    return Lag(gain_A_per_V=controller.gain_A_per_V, pole_Hz=lag.pole_Hz, zero_Hz=lag.zero_Hz)

@@ -1,0 +1,249 @@
+"""The record of a controller with several sensors: state feedback with an observer, or any dynamic output feedback."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import pi
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import Field
+
+from beamdesign import quantities as q
+from beamdesign.controllers.protocol import ERRORS, SENSED, Controller, Need, Row, Sensed, SensedLaw
+from beamdesign.records import Problem
+from beamdesign.rig.electronics import Matrices
+
+if TYPE_CHECKING:
+    import control
+    import numpy as np
+    from flint import fmpq_poly
+
+LARGEST_ORDER = 12
+
+_TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "command_V": 0.1}
+"""V, m, Pa: of what a controller is given."""
+
+Entries = tuple[q.MatrixEntry, ...]
+
+
+class Observer(Controller):
+    """z' = a z + b e + b_command command_V, current = gain_A_per_V (c z + d e): a linear controller of many sensors.
+
+    e_1 is command_V less the volts of the displacement sensor, behind its filter, as for every other controller. Each
+    further e_k is minus what an ideal added sensor reads, in SI: the inner tip's displacement in m or the load
+    pressure in Pa, both zero at rest. n is the order, p the number of sensors.
+    """
+
+    kind: Annotated[Literal["observer"], Field(description="which law, with its own figures")] = "observer"
+    gain_A_per_V: Annotated[q.LawGain, Field(description="factor on the whole law, so that it alone scales the loop")]
+    sensors: Annotated[
+        tuple[Sensed, ...], Field(description="what it senses, each once, displacement_m first; they order b and d")
+    ]
+    a: Annotated[tuple[Entries, ...], Field(description="n rows of n, 1/s; n up to 12, and [] for a static gain")]
+    b: Annotated[tuple[Entries, ...], Field(description="n rows of one entry per sensor")]
+    c: Annotated[Entries, Field(description="n entries")]
+    d: Annotated[Entries, Field(description="one entry per sensor")]
+    b_command: Annotated[
+        Entries, Field(description="n entries, what command_V does to z' beside its part of e_1; [] for nothing")
+    ] = ()
+
+    @property
+    def order(self) -> int:
+        """How many states it has."""
+        return len(self.a)
+
+    @property
+    def observer(self) -> Self:
+        """Itself."""
+        return self
+
+    @property
+    def senses(self) -> tuple[Sensed, ...]:
+        """Its sensors."""
+        return self.sensors
+
+    def sensed_law(self) -> SensedLaw:
+        """The law from everything that it senses to its current, exact."""
+        from flint import fmpq_mat, fmpq_poly
+
+        from beamdesign.polynomial import exact
+
+        n, gain = self.order, exact(self.gain_A_per_V)
+        a = fmpq_mat(n, n, [exact(value) for row in self.a for value in row])
+        c = [exact(value) for value in self.c]
+        denominator = a.charpoly() if n else fmpq_poly([1])
+
+        def numerator(sensor: int) -> fmpq_poly:
+            through = exact(self.d[sensor]) * denominator
+            if n:  # det(sI - a + b c) = det(sI - a) + c adj(sI - a) b
+                b = [exact(row[sensor]) for row in self.b]
+                outer = fmpq_mat(n, n, [value * weight for value in b for weight in c])
+                through += (a - outer).charpoly() - denominator
+            return gain * through
+
+        return SensedLaw(self.sensors, tuple(numerator(k) for k in range(len(self.sensors))), denominator)
+
+    def command_numerator(self) -> "fmpq_poly":
+        """Numerator of current over command, A/V, with the denominator of its law, exact."""
+        through_error = self.sensed_law().numerators[0]
+        if not self.b_command:
+            return through_error
+        rows = tuple((more, *row[1:]) for row, more in zip(self.b, self.b_command, strict=True))
+        return through_error + self.but(b=rows, d=(0.0, *self.d[1:])).sensed_law().numerators[0]
+
+    def sensor_responses(self, frequency_Hz: "np.ndarray") -> "dict[str, np.ndarray]":
+        """Current over gain_A_per_V for each thing sensed, with its sign turned: (N,) complex, per V, m or Pa."""
+        import numpy as np
+
+        s, n = 2j * pi * np.asarray(frequency_Hz, dtype=float), self.order
+        b, d = np.reshape(self.b, (n, len(self.sensors))), np.array(self.d)
+        pencil = s.reshape(-1, 1, 1) * np.eye(n) - np.reshape(self.a, (n, n))
+        inside = np.linalg.solve(pencil, np.broadcast_to(b.astype(complex), (len(pencil), *b.shape)))
+        shapes = np.einsum("i,kip->kp", np.array(self.c), inside) + d
+        return {name: shapes[:, k].reshape(s.shape) for k, name in enumerate(self.sensors)}
+
+    def command_entries(self, order: int) -> "np.ndarray":
+        """Those of `b_command`."""
+        import numpy as np
+
+        return np.array(self.b_command or np.zeros(order))
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Its sensors, its order and its poles."""
+        import numpy as np
+
+        poles = np.linalg.eigvals(np.reshape(self.a, (self.order, self.order))) / (2 * pi)
+        words = ", ".join(f"{abs(p):.4g}" for p in sorted(poles, key=abs) if p.imag >= 0)
+        return [("sensors", ", ".join(self.sensors)), ("order", str(self.order)), ("poles, Hz", words)]
+
+    def rows(self) -> list[Row]:
+        """Its gain, its sensors and its matrices row by row."""
+        from beamdesign.report.quantity import quantity
+
+        rows = [
+            ("gain", quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),
+            ("sensors", ", ".join(self.sensors), "e: error volts, then what the others read with its sign turned"),
+        ]
+        for name, matrix in (("a", self.a), ("b", self.b)):
+            for i, row in enumerate(matrix, start=1):
+                rows.append((f"{name}, row {i}", _listed(row), "z' = a z + b e, in SI"))
+        if self.c:
+            rows.append(("c", _listed(self.c), "current = gain (c z + d e)"))
+        return [*rows, ("d", _listed(self.d), "the same")]
+
+    @property
+    def comment(self) -> tuple[str, ...]:
+        """What its matrices act on."""
+        lines = (
+            "# z' = a z + b e, current = gain_A_per_V (c z + d e); e is the error voltage (V), then what the added",
+            "# sensors read (m, Pa) with its sign turned. The polynomials are from error voltage to current (A).",
+        )
+        if not self.b_command:
+            return lines
+        return *lines, "# To z' comes b_command times the command, which has no part in the loop."
+
+    def lacks(self, need: Need) -> str:
+        """Why it cannot serve what has this need."""
+        return "is given by matrices; give a lag" if need != "one sensor" else super().lacks(need)
+
+    def gain_at_high_frequency(self) -> float:
+        """Size of its direct gain on the displacement sensor, A/V."""
+        return self.gain_A_per_V * abs(self.d[0])
+
+    def control_model(self) -> "control.StateSpace":
+        """Its matrices, with one more input for each added sensor."""
+        import control
+        import numpy as np
+
+        n, p, gain = self.order, len(self.sensors), self.gain_A_per_V
+        return control.ss(
+            np.reshape(self.a, (n, n)), np.reshape(self.b, (n, p)),
+            gain * np.reshape(self.c, (1, n)), gain * np.reshape(self.d, (1, p)),
+            inputs=[ERRORS[name] for name in self.sensors], outputs=["current_A"], name="controller",
+        )  # fmt: skip
+
+    @property
+    def equations(self) -> Matrices:
+        """Its equations in the rig: of its sensors, and of its command where that acts beside them."""
+        return Matrices(self.order, (*self.sensors, "command_V") if self.b_command else self.sensors)
+
+    def figures(self) -> dict[str, float]:
+        """The gain, then its matrices for states that are of the order of one.
+
+        Whoever designs it chooses the units of its states; a simulation wants to know when they stand still. They are
+        scaled by powers of two, which round nothing.
+        """
+        import numpy as np
+
+        heard, n = self.equations.heard, self.order
+        a, b, c = np.reshape(self.a, (n, n)), np.reshape(self.b, (n, len(self.sensors))), np.array(self.c)
+        if self.b_command:
+            b = np.column_stack([b, self.b_command])
+        if n:
+            typical = b * [_TYPICAL[name] for name in heard]
+            off_axis = (1 + 1j) * np.geomspace(1.0, 1e4, 25)  # 1/s, so that no undamped mode is met
+            pencils = off_axis[:, None, None] * np.eye(n) - a
+            size = np.abs(np.linalg.solve(pencils, np.broadcast_to(typical, (len(pencils), n, len(heard)))))
+            largest = size.max(axis=(0, 2))
+            scale = np.exp2(np.round(np.log2(np.where(largest > 0, largest, 1.0))))
+            a, b, c = a * scale / scale[:, None], b / scale[:, None], c * scale
+        d = (*self.d, 0.0) if self.b_command else self.d
+        entries = [float(value) for part in (a, b, c, d) for value in np.ravel(part)]
+        return dict(zip(self.equations.parameters, (self.gain_A_per_V, *entries), strict=True))
+
+    @classmethod
+    def of(
+        cls, gain_A_per_V: float, sensors: Sequence[Sensed], a: Any, b: Any, c: Any, d: Any, b_command: Any = ()
+    ) -> Self:
+        """The record of matrices in anything that nests like them, such as arrays of (n, n), (n, p), (n,) and (p,)."""
+        return cls(
+            gain_A_per_V=float(gain_A_per_V),
+            sensors=tuple(sensors),
+            a=tuple(tuple(float(value) for value in row) for row in a),
+            b=tuple(tuple(float(value) for value in row) for row in b),
+            c=tuple(float(value) for value in c),
+            d=tuple(float(value) for value in d),
+            b_command=tuple(float(value) for value in b_command),
+        )
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """The sensors are what can be sensed so, and the matrices fit each other."""
+        sensors, a, b, c, d = (_entries(table.get(key)) for key in ("sensors", "a", "b", "c", "d"))
+        if sensors is not None:
+            if not sensors or sensors[0] != SENSED[0]:
+                yield Problem("sensors", f"must begin with {SENSED[0]!r}, whose volts close the loop")
+            for name in dict.fromkeys(name for name in sensors if sensors.count(name) > 1):
+                yield Problem("sensors", f"{name!r} stands there more than once")
+        if a is not None:
+            if len(a) > LARGEST_ORDER:
+                yield Problem("a", f"is of order {len(a)}; at most {LARGEST_ORDER} can be")
+            yield from _widths("a", a, len(a), "to be square")
+            if b is not None and len(b) != len(a):
+                yield Problem("b", f"must have a row for each of the {len(a)} of a, has {len(b)}")
+            commanded = _entries(table.get("b_command"))
+            if commanded and len(commanded) != len(a):
+                yield Problem("b_command", f"must have an entry for each of the {len(a)} of a, has {len(commanded)}")
+            if c is not None and len(c) != len(a):
+                yield Problem("c", f"must have an entry for each of the {len(a)} rows of a, has {len(c)}")
+        if sensors:
+            if len(sensors) == 1 and _entries(table.get("b_command")):
+                yield Problem("b_command", "has no meaning without an added sensor; leave it out")
+            if b is not None:
+                yield from _widths("b", b, len(sensors), "one per sensor")
+            if d is not None and len(d) != len(sensors):
+                yield Problem("d", f"must have an entry for each of the {len(sensors)} sensors, has {len(d)}")
+
+
+def _listed(row: Sequence[float]) -> str:
+    return ", ".join(f"{value:.12g}" for value in row)
+
+
+def _entries(value: Any) -> Sequence[Any] | None:
+    """What stands in brackets, None for what does not."""
+    return value if isinstance(value, list | tuple) else None
+
+
+def _widths(key: str, matrix: Sequence[Any], width: int, why: str) -> Iterator[Problem]:
+    for number, row in enumerate(matrix, start=1):
+        entries = _entries(row)
+        if entries is not None and len(entries) != width:
+            yield Problem(key, f"entry {number}: must hold {width} entries, {why}, holds {len(entries)}")

@@ -1,0 +1,20 @@
+"""Proportional control."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from beamdesign import quantities as q
+from beamdesign.controllers.cascade import Cascade, Factor
+
+
+class Proportional(Cascade):
+    """C(s) = 1."""
+
+    kind: Annotated[Literal["proportional"], Field(description="which law, with its own figures")] = "proportional"
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain")]
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """None."""
+        return ()

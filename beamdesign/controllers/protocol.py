@@ -1,0 +1,244 @@
+"""The record that every kind of controller derives from, with what may be asked of any, and the registry of kinds."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+
+from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic_core import PydanticKnownError
+
+from beamdesign import quantities as q
+from beamdesign.records import InputError, Record, under_tag
+
+if TYPE_CHECKING:
+    import control
+    import numpy as np
+    from flint import fmpq_poly
+
+    from beamdesign.controllers.cascade import Break, Cascade, Section
+    from beamdesign.controllers.observer import Observer
+    from beamdesign.rig.electronics import Law
+
+Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa"]
+SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
+"""What a controller may sense: the outer tip, which every controller does, the inner tip, the load pressure."""
+
+ERRORS = {
+    "displacement_m": "error_V",
+    "inner_displacement_m": "inner_displacement_error_m",
+    "load_pressure_Pa": "load_pressure_error_Pa",
+}
+"""What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
+
+Need = Literal["lag", "lag and sections", "one sensor"]
+"""What a purpose needs of a law: a lag at most, one with second-order sections at most, the displacement alone."""
+
+Row = tuple[str, str, str]
+"""A figure for people: name, value in full, what it means."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """A controller from error voltage (V) to current (A) as a ratio of exact polynomials in s."""
+
+    numerator: "fmpq_poly"
+    denominator: "fmpq_poly"
+
+    def __mul__(self, other: "TransferFunction") -> "TransferFunction":
+        return TransferFunction(self.numerator * other.numerator, self.denominator * other.denominator)
+
+
+@dataclass(frozen=True)
+class SensedLaw:
+    """A controller of one or more sensors over one denominator, exact.
+
+    Attributes:
+        sensors: what it senses, of `SENSED`; the first is the displacement.
+        numerators: one per sensor: to current (A) from error volts, then from what else is sensed (m, Pa), with its
+            sign turned.
+        denominator: for an `Observer` det(sI - a), whether or not each of its states shows.
+    """
+
+    sensors: tuple[str, ...]
+    numerators: tuple["fmpq_poly", ...]
+    denominator: "fmpq_poly"
+
+
+class Controller(Record):
+    """A linear law from what is sensed to the current of the valve.
+
+    A kind derives from this in a file of its own, gives `kind` its name as the default, and is made known by
+    `register`. A field of this type then takes any registered kind, one of a type between only those that derive from
+    that.
+    """
+
+    kind: str
+    gain_A_per_V: q.LawGain
+
+    @classmethod
+    def variants(cls) -> list[type[Record]]:
+        """Itself where it is a kind, else the registered kinds that derive from it."""
+        return [cls] if cls in KINDS.values() else [kind for kind in KINDS.values() if issubclass(kind, cls)]
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _by_kind(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        kinds = {str(each.model_fields["kind"].default): each for each in cls.variants()}
+        if cls in kinds.values() or isinstance(data, cls) or not isinstance(data, dict):
+            return handler(data)
+        if "kind" not in data:
+            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
+        if (tag := data["kind"]) not in kinds:
+            known = ", ".join(repr(name) for name in kinds)
+            raise PydanticKnownError(
+                "union_tag_invalid", {"discriminator": "'kind'", "tag": str(tag), "expected_tags": known}
+            )
+        try:
+            return kinds[tag].model_validate(data)  # type: ignore[return-value]
+        except ValidationError as error:
+            raise under_tag(error, tag) from None
+
+    @property
+    def senses(self) -> tuple[Sensed, ...]:
+        """What it hears, the displacement first."""
+        return SENSED[:1]
+
+    @property
+    def added(self) -> tuple[Sensed, ...]:
+        """What it senses beside the displacement."""
+        return self.senses[1:]
+
+    @abstractmethod
+    def sensed_law(self) -> SensedLaw:
+        """The law from everything that it senses to its current, exact."""
+
+    def command_numerator(self) -> "fmpq_poly":
+        """Numerator of current over command, A/V, with the denominator of its law, exact."""
+        return self.sensed_law().numerators[0]
+
+    def transfer_function(self) -> TransferFunction:
+        """K_sa C(s), exact; C(0) = 1 but for an `Observer`.
+
+        Raises:
+            InputError: with added sensors, which `sensed_law` is for.
+        """
+        refuse(self, "one sensor", "one transfer function", "prototype")
+        law = self.sensed_law()
+        return TransferFunction(law.numerators[0], law.denominator)
+
+    @abstractmethod
+    def sensor_responses(self, frequency_Hz: "np.ndarray") -> "dict[str, np.ndarray]":
+        """Current over gain_A_per_V for each thing sensed, with its sign turned: (N,) complex, per V, m or Pa."""
+
+    def shape_response(self, frequency_Hz: "np.ndarray") -> "np.ndarray":
+        """C(s) of unit static gain at the given frequencies (N,), complex.
+
+        Of an `Observer` the response to the displacement sensor's error, over gain_A_per_V, whatever its static gain.
+        """
+        return self.sensor_responses(frequency_Hz)["displacement_m"]
+
+    @abstractmethod
+    def gain_at_high_frequency(self) -> float:
+        """Size of K_sa C(s) from the displacement sensor far above all breaks, A/V."""
+
+    @abstractmethod
+    def control_model(self) -> "control.StateSpace":
+        """The controller as a python-control state space from `error_V` to `current_A`.
+
+        For each added sensor it has one more input, such as `inner_displacement_error_m`: what that sensor reads with
+        its sign turned.
+        """
+
+    def command_entries(self, order: int) -> "np.ndarray":
+        """(order,) what command_V does to the states of `control_model` beside its part of the error, 1/s."""
+        import numpy as np
+
+        return np.zeros(order)
+
+    @property
+    @abstractmethod
+    def equations(self) -> "Law":
+        """Its equations in the rig, figures apart."""
+
+    @abstractmethod
+    def figures(self) -> dict[str, float]:
+        """Figures of its `equations` by name, SI; frequencies in rad/s."""
+
+    @property
+    def cascade(self) -> "Cascade | None":
+        """Itself where it is factors in series on the displacement alone."""
+        return None
+
+    @property
+    def observer(self) -> "Observer | None":
+        """Itself where it is given by matrices."""
+        return None
+
+    @property
+    def lag(self) -> "Break | None":
+        """The lag that it begins with, where it has one."""
+        return None
+
+    @property
+    def sections(self) -> "tuple[Section, ...]":
+        """Its second-order sections, where it has such."""
+        return ()
+
+    def words(self, digits: int = 3) -> str:
+        """Its form in a few words, with breaks to so many digits, without its gain."""
+        return self.kind
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Name and value of each figure in short, as a terminal shows them."""
+        return [(name, str(value)) for name, value in self.model_dump().items()]
+
+    @abstractmethod
+    def rows(self) -> list[Row]:
+        """Each of its figures for people."""
+
+    @property
+    def comment(self) -> tuple[str, ...]:
+        """What a certificate says of its polynomials, as lines of comment."""
+        return ("# From error voltage (V) to current (A); the polynomials are what counts.",)
+
+    def lacks(self, need: Need) -> str:
+        """Why it cannot serve what has this need, in words that go on from its kind; empty where it can."""
+        if need == "one sensor":
+            return f"hears {', '.join(self.added)} too; keep 'displacement_m' alone" if self.added else ""
+        return "is of another form; give a lag"
+
+
+KINDS: dict[str, type[Controller]] = {}
+"""Every registered kind of controller by its name."""
+
+C = TypeVar("C", bound=Controller)
+
+
+def register(kind: type[C]) -> type[C]:
+    """Make a kind known by the default of its field `kind`, which its class may have as a decorator.
+
+    Raises:
+        ValueError: where another kind has that name.
+    """
+    name = str(kind.model_fields["kind"].default)
+    if name in KINDS:
+        raise ValueError(f"there is a controller of kind {name!r} already")
+    KINDS[name] = kind
+    return kind
+
+
+def refuse(controller: Controller, need: Need, purpose: str, source: object) -> None:
+    """Refuse a controller what it cannot serve, with the reason that its kind states.
+
+    Args:
+        controller: any.
+        need: of the purpose.
+        purpose: in words.
+        source: file or argument that it comes from, for the message.
+
+    Raises:
+        InputError: where it lacks what is needed.
+    """
+    if reason := controller.lacks(need):
+        key = "controller.sensors" if need == "one sensor" else "controller.kind"
+        raise InputError(str(source), [(key, f"{controller.kind!r} is not for {purpose}: it {reason}")])
