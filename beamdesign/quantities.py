@@ -129,7 +129,7 @@ Window = Annotated[FiniteFloat, Plausible(1e-4, 2.0)]
 EstimatorNoise = Annotated[FiniteFloat, Plausible(1e-9, 10.0)]
 
 # Ratios.
-RelativeStd = Annotated[FiniteFloat, Plausible(1e-6, 1.0, or_zero=True)]
+RelativeStd = Annotated[FiniteFloat, Plausible(1e-12, 1.0, or_zero=True)]
 PositiveStd = Annotated[FiniteFloat, Plausible(1e-6, 1.0)]
 Unexplained = Annotated[FiniteFloat, Plausible(1e-6, 0.99, or_zero=True)]
 Level = Annotated[FiniteFloat, Plausible(-100.0, 100.0)]

@@ -279,7 +279,7 @@ def test_a_lag_is_found_from_gains_and_responses(found_lag: GainDiagnosis):
 
 def test_gains_alone_do_not_tell_one_factor_on_the_loop_from_another(paper: Prototype):
     """A loop gain 30 % off may be the valve's or the sensor's: critical gains are the same to the last digit."""
-    sound = rig_with_lag(paper.but(tolerance=TOLERANCE), 1e6, 2)
+    sound = rig_with_lag(paper.but(tolerance=TOLERANCE), 1e5, 2)
     weaker = tuple(replace(g, controller=g.controller.but(gain_A_per_V=1.6 * g.gain)) for g in sound.gains)
     factors = ("parameter:flow_gain", "parameter:sensor_gain")
     found = explain_gains(replace(sound, gains=weaker), among=("sensor_lag", *factors))
@@ -297,14 +297,14 @@ def test_gains_alone_do_not_tell_one_factor_on_the_loop_from_another(paper: Prot
 
 
 def test_a_sound_rig_has_no_gap(believed: Prototype):
-    found = explain_gains(rig_with_lag(believed, 1e6, 3), among=SUSPECTS)
+    found = explain_gains(rig_with_lag(believed, 1e5, 3), among=SUSPECTS)
     assert found.verdict == "no_gap"
     assert found.chosen == ()
     assert found.where.subsystem == ""
 
 
 def test_gains_that_nothing_explains_are_said_to_be_unknown(believed: Prototype):
-    sound = rig_with_lag(believed, 1e6, 3)
+    sound = rig_with_lag(believed, 1e5, 3)
     factors = (3.0, 0.25, 3.5, 0.3)
     odd = tuple(
         replace(g, controller=g.controller.but(gain_A_per_V=f * g.gain))
@@ -319,7 +319,7 @@ def test_gains_that_nothing_explains_are_said_to_be_unknown(believed: Prototype)
 
 def test_a_response_that_no_linear_cause_explains_is_said_to_be_unknown(believed: Prototype):
     """Ripples of 20 % in the response, as of a resonance that nothing in the library has, do not pass as some cause."""
-    sound = rig_with_lag(believed, 1e6, 4, (0.4, 0.4))
+    sound = rig_with_lag(believed, 1e5, 4, (0.4, 0.4))
     rippled = tuple(
         replace(curve, response=curve.response * np.exp(0.2 * np.sin(6 * np.log(LINES)))) for curve in sound.responses
     )

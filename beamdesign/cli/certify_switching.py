@@ -37,9 +37,9 @@ def certify_switching(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Prove stability while the payload changes in motion, and the stage of a scheduled controller with it.
+    """Prove stability while the payload changes in motion.
 
-    That is gripping, releasing, filling, pouring. Lyapunov functions come from a semidefinite program and are verified
+    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov functions come from a semidefinite program and are verified
     in rational arithmetic; what only the solver claims is reported as unverified. Exit status 0 if the rate asked for,
     or else some rate, is proved both for payload that joins with the tip's velocity and for payload at rest; of a
     scheduled controller, if changes of stage as the schedule makes them are proved, and the rate if one is asked for;
