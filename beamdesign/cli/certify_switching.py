@@ -39,11 +39,11 @@ def certify_switching(
 ) -> None:
     """Prove stability while the payload changes in motion.
 
-    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov functions come from a semidefinite program and are verified
-    in rational arithmetic; what only the solver claims is reported as unverified. Exit status 0 if the rate asked for,
-    or else some rate, is proved both for payload that joins with the tip's velocity and for payload at rest; of a
-    scheduled controller, if changes of stage as the schedule makes them are proved, and the rate if one is asked for;
-    1 otherwise.
+    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov
+    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
+    reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload that
+    joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
+    schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
     """
     from beamdesign import quantities as q
     from beamdesign.scheduling.record import is_scheduled
