@@ -74,9 +74,9 @@ def spec(
         raise InputError(prototype, faults)
     assert record.controller is not None
     refuse(record.controller, "lag", "a specification, whose circuit and code are those of a lag", prototype)
-    breaks = [getattr(record.controller, key, 0.0) for key in ("pole_Hz", "zero_Hz")]
-    if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * max(breaks):
-        reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {max(breaks):g} Hz"
+    upper = max(lag.pole_Hz, lag.zero_Hz) if (lag := record.controller.lag) else 0.0
+    if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * upper:
+        reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz"
         raise InputError("--sampling-rate-Hz", [("rate", reason)])
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 

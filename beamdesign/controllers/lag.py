@@ -1,6 +1,6 @@
 """The lag, which gives a loop its gain at low frequencies."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,6 +12,7 @@ from beamdesign.controllers.protocol import Controller, refuse
 class Lag(Cascade):
     """C(s) = (1 + s / zero) / (1 + s / pole)."""
 
+    checked: ClassVar[bool] = True
     kind: Annotated[Literal["lag"], Field(description="which law, with its own figures")] = "lag"
     gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
     pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]

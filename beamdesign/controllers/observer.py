@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import pi
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -32,6 +32,7 @@ class Observer(Controller):
     pressure in Pa, both zero at rest. n is the order, p the number of sensors.
     """
 
+    checked: ClassVar[bool] = True
     kind: Annotated[Literal["observer"], Field(description="which law, with its own figures")] = "observer"
     gain_A_per_V: Annotated[q.LawGain, Field(description="factor on the whole law, so that it alone scales the loop")]
     sensors: Annotated[

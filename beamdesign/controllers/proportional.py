@@ -1,6 +1,6 @@
 """Proportional control."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -11,6 +11,7 @@ from beamdesign.controllers.cascade import Cascade, Factor
 class Proportional(Cascade):
     """C(s) = 1."""
 
+    checked: ClassVar[bool] = True
     kind: Annotated[Literal["proportional"], Field(description="which law, with its own figures")] = "proportional"
     gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain")]
 

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
@@ -74,6 +74,8 @@ class Controller(Record):
 
     kind: str
     gain_A_per_V: q.LawGain
+    checked: ClassVar[bool] = False
+    """Whether the certificates' checkers know the kind, and make its polynomials of its figures themselves."""
 
     @classmethod
     def variants(cls) -> list[type[Record]]:

@@ -1,6 +1,6 @@
 """A lag with second-order sections."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -13,6 +13,7 @@ __all__ = ["Section", "Structured"]
 class Structured(Cascade):
     """C(s) = (1 + s / zero) / (1 + s / pole) times its second-order sections: a lag with up to three of them."""
 
+    checked: ClassVar[bool] = True
     kind: Annotated[Literal["structured"], Field(description="which law, with its own figures")] = "structured"
     gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
     pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]

@@ -103,7 +103,7 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
     law = controller.sensed_law()
     yield from controller.comment
     yield "[controller]"
-    figures = controller.model_dump()
+    figures: dict[str, Any] = controller.model_dump() if controller.checked else {"kind": "transfer_function"}
     sections = figures.pop("section", ())
     for name, value in figures.items():
         yield f"{name} = {_stated(value)}"

@@ -1,0 +1,165 @@
+"""A kind of controller of this file's own goes through the commands without an edit elsewhere.
+
+What does not take it yet is listed in `REFUSED` with the reason that it is given; tuning has no form for it.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+from beamdesign.control_models import state_space
+from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
+from beamdesign.controllers.cascade import Factor
+from beamdesign.loop import loop
+from beamdesign.proof.certifying import certify
+from beamdesign.proof.replay_any import replay
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError, to_toml
+from beamdesign.report.reference import keys
+
+SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
+SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"
+MASSES_KG = (0.0, 6.8)
+REFUSED = {
+    "spec": "has factors that it has no place for",
+    "certify-switching": "has factors that it has no place for",
+}
+"""Commands that take a lag at most."""
+
+
+class DoubleLag(Cascade):
+    """C(s) = (1 + s / zero) / (1 + s / pole) (1 + s / far_zero) / (1 + s / far_pole)."""
+
+    kind: Literal["double_lag"] = "double_lag"
+    pole_Hz: float
+    zero_Hz: float
+    far_pole_Hz: float
+    far_zero_Hz: float
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        return Break(self.pole_Hz, self.zero_Hz), Break(self.far_pole_Hz, self.far_zero_Hz)
+
+
+@pytest.fixture(autouse=True)
+def known() -> Iterator[None]:
+    """The kind is there within these tests alone."""
+    register(DoubleLag)
+    keys.cache_clear()
+    yield
+    del KINDS["double_lag"]
+    keys.cache_clear()
+
+
+@pytest.fixture
+def rig() -> Prototype:
+    shipped = read_prototype(SHIPPED)
+    law = shipped.controller
+    assert isinstance(law, Lag)
+    double = DoubleLag(
+        gain_A_per_V=law.gain_A_per_V / 4,
+        pole_Hz=law.pole_Hz,
+        zero_Hz=law.zero_Hz,
+        far_pole_Hz=2000.0,
+        far_zero_Hz=8000.0,
+    )
+    return shipped.but(controller=double, guarantee=None)
+
+
+@pytest.fixture
+def path(rig: Prototype, tmp_path: Path) -> Path:
+    write_prototype(rig, tmp_path / "prototype.toml")
+    return tmp_path / "prototype.toml"
+
+
+def test_its_file_is_read_back_equal_and_its_keys_are_known(rig: Prototype, path: Path) -> None:
+    assert read_prototype(path) == rig
+    assert 'kind = "double_lag"' in to_toml(rig)
+    assert "controller.far_pole_Hz" in {key.path for key in keys()}
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        (("far_pole_Hz", "far_pole_kHz"), "controller.far_pole_kHz", "far_pole_Hz"),
+        (('"double_lag"', '"double_leg"'), "controller", "did you mean 'double_lag'"),
+        (("far_pole_Hz = 2000.0", ""), "controller.far_pole_Hz", "missing"),
+    ],
+)
+def test_messages_name_its_keys(path: Path, change: tuple[str, str], key: str, words: str) -> None:
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(InputError) as caught:
+        read_prototype(path)
+    assert words in dict(caught.value.problems)[key]
+
+
+def test_a_name_is_given_once() -> None:
+    with pytest.raises(ValueError, match="double_lag"):
+        register(DoubleLag)
+
+
+def test_all_its_forms_are_one_law(rig: Prototype) -> None:
+    law = rig.controller
+    assert law is not None
+    frequency = np.geomspace(0.1, 5e3, 40)
+    s = 2j * np.pi * frequency
+    model, exact = law.control_model(), law.transfer_function()
+    values = [np.polyval([float(c) for c in reversed(p.coeffs())], s) for p in (exact.numerator, exact.denominator)]
+    expected = law.gain_A_per_V * law.shape_response(frequency)
+    np.testing.assert_allclose(values[0] / values[1], expected, rtol=1e-9)
+    np.testing.assert_allclose(np.squeeze(model(s)), expected, rtol=1e-9)
+
+
+def test_its_loop_is_certified_and_the_certificate_checks(rig: Prototype, tmp_path: Path) -> None:
+    found = certify(rig, *MASSES_KG)
+    assert found.stable
+    assert found.guaranteed is not None
+    (tmp_path / "certificate.toml").write_text(found.text)
+    assert replay(tmp_path / "certificate.toml").valid
+    assert loop(rig).at(0.0).stable
+
+
+def test_the_assembled_rig_moves_as_the_linear_loop(rig: Prototype) -> None:
+    from beamdesign.rig.assembly import assemble
+    from beamdesign.rig.equilibrium import equilibrium, linearise
+    from beamdesign.rig.parameters import parameters_of, structure_of
+
+    assembly, p = assemble(structure_of(rig)), np.array(list(parameters_of(rig, 3.4, 0.0).values()))
+    assert len(p) == len(assembly.parameters)
+    still = equilibrium(assembly, np.zeros(3), p)
+    poles = np.linalg.eigvals(linearise(assembly, still, np.zeros(3), p).a)
+    bare = rig.but(payload=rig.payload.but(inner_end_mass_kg=0.0))
+    for pole in state_space(bare, 3.4).poles():
+        assert np.abs(poles - pole).min() < 1e-6 * abs(pole) + 1e-6
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["certify", "--outer-end-mass", "0:6.8"],
+        ["certify-box"],
+        ["simulate", "--scenario", str(SCENARIO), "--no-plots"],
+        ["code", "--rate-Hz", "50000"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_commands_take_it(path: Path, tmp_path: Path, command: list[str]) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, [command[0], str(path), *command[1:], *out, "--json", str(tmp_path / "told.json")])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.output
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "told.json").read_text())
+
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_what_is_refused_says_why(path: Path, tmp_path: Path, command: str) -> None:
+    done = CliRunner().invoke(app, [command, str(path), "--out", str(tmp_path / "out")])
+    assert isinstance(done.exception, InputError)
+    assert "'double_lag' is not for" in str(done.exception)
+    assert REFUSED[command] in str(done.exception)
