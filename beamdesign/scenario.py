@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
@@ -149,9 +149,9 @@ class ScenarioRecord(Record):
         0.0
     )
     wall: Annotated[WallAhead | None, Field(description="what the outer tip may touch; none: nothing")] = None
-    controller: Annotated[Controller | None, Field(description="the law during this record; none: the prototype's")] = (
-        None
-    )
+    controller: Annotated[
+        SerializeAsAny[Controller] | None, Field(description="the law during this record; none: the prototype's")
+    ] = None
     payload_change: Annotated[
         PayloadChange | None, Field(description="scheduled controller: a payload that changes during the record")
     ] = None

@@ -22,6 +22,7 @@ from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
+from beamdesign.scenario import ScenarioRecord
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"
@@ -163,3 +164,8 @@ def test_what_is_refused_says_why(path: Path, tmp_path: Path, command: str) -> N
     assert isinstance(done.exception, InputError)
     assert "'double_lag' is not for" in str(done.exception)
     assert REFUSED[command] in str(done.exception)
+
+
+def test_a_scenario_keeps_its_figures(rig: Prototype) -> None:
+    row = ScenarioRecord(name="push", controller=rig.controller)
+    assert ScenarioRecord.model_validate(row.model_dump()) == row

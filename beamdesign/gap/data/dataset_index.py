@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, SerializeAsAny
 
 from beamdesign import quantities as q
 from beamdesign import records
@@ -31,7 +31,7 @@ class TimeEntry(Taken):
         FileName,
         Field(description="CSV file beside dataset.toml: t_s, disturbance_N, command_V, current_A, displacement_m"),
     ]
-    controller: Controller | None = None
+    controller: SerializeAsAny[Controller] | None = None
 
 
 class ResponseEntry(Taken):
@@ -41,7 +41,7 @@ class ResponseEntry(Taken):
         FileName,
         Field(description="CSV file beside dataset.toml: frequency_Hz, magnitude_m_per_N and optionally phase_deg"),
     ]
-    controller: Controller | None = None
+    controller: SerializeAsAny[Controller] | None = None
     amplitude_N: Annotated[q.Force, Field(description="amplitude of the force it was taken with")] = 1.0
 
 
