@@ -35,10 +35,11 @@ from beamdesign.proof.growth import frozen, growing_cycle, masses_in_turn, prove
 from beamdesign.proof.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
 from beamdesign.proof.lyapunov import Switching, describe, switching
 from beamdesign.proof.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
+from beamdesign.proof.stage_change import stage_change
 from beamdesign.proof.sudden_change import sudden_change
 from beamdesign.proof.switching_document import switching_document
 from beamdesign.proof.verified import checked
-from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
+from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype, write_prototype
 from beamdesign.records import InputError
 
 LOW, HIGH = fmpq(0), exact(6.8)
@@ -557,6 +558,22 @@ def test_replay_of_a_proportional_loop_with_filter(paper):
     found = switching([closed_loop(prototype)], 0.0, 1.0, 50.0)
     assert found.stable
     assert replay_lyapunov.replay(switching_document(prototype, found, "proportional")).valid
+
+
+def test_replay_of_a_law_of_high_order():
+    prototype = read_prototype(Path(__file__).parents[1] / "studies" / "prototypes" / "structured.toml")
+    families, low, high = [closed_loop(prototype)], fmpq(3), exact(3.1)
+    assert families[0].order == 15
+    common, _ = any_change(families, low, high)
+    assert common.status == "proved"
+    stages, _ = stage_change(families, low, high)
+    found = Switching((3.0, 3.1), frozen(families, low, high), stages, common, (), (), None, 0.0, families)
+    text = switching_document(prototype, found, "structured")
+    outcome = replay_lyapunov.replay(text)
+    assert outcome.valid, outcome.reasons
+    assert any("any matched change" in claim for claim in outcome.claims)
+    assert "# zero_damping_ratio = " in text  # its sections are there to be read; proved are the polynomials
+    assert not replay_lyapunov.replay(_resigned(_changed(text, 'numerator = ["', 'numerator = ["1'))).valid
 
 
 def _changed(text: str, before: str, after: str, after_mark: str = "") -> str:

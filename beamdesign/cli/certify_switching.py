@@ -95,7 +95,7 @@ def _of_one_law(path: Path) -> _Rig:
     record = read_prototype(path)
     if record.controller is None:
         raise InputError(path, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    refuse(record.controller, "lag", "certify-switching, whose Lyapunov functions are of low order", path)
+    refuse(record.controller, "one sensor", "certify-switching, whose certificate states one transfer function", path)
     return _Rig(record, (closed_loop(record),), record.payload.outer_end_mass_kg)
 
 

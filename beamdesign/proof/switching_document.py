@@ -52,11 +52,22 @@ def switching_document(prototype: Prototype, found: Switching, summary: str, sta
         "",
         *rig_lines(prototype),
         *(line for stage in stages for line in _stage_lines(stage)),
-        *([] if stages else controller_lines(prototype)),
+        *([] if stages else _law_lines(prototype)),
         *_claims(found),
         *_counterexamples(found),
     ]
     return sealed(head, body)
+
+
+def _law_lines(prototype: Prototype) -> Iterator[str]:
+    """The table of the one law; of kinds that the checker does not know by their figures it proves the polynomials."""
+    assert prototype.controller is not None  # there is a loop
+    known = prototype.controller.kind in ("proportional", "lag")
+    for line in controller_lines(prototype):
+        stated = known or line.startswith(("#", "[controller]", "numerator", "denominator"))
+        yield line if stated or not line else f"# {line}"
+        if line == "[controller]" and not known:
+            yield 'kind = "transfer_function"'
 
 
 def _stage_lines(stage: Stage) -> Iterator[str]:
