@@ -29,7 +29,6 @@ SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"
 MASSES_KG = (0.0, 6.8)
 REFUSED = {
     "spec": "has factors that it has no place for",
-    "certify-switching": "has factors that it has no place for",
 }
 """Commands that take a lag at most."""
 

@@ -114,7 +114,7 @@ def test_prototype_that_fails_a_check_is_a_no(run, tmp_path):
 @pytest.mark.parametrize("force", ["0", "-5", "nan", "inf"])
 def test_load_must_be_a_force(run, tmp_path, force):
     write_prototype(read_problem(STUDY).prototype(*PUBLISHED), tmp_path / "prototype.toml")
-    with pytest.raises(InputError, match="finite force"):
+    with pytest.raises(InputError, match="plausible range"):
         run(tmp_path / "prototype.toml", f"--tip-force-N={force}")
 
 
