@@ -295,7 +295,7 @@ _LISTED = (
     ("certify --replay", "scheduled", "to be closed: a certificate of stages is not compared with its prototype"),
     ("certify-box", f"{_SENSORS}", "to be closed: the polynomial is that of one sensor"),
     ("certify-box", "scheduled", "to be closed: every stage by itself"),
-    ("certify-switching", f"structured, {_OBSERVERS}", "to be closed: Lyapunov functions are of low order"),
+    ("certify-switching", f"{_SENSORS}", "to be closed: the certificate states one transfer function"),
     ("tune from", "scheduled", "to be closed: the law is not read, though another is sought"),
     ("tune --robust", f"{_OBSERVERS}, scheduled", "to be closed: worst rigs are sought for lag, structured and less"),
     ("stiffness", "scheduled", "to be closed"),
