@@ -90,7 +90,7 @@ class Controller(Record):
             return handler(data)
         if "kind" not in data:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
-        if (tag := data["kind"]) not in kinds:
+        if not isinstance(tag := data["kind"], str) or tag not in kinds:
             known = ", ".join(repr(name) for name in kinds)
             raise PydanticKnownError(
                 "union_tag_invalid", {"discriminator": "'kind'", "tag": str(tag), "expected_tags": known}
