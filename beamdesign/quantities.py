@@ -89,7 +89,7 @@ Force = Annotated[FiniteFloat, Plausible(1e-6, 1e7)]
 ForceOrNone = Annotated[FiniteFloat, Plausible(1e-6, 1e7, or_zero=True)]
 SignedForce = Annotated[FiniteFloat, Plausible(-1e7, 1e7)]
 ComplianceLimit = Annotated[FiniteFloat, Plausible(1e-13, 1.0)]
-Slenderness = Annotated[FiniteFloat, Plausible(3.0, 1e3)]
+Slenderness = Annotated[FiniteFloat, Plausible(2.0, 1e3)]
 Rounding = Annotated[FiniteFloat, Plausible(1e-12, 1e-3)]
 Excursion = Annotated[FiniteFloat, Plausible(1e-9, 1.0)]
 

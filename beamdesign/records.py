@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
 import tomli_w
 from pydantic import (
@@ -76,6 +76,8 @@ class Record(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    holds_lines: ClassVar[bool] = True
+    """Whether its texts are names, titles and the like; those that a program has written may be of many lines."""
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -88,7 +90,7 @@ class Record(BaseModel):
         problems: list[InitErrorDetails] = []
         if isinstance(data, Mapping):
             found = [(tuple(key.split(".")) if key else (), reason) for key, reason in cls.relations(data)]
-            for place, reason in [*_unfit_texts(cls, data), *found]:
+            for place, reason in [*(_unfit_texts(cls, data) if cls.holds_lines else ()), *found]:
                 kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
                 problems.append(InitErrorDetails(type=kind, loc=place, input=data))
         if not problems:

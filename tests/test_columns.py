@@ -80,7 +80,7 @@ def test_only_regular_files_of_some_size_are_read(tmp_path: Path, monkeypatch: p
             assert caught.value.problems[0].key == "(file)"
 
 
-@pytest.mark.parametrize("file", ["/dev/zero", "pipe.csv", "..", "", "x" * 300, "\0.csv"])
+@pytest.mark.parametrize("file", ["/dev/zero", "pipe.csv", "..", "", "x" * 300])
 def test_a_data_set_of_a_device_or_a_pipe_is_refused(file: str, paper: Prototype, tmp_path: Path):
     sound = recorded(paper)
     os.mkfifo(tmp_path / "pipe.csv")

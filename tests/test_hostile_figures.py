@@ -66,7 +66,7 @@ def told(*arguments: str) -> str:
         (LAG, "outer_beam__free_length_m", 5e-324, "0.001 to 100 m"),
         (LAG, "servovalve__natural_frequency_Hz", 1e-30, "Hz"),
         (LAG, "payload__outer_end_mass_kg", [0.0, 6.8e30], "entry 2: is 6.8e+30"),
-        (LAG, "tolerance__stiffness", 1.5, "1e-06 to 1 or 0"),
+        (LAG, "tolerance__stiffness", 1.5, "1e-12 to 1 or 0"),
         (LAG, "supply__pressure_Pa", 20.0, "100000 to 1e+08 Pa"),
         (CYLINDER, "actuator__supply_pressure_Pa", 7.0, "100000 to 1e+08 Pa"),
         (CYLINDER, "actuator__bore_m", 1e308, "m"),

@@ -34,6 +34,7 @@ _Cell = FiniteFloat | int | bool | str | None
 class _Kept(Record):
     """The record of a case as its file has it."""
 
+    holds_lines = False
     address: _Sha256
     inputs_sha256: str
     code_sha256: str

@@ -93,7 +93,7 @@ def prepared(name: str, rig: Prototype, free: tuple[str, ...], duration_s: float
     parameters = np.array(list(parameters_of(rig, 6.8, 4.4).values()))
     start = equilibrium(assembly, REST, parameters)
     times = np.arange(round(duration_s / SAMPLE_S) + 1) * SAMPLE_S
-    return Case(name, assembly, parameters, start, times, substeps_for(assembly, parameters, SAMPLE_S), free)
+    return Case(name, assembly, parameters, start, times, substeps_for(assembly, parameters, times), free)
 
 
 def cases(duration_s: float) -> tuple[Case, ...]:
