@@ -115,8 +115,8 @@ def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pyte
     out = tmp_path / "out"
     fields, _ = call(tmp_path, "remedies", str(study), "--out", str(out))
     untouched, phase, scheduled = fields["remedies"]
-    assert untouched["bandwidth_Hz"] == 0.0  # the paper's breaks meet no peak sensitivity of 2 without its end mass
-    assert untouched["reason"]
+    # Without its end mass the paper's breaks meet a peak sensitivity of 2 with hardly any gain.
+    assert untouched["bandwidth_Hz"] == pytest.approx(0.817, rel=0.01)
     assert phase["bandwidth_Hz"] > 0.5
     assert scheduled["bandwidth_Hz"] >= phase["bandwidth_Hz"]  # what is proved of the whole range holds on its parts
     assert len(scheduled["controllers"].split("; ")) == 2

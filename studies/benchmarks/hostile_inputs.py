@@ -561,6 +561,11 @@ def _act(given: Sequence[str], work: Path, said: tuple[Path, Path], variables: d
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 
+def _shown(name: str) -> str:
+    """A name as a terminal is shown it: control characters by their numbers."""
+    return _CONTROL.sub(lambda found: f"<U+{ord(found[0]):04X}>", name)
+
+
 def faults(made: Mutant, answer: Answer, before: dict[str, str]) -> list[str]:
     """What is wrong with an answer, given what the mutant's folder held `before`."""
     found = []
@@ -581,7 +586,7 @@ def faults(made: Mutant, answer: Answer, before: dict[str, str]) -> list[str]:
     if answer.status == 2:
         if changed:
             found.append(f"refused, and wrote {', '.join(Path(name).name for name in changed[:3])}")
-        if not any(name in answer.err for name in made.named):
+        if not any(name in answer.err or _shown(name) in answer.err for name in made.named):
             found.append("refused without a source")
     if answer.status == 0:
         wrong = [name for name, digest in made.believed.items() if after.get(f"around/work/{name}") != digest]
