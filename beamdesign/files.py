@@ -27,7 +27,7 @@ LARGEST_TABLE = 256 * MEGABYTE
 """Bytes of a CSV file that is read."""
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
-_TRIES = 3  # of a write whose folder is exchanged under it by another run
+_TRIES = 100
 _FRESH, _RENAME_EXCHANGE, _AT_FDCWD = ".fresh", 2, -100
 
 
@@ -54,6 +54,17 @@ def _kind(mode: int) -> str:
     return _KINDS.get(stat.S_IFMT(mode), "something else")
 
 
+def refuse_irreplaceable(path: Path) -> None:
+    """Refuse what stands where a file is to be written and is none.
+
+    Raises:
+        OSError: naming it.
+    """
+    if path.exists() and not path.is_file():
+        what = "a folder" if path.is_dir() else _kind(path.stat().st_mode)
+        raise OSError(errno.EINVAL, f"is {what}, not a file that can be replaced", str(path))
+
+
 def write_whole(path: str | Path, content: str | bytes) -> None:
     """Write a file; the folder is made if need be, and whoever reads the file never sees half of it.
 
@@ -63,9 +74,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
         OSError: naming the file, where it cannot be written; what stood there before stands there still.
     """
     path = Path(path)
-    if path.exists() and not path.is_file():
-        what = "a folder" if path.is_dir() else _kind(path.stat().st_mode)
-        raise OSError(errno.EINVAL, f"is {what}, not a file that can be replaced", str(path))
+    refuse_irreplaceable(path)
     data = content.encode() if isinstance(content, str) else content
     for tries_left in reversed(range(_TRIES)):
         path.parent.mkdir(parents=True, exist_ok=True)

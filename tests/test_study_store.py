@@ -67,6 +67,10 @@ def text(words):
     return lambda path, other: path.write_text(words, encoding="utf-8")
 
 
+def edited_text(pattern, other):
+    return lambda path, _: path.write_text(re.sub(pattern, other, path.read_text(encoding="utf-8"), count=1))
+
+
 TAMPERED = {
     "outputs": (edited(lambda record: record["outputs"].update(crossings_kg=[1.0]), False), "record_sha256"),
     "status": (edited(lambda record: record.update(status="weird")), "status"),
@@ -78,6 +82,7 @@ TAMPERED = {
     "other code": (edited(of_other_code), "address"),
     "status alone": (text('{"status": "done"}'), "missing"),
     "a list": (text("[]"), "must be a table"),
+    "too large": (edited_text(r": \d+\.\d+", ": 1e400"), "no JSON"),
     "not finite": (edited(lambda record: record["outputs"].update(crossings_kg=float("nan")), False), "no JSON"),
     "deep": (text("[" * 100_000), "no JSON"),
     "deep and of another shape": (text('{"status": ' + "[" * 900 + "]" * 900 + "}"), "no JSON|missing"),
@@ -182,3 +187,16 @@ def test_folder_of_a_first_run_that_is_under_way_shows_what_it_has(laid, folder)
     file_of(folder, laid).unlink()
     assert len(store.rows_of(folder).records) == COUNT - 1
     assert case_of(str(folder / "0"))["status"] == "done"
+
+
+def test_what_no_file_can_replace_is_refused_before_anything_is_computed(laid, tmp_path):
+    (tmp_path / "out" / "study.json").mkdir(parents=True)
+    with pytest.raises(OSError, match="is a folder"):
+        run_sweep(laid, tmp_path / "out")
+    assert not (tmp_path / "out" / "cases").exists()
+
+
+def test_a_refused_case_is_named_as_it_was_given(tmp_path):
+    with pytest.raises(InputError, match=r"^none/3: none: .*no study") as caught:
+        case_of("none/3")
+    assert caught.value.source == "none/3"

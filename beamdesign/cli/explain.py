@@ -46,7 +46,7 @@ def explain(
     if not some and not every:
         close = nearest(wanted)
         hint = f"did you mean {' or '.join(close)}?" if close else "`beamdesign explain` lists all"
-        raise InputError("explain", [(key, f"unknown key; {hint}")])
+        raise InputError("explain", [(key or "''", f"unknown key; {hint}")])
     if effect:
         say("\n".join(told.effect_lines(effect)))
     else:

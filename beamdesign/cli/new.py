@@ -44,7 +44,7 @@ def new(
     if template not in TEMPLATES:
         close = difflib.get_close_matches(template, TEMPLATES, n=1)
         hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(TEMPLATES)}"
-        raise InputError("new", [(template, f"no such template; {hint}")])
+        raise InputError("new", [(template or "''", f"no such template; {hint}")])
     paths = start(template, out)
     it = target(template, out)
     following = [step.format(it=shlex.quote(str(it)), name=shlex.quote(it.stem)) for step in TEMPLATES[template].next]

@@ -46,7 +46,10 @@ def case_of(address: str) -> dict[str, Any]:
             raise InputError(address, [("(file)", "is no result of a case")])
         return record
     folder, name = path.parent, path.name
-    rows = store.read_index(folder)["rows"]
+    try:
+        rows = store.read_index(folder)["rows"]
+    except InputError as error:
+        raise InputError(address, [(f"{error.source}: {key}", reason) for key, reason in error.problems]) from None
     if name.isdigit() and int(name) < len(rows):
         record = store.kept(folder, rows[int(name)])
         if record is None:

@@ -10,9 +10,10 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 from pydantic import Field, FiniteFloat, ValidationError
 
@@ -148,11 +149,15 @@ def _read(shape: type[Record], path: Path) -> dict[str, Any] | None:
     return dict(found)
 
 
-def _refuse(constant: str) -> None:
+def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is no JSON")
 
 
-_JSON = json.JSONDecoder(parse_constant=_refuse)
+def _finite(number: str) -> float:
+    return float(number) if isfinite(float(number)) else _refuse(number)
+
+
+_JSON = json.JSONDecoder(parse_constant=_refuse, parse_float=_finite)
 
 
 def _wrong(found: dict[str, Any], address: str, asked: Case | None) -> tuple[str, str] | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from beamdesign import records
-from beamdesign.files import fresh_folder, settled, write_whole
+from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
 from beamdesign.records import InputError, Problem
 from beamdesign.study import store, workers
 from beamdesign.study.case import Case, plain
@@ -197,6 +197,8 @@ def run_sweep(
         KeyboardInterrupt: after the finished rows have been written.
     """
     store.addresses(folder)
+    for path in (found for pattern in _SET for found in folder.glob(pattern)):
+        refuse_irreplaceable(path)
     progression = Progression(laid, folder, compute, told or (lambda share, words: None), again)
     try:
         if laid.sweep.study.method in ADAPTIVE:

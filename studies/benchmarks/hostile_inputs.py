@@ -433,7 +433,8 @@ def _other_word(dice: random.Random, made: Mutant) -> None:
     made.kind = "command line"
     made.label = f"word {place}: {word[:20]!r}"
     made.words[place : place + 1] = [word]
-    made.named += ["Usage:", "(file)", *filter(None, made.words[first:])]
+    made.named += ["Usage:", "(file)", *(word or "." for word in made.words[first:])]
+    made.named += ["''"] if "" in made.words else []
 
 
 def _sealed(text: str) -> str:
