@@ -10,8 +10,8 @@ from flint import fmpq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.controllers import Lag, Proportional
-from beamdesign.design.controller_forms import FORMS
+from beamdesign.controllers import Lag, Proportional, Section, Structured
+from beamdesign.controllers.form import form_of
 
 FREQUENCIES_HZ = np.geomspace(1e-3, 1e3, 60)
 breaks = st.floats(1e-3, 1e3)
@@ -54,26 +54,31 @@ def test_python_control_gets_the_same_controller(controller):
     np.testing.assert_allclose(found, response(controller, FREQUENCIES_HZ), rtol=1e-9)
 
 
-@pytest.mark.parametrize("kind", FORMS)
-def test_open_parameters_stand_for_the_record(kind):
-    """The form that is tuned and the record that is written down have the same response."""
-    form = FORMS[kind]
-    values = [0.123456, 1.5, 37.0][: len(form.names)]
+SECTION = Section(zero_Hz=31.0, zero_damping_ratio=0.2, pole_Hz=77.0, pole_damping_ratio=0.6)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Proportional(gain_A_per_V=0.123456),
+        Lag(gain_A_per_V=0.123456, pole_Hz=1.5, zero_Hz=37.0),
+        Structured(gain_A_per_V=0.123456, pole_Hz=1.5, zero_Hz=37.0, section=(SECTION,)),
+    ],
+    ids=lambda law: law.kind,
+)
+def test_open_parameters_stand_for_the_record(law):
+    """The form that is tuned and the record that is written down are one law, and its slopes are differences."""
+    form, variables = law.form()
     s = 2j * pi * FREQUENCIES_HZ
-    numerator, denominator = (np.polyval(p[::-1], s) for p in form.polynomials(values[1:]))
-    record = form.record(values)
-    assert record.kind == kind
-    assert [getattr(record, name) for name in form.names] == values
-    np.testing.assert_allclose(values[0] * numerator / denominator, response(record, FREQUENCIES_HZ), rtol=1e-12)
+    assert form.record(variables) == law
+    np.testing.assert_allclose(form.responses(variables, s)[0], response(law, FREQUENCIES_HZ), rtol=1e-12)
+    slopes = form.slopes(variables, s)[0]
+    for k, unit in enumerate(np.eye(form.size)):
+        up, down = (form.responses(variables + side * 1e-6 * unit, s)[0] for side in (1, -1))
+        np.testing.assert_allclose(slopes[:, k], (up - down) / 2e-6, rtol=1e-6, atol=1e-8 * np.abs(up).max())
+    assert (form.lower < form.upper).all()
 
 
 def test_rounded_parameters_are_short_and_near():
-    form = FORMS["lag"]
-    record = form.rounded(np.log([0.1438141592, 1.138087654, 37.54341234]).tolist())
+    record = form_of("lag").record(np.log([0.1438141592, 1.138087654, 37.54341234]))
     assert record == Lag(gain_A_per_V=0.143814, pole_Hz=1.13809, zero_Hz=37.5434)
-
-
-def test_bounds_are_logarithms_of_bounds():
-    form = FORMS["lag"]
-    np.testing.assert_allclose(np.exp(form.log_bounds), form.bounds)
-    assert all(0 < low < high for low, high in form.bounds)

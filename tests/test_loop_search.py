@@ -12,14 +12,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from beamdesign.controllers import Lag, Proportional
-from beamdesign.design.controller_forms import FORMS
+from beamdesign.controllers import KINDS, Lag, Proportional
+from beamdesign.controllers.form import form_of
 from beamdesign.design.loop_constraints import check_points, guarantee, loop_slack
+from beamdesign.design.loop_samples import samples
 from beamdesign.design.loop_search import (
     SEARCH_FREQUENCIES_HZ,
     best_gain,
     feasible_gain_ends,
-    grid_plant,
     sampled_bandwidth,
 )
 from beamdesign.loop import LoopAtMass, loop
@@ -45,12 +45,12 @@ def flat(*values: ca.DM) -> np.ndarray:
 
 # Feasible gains.
 
-samples = st.lists(
+per_gains = st.lists(
     st.tuples(st.floats(-3, 3), st.floats(-3, 3)).filter(lambda z: abs(complex(*z)) > 0.01), min_size=1, max_size=8
 ).map(lambda pairs: np.array([complex(*pair) for pair in pairs]))
 
 
-@given(samples, st.floats(1.05, 5.0))
+@given(per_gains, st.floats(1.05, 5.0))
 def test_gain_ends_are_those_of_brute_force(per_gain, peak):
     """Between neighbouring roots of |1 + K l| = 1/Ms the verdict is constant; an end is where yes turns into no."""
     edges = np.unique(
@@ -117,17 +117,12 @@ def test_bandwidth_outside_of_the_grid():
 
 @pytest.mark.parametrize("filter_Hz", [None, 400.0])
 @pytest.mark.parametrize("masses", [(0.0, 0.0), (6.8, 0.0), (0.0, 4.5), (3.7, 1.9), (500.0, 60.0)])
-def test_grid_plant_is_bilinear_in_the_masses_and_exact(paper: Prototype, filter_Hz, masses):
+def test_sampled_plant_is_bilinear_in_the_masses_and_exact(paper: Prototype, filter_Hz, masses):
     rig, (outer, inner) = with_filter(paper, filter_Hz), masses
-    grid = grid_plant(paper_model(rig).polynomials(), FREQUENCIES_HZ)
-    powers = np.outer([1.0, outer], [1.0, inner])
-    denominator = np.einsum("ij,ijf->f", powers, grid.denominator)
-    control, disturbance = (np.array([1.0, inner]) @ part for part in (grid.control, grid.disturbance))
+    _, (control,), disturbance, _ = samples(paper_model(rig).polynomials(), FREQUENCIES_HZ, [outer]).at(inner)
     exact = loaded(rig, Proportional(gain_A_per_V=0.01), inner, outer)
-    np.testing.assert_allclose(0.01 * control / denominator, exact.loop_response(FREQUENCIES_HZ), rtol=1e-8)
-    np.testing.assert_allclose(
-        disturbance / (denominator + 0.01 * control), exact.compliance_response(FREQUENCIES_HZ), rtol=1e-8
-    )
+    np.testing.assert_allclose(0.01 * control, exact.loop_response(FREQUENCIES_HZ), rtol=1e-8)
+    np.testing.assert_allclose(disturbance / (1 + 0.01 * control), exact.compliance_response(FREQUENCIES_HZ), rtol=1e-8)
 
 
 def test_the_search_grid_is_fine_enough_for_a_mode_with_5_percent_damping():
@@ -145,11 +140,10 @@ def test_the_search_grid_is_fine_enough_for_a_mode_with_5_percent_damping():
 def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
     """No stable gain of a fine sweep that keeps the peak on the grid has more bandwidth; responses from exact loops."""
     masses, frequency = np.array([0.0, 3.4, 6.8]), np.geomspace(0.05, 600.0, 300)
-    best = best_gain(
-        grid_plant(paper_model(paper).polynomials(), frequency), FORMS[kind], shape, inner, masses, 2.0, 5.71e-8
-    )
+    points = samples(paper_model(paper).polynomials(), frequency, masses)
+    best = best_gain(points, form_of(kind), shape, inner, 2.0, 5.71e-8)
     assert best.gain > 0
-    unit = [loaded(paper, FORMS[kind].record([1.0, *shape]), inner, float(mass)) for mass in masses]
+    unit = [loaded(paper, KINDS[kind].of([1.0, *shape]), inner, float(mass)) for mass in masses]
     returned = np.array([member.loop_response(frequency) for member in unit])
     opened = np.array([member.compliance_response(frequency) for member in unit]) * (1 + returned)
 
@@ -164,14 +158,14 @@ def test_best_gain_is_that_of_a_sweep(paper: Prototype, kind, shape, inner):
     for gain in np.geomspace(1e-4, 10.0, 400):
         peak, swept = judge(float(gain))
         if peak <= 2.0 and swept > bandwidth * (1 + 1e-9):
-            rigs = [loaded(paper, FORMS[kind].record([float(gain), *shape]), inner, float(mass)) for mass in masses]
+            rigs = [loaded(paper, KINDS[kind].of([float(gain), *shape]), inner, float(mass)) for mass in masses]
             assert not all(member.stable for member in rigs)
 
 
 def test_no_gain_is_no_candidate(paper: Prototype):
     """Where no sample lies left of the imaginary axis, no gain is limited and none is proposed."""
-    grid = grid_plant(paper_model(paper).polynomials(), np.array([1e-4, 2e-4]))
-    best = best_gain(grid, FORMS["proportional"], (), 0.0, np.array([0.0]), 2.0, 5.71e-8)
+    points = samples(paper_model(paper).polynomials(), np.array([1e-4, 2e-4]), [0.0])
+    best = best_gain(points, form_of("proportional"), (), 0.0, 2.0, 5.71e-8)
     assert (best.gain, best.bandwidth_Hz) == (0.0, 0.0)
 
 
@@ -183,8 +177,8 @@ def test_no_gain_is_no_candidate(paper: Prototype):
 def test_slacks_are_those_of_the_exact_loop(paper: Prototype, controller, filter_Hz):
     rig = with_filter(paper, filter_Hz)
     figures = list(paper_model(rig).figures.values())
-    slack = loop_slack(controller.kind, filter_Hz is not None)
-    logarithms = np.log([getattr(controller, name) for name in FORMS[controller.kind].names])
+    form, logarithms = controller.form()
+    slack = loop_slack(form, filter_Hz is not None)
     for outer, inner in ((0.0, 0.0), (6.8, 0.0), (2.0, 4.5)):
         exact = loaded(rig, controller, inner, outer)
         found = np.array([flat(*slack([*figures, outer, inner], logarithms, f)) for f in FREQUENCIES_HZ])
@@ -200,7 +194,7 @@ def test_derivatives_of_slacks_are_those_of_finite_differences(paper: Prototype,
     point = np.log([*figures, LAG.gain_A_per_V, LAG.pole_Hz, LAG.zero_Hz, frequency_Hz])
     x = ca.SX.sym("x", len(point))
     n = len(FIGURES)
-    slacks = ca.vertcat(*loop_slack("lag", True)(ca.exp(x[:n]), x[n : n + 3], ca.exp(x[n + 3])))
+    slacks = ca.vertcat(*loop_slack(form_of("lag"), True)(ca.exp(x[:n]), x[n : n + 3], ca.exp(x[n + 3])))
     value = ca.Function("value", [x], [slacks])
     analytic = np.asarray(ca.Function("jacobian", [x], [ca.jacobian(slacks, x)])(point))
     step = 1e-5
@@ -219,7 +213,7 @@ def test_constraints_at_points_are_slacks_one_by_one(paper: Prototype):
     points = check_points(0.0, 6.8, frequencies=4).with_compliance(0.3, np.array([3.4]))
     logarithms, log_bandwidth = np.log([0.12, 1.3, 38.0]), log(5.0)
     sensitivity, stiffness = guarantee(
-        loop_slack("lag", False),
+        loop_slack(form_of("lag"), False),
         ca.MX(ca.DM(figures)),
         ca.MX(1.9),
         ca.MX(ca.DM(logarithms)),
@@ -227,7 +221,7 @@ def test_constraints_at_points_are_slacks_one_by_one(paper: Prototype):
         ca.MX(ca.DM(points.sensitivity)),
         ca.MX(ca.DM(points.compliance)),
     )
-    slack = loop_slack("lag", False)
+    slack = loop_slack(form_of("lag"), False)
     expected = [slack([*figures, mass, 1.9], logarithms, f)[0] for f, mass in points.sensitivity]
     np.testing.assert_allclose(flat(ca.evalf(sensitivity)), flat(*expected), rtol=1e-12)
     expected = [slack([*figures, mass, 1.9], logarithms, 5.0 * share)[1] for share, mass in points.compliance]

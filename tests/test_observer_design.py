@@ -8,18 +8,19 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from beamdesign.controllers import SENSED, Observer
-from beamdesign.design import observer_tuning, weight_search
+from beamdesign.controllers import SENSED
+from beamdesign.controllers.block_form import block_form, rounded
+from beamdesign.controllers.form import Form
+from beamdesign.design.bandwidth_polish import Polish
 from beamdesign.design.convex_limit import convex_limit
 from beamdesign.design.fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
 from beamdesign.design.hinf import hinf_norm, synthesise
+from beamdesign.design.law_search import Effort, Search
+from beamdesign.design.loop_samples import samples, slacks
 from beamdesign.design.lqg import feedback_gain, lqg
-from beamdesign.design.observer_polish import ObserverPolish
-from beamdesign.design.observer_record import as_observer, rounded
-from beamdesign.design.observer_slacks import BlockLaw, block_law, observer_slacks
-from beamdesign.design.observer_tuning import tune_observer
+from beamdesign.design.observer_search import search_observer
 from beamdesign.design.order_reduction import residualised
-from beamdesign.design.sensed_samples import sensed_model, sensed_samples
+from beamdesign.design.sensed_model import sensed_model
 from beamdesign.design.sensor_value import SensorRow
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
@@ -38,12 +39,16 @@ def shipped() -> Prototype:
     return read_prototype(PROTOTYPES / "structured.toml")
 
 
-def law_with(sensors: int) -> tuple[BlockLaw, np.ndarray]:
-    """Some law of two blocks that steadies nothing in particular."""
+def law_with(sensors: int) -> tuple[Form, np.ndarray]:
+    """Some law of two blocks that steadies nothing in particular, with 1.2 kg inside."""
     random = np.random.default_rng(3)
-    law = BlockLaw(2, np.array([4e-3, 20.0, 1e-9])[:sensors])
-    blocks = [np.concatenate([[np.log(w), np.log(0.7)], random.normal(size=2 * sensors)]) for w in (60.0, 600.0)]
-    return law, np.concatenate([*blocks, random.normal(size=sensors), [1.2]])
+    pole = 60.0 * np.array([[0.0, 1.0], [-1.0, -1.4]])
+    a = np.block([[pole, np.zeros((2, 2))], [np.zeros((2, 2)), 10 * pole]])
+    units = np.array([4e-3, 20.0, 1e-9])[:sensors]
+    b, c, d = random.normal(size=(4, sensors)) * units * [[60], [60], [600], [600]], np.ones((1, 4)), units[None] / 2
+    opened = block_form(SENSED[:sensors], a, b, c, d)
+    assert opened is not None
+    return opened[0], np.append(opened[1], 1.2)
 
 
 def test_gains_of_the_regulator_without_margins() -> None:
@@ -155,12 +160,11 @@ def test_weighted_plant_and_its_controller_in_physical_units(shipped: Prototype)
 def test_samples_against_the_exact_loop(shipped: Prototype, effects: dict[str, dict[str, float]]) -> None:
     """All limits at sampled points with three sensors, against the exact polynomials that are proved."""
     rig = family(shipped.but(effects=effects), 6.8).rest.rig
-    law, variables = law_with(3)
+    form, variables = law_with(3)
     frequency = np.array([0.7, 6.0, 31.0, 90.0, 260.0])
-    left = observer_slacks(sensed_samples(rig, SENSED, frequency, [3.4]), shipped.goal, law, variables, slopes=False)
-    whole = law.model(variables)
-    record = Observer.of(1.0, SENSED, whole.a, whole.b, whole.c[0], whole.d[0])
-    exact = rig_loop(rig, 1.2, record).at(3.4)
+    points = samples(rig.polynomials(SENSED), frequency, [3.4])
+    left = slacks(points, shipped.goal, form, variables, slopes=False)
+    exact = rig_loop(rig, 1.2, form.record(variables[:-1])).at(3.4)
     goal = shipped.goal
     expected = {
         "sensitivity": np.log(goal.peak_sensitivity / np.abs(exact.sensitivity_response(frequency))),
@@ -177,14 +181,13 @@ def test_samples_against_the_exact_loop(shipped: Prototype, effects: dict[str, d
 
 def test_slopes_of_the_samples_against_differences(shipped: Prototype) -> None:
     rig = family(shipped).rest.rig
-    points = sensed_samples(rig, SENSED, np.array([2.0, 40.0, 300.0]), [0.0, 6.8])
-    law, variables = law_with(3)
-    left = observer_slacks(points, shipped.goal, law, variables)
+    points = samples(rig.polynomials(SENSED), np.array([2.0, 40.0, 300.0]), [0.0, 6.8])
+    form, variables = law_with(3)
+    left = slacks(points, shipped.goal, form, variables)
     step = 1e-6
-    for k in range(law.size):
-        moved = np.eye(law.size)[k] * step
+    for k, unit in enumerate(np.eye(len(variables))):
         up, down = (
-            observer_slacks(points, shipped.goal, law, variables + move, slopes=False) for move in (moved, -moved)
+            slacks(points, shipped.goal, form, variables + side * step * unit, slopes=False) for side in (1, -1)
         )
         for name, slope in zip(("sensitivity", "compliance", "loop_gain", "effort"), left.slopes, strict=True):
             finite = np.isfinite(getattr(left, name))
@@ -194,12 +197,15 @@ def test_slopes_of_the_samples_against_differences(shipped: Prototype) -> None:
 
 def test_block_form_keeps_a_controller(shipped: Prototype) -> None:
     """Through the record, then in blocks: the responses of the shipped lag with three sections stay what they are."""
-    ((record, inner),) = as_observer(shipped)
-    gain = record.gain_A_per_V
-    whole = StateSpace(np.array(record.a), np.array(record.b), gain * np.array([record.c]), gain * np.array([record.d]))
-    law, variables = block_law(whole, 4, inner)
-    s = 2j * pi * np.geomspace(0.1, 1e4, 60)
-    np.testing.assert_allclose(law.model(variables).responses(s), whole.responses(s), rtol=1e-6)
+    law = shipped.controller
+    assert law is not None
+    model = law.control_model()
+    opened = block_form(SENSED[:1], model.A, model.B, model.C, model.D, 4)
+    assert opened is not None
+    form, variables = opened
+    record, s = form.record(variables), 2j * pi * np.geomspace(0.1, 1e4, 60)
+    np.testing.assert_allclose(form.responses(variables, s)[0], np.squeeze(model(s)), rtol=1e-6)
+    np.testing.assert_allclose(np.squeeze(record.control_model()(s)), np.squeeze(model(s)), rtol=1e-6)
     guaranteed = certify(shipped.but(controller=record, guarantee=None), 0.0, 6.8).guaranteed
     assert guaranteed is not None
     assert guaranteed.bandwidth_Hz == pytest.approx(16.4459, abs=2e-4)
@@ -267,24 +273,34 @@ def test_second_mode_is_found_and_costs_gain(shipped: Prototype) -> None:
 
 def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
     """From a lag of a small gain: more bandwidth, within all limits on the samples."""
-    points = sensed_samples(family(shipped).rest.rig, SENSED[:1], np.geomspace(0.1, 1000.0, 120), [0.0])
-    whole = StateSpace(np.diag([-20.0, -900.0]), np.array([[20.0], [9.0]]), np.array([[0.02, 0.02]]), np.zeros((1, 1)))
-    law, start = block_law(whole, 1, 0.0)
-    polish = ObserverPolish(points, shipped.goal, law, 6.0)
+    plant = family(shipped).rest.rig.polynomials()
+    points = samples(plant, np.geomspace(0.1, 1000.0, 120), [0.0])
+    a, b, c = np.diag([-20.0, -900.0]), np.array([[20.0], [9.0]]), np.array([[0.02, 0.02]])
+    opened = block_form(SENSED[:1], a, b, c, np.zeros((1, 1)))
+    assert opened is not None
+    form, start = opened[0], np.append(opened[1], 0.0)
+    polish = Polish(points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, 0)], [0.0])
     better, bandwidth = polish(start, rounds=2)
     assert polish.measured(better).violation < 5e-3
     assert bandwidth >= polish(start, rounds=0)[1]
 
 
-def test_tiny_tune_is_proved(shipped: Prototype, monkeypatch: pytest.MonkeyPatch) -> None:
+TINY = Effort(
+    steps=12,
+    rounds=2,
+    polished=1,
+    weights=16,
+    evaluations=12,
+    synthesised=1,
+    frequency_Hz=tuple(np.geomspace(0.05, 3e3, 90)),
+)
+
+
+def test_tiny_tune_is_proved(shipped: Prototype) -> None:
     """With the pressure as well, at one payload, from few weights: proved by the same oracle as any record."""
-    monkeypatch.setattr(weight_search, "SAMPLES", 16)
-    for name, value in (("_SEARCH", 12), ("_STEPS", 12), ("_ROUNDS", 2), ("CLIMBS", 1), ("BLOCKS", 2)):
-        monkeypatch.setattr(observer_tuning, name, value)
-    monkeypatch.setattr(observer_tuning, "FINE_HZ", np.geomspace(0.05, 3000.0, 90))
-    sensors = (SENSED[0], SENSED[2])
     goal = shipped.goal.but(compliance_m_per_N=3e-7)
-    found = tune_observer(family(shipped).members, goal, (0.0, 0.0), 2.0, "lqg", sensors)
+    task = Search(family(shipped).members, goal, (0.0, 0.0), (0.0, 2.0), (SENSED[0], SENSED[2]), effort=TINY)
+    found = search_observer(task, "lqg")
     assert found.proved is not None, found.reason
     tuned = shipped.but(
         controller=found.proved.controller,
@@ -302,8 +318,8 @@ def test_tiny_tune_is_proved(shipped: Prototype, monkeypatch: pytest.MonkeyPatch
 
 def test_ranges_of_gain_with_added_sensors_are_refused(shipped: Prototype) -> None:
     saturating = shipped.but(effects={"current_saturation": {"limit_A": 0.015}})
-    members = family(saturating, 6.8).members
-    found = tune_observer(members, shipped.goal, (0.0, 6.8), 2.0, "lqg", SENSED)
+    task = Search(family(saturating, 6.8).members, shipped.goal, (0.0, 6.8), (0.0, 2.0), SENSED, effort=TINY)
+    found = search_observer(task, "lqg")
     assert found.proved is None
     assert "range of gains" in found.reason
 

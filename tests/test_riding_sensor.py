@@ -12,16 +12,14 @@ import pytest
 
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
-from beamdesign.design.controller_forms import FORMS
-from beamdesign.design.loop_constraints import member_slack
-from beamdesign.design.loop_search import best_gain, grid_plant, sampled_bandwidth
-from beamdesign.design.rig_samples import plants_of
+from beamdesign.controllers.form import form_of
+from beamdesign.design.loop_samples import samples, slacks
+from beamdesign.design.loop_search import best_gain, sampled_bandwidth
 from beamdesign.linear import LinearModel
 from beamdesign.loop import LoopAtMass, loop, rig_loop
-from beamdesign.members import Member, family
+from beamdesign.members import family
 from beamdesign.proof.replay_members import replay
 from beamdesign.prototype import Payload, Prototype
-from beamdesign.records import InputError
 from beamdesign.study.redesign import redesign
 
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.3, zero_Hz=38.0)
@@ -46,18 +44,20 @@ def loaded(rig: Prototype, law: Lag, inner: float, outer: float) -> LoopAtMass:
 
 
 def test_slacks_are_those_of_the_exact_loop(riding: Prototype, member: LinearModel):
-    slack = member_slack("lag", member.polynomials(), 1.0)
-    logarithms = np.log([0.1, 1.3, 38.0])
+    form, goal = form_of("lag"), riding.goal
     for outer, inner in ((0.0, 0.0), (5.0, 0.0), (2.0, 1.5)):
         exact = loaded(riding, LAG, inner, outer)
-        found = np.array([[float(v) for v in slack([outer, inner], logarithms, f)] for f in FREQUENCIES_HZ])
-        np.testing.assert_allclose(found[:, 0], -np.log(np.abs(exact.sensitivity_response(FREQUENCIES_HZ))), atol=1e-8)
-        np.testing.assert_allclose(found[:, 1], -np.log(np.abs(exact.compliance_response(FREQUENCIES_HZ))), atol=1e-8)
+        points = samples(member.polynomials(), FREQUENCIES_HZ, [outer])
+        found = slacks(points, goal, form, np.append(np.log([0.1, 1.3, 38.0]), inner), slopes=False)
+        allowed = goal.peak_sensitivity / np.abs(exact.sensitivity_response(FREQUENCIES_HZ))
+        np.testing.assert_allclose(found.sensitivity, np.log(allowed), atol=1e-8)
+        allowed = goal.compliance_m_per_N / np.abs(exact.compliance_response(FREQUENCIES_HZ))
+        np.testing.assert_allclose(found.compliance, np.log(allowed), atol=1e-8)
 
 
 def test_the_best_gain_has_the_bandwidth_of_the_exact_loop(riding: Prototype, member: LinearModel):
-    grid = grid_plant(member.polynomials(), FREQUENCIES_HZ)
-    best = best_gain(grid, FORMS["lag"], (1.3, 38.0), 1.5, MASSES_KG, 2.0, 5.71e-8, only_stable=True)
+    points = samples(member.polynomials(), FREQUENCIES_HZ, MASSES_KG)
+    best = best_gain(points, form_of("lag"), (1.3, 38.0), 1.5, 2.0, 5.71e-8, only_stable=True)
     assert best.gain > 0
     exact = [loaded(riding, LAG.but(gain_A_per_V=best.gain), 1.5, float(mass)) for mass in MASSES_KG]
     worst = np.max([np.abs(one.compliance_response(FREQUENCIES_HZ)) for one in exact], axis=0)
@@ -69,11 +69,8 @@ def test_the_best_gain_has_the_bandwidth_of_the_exact_loop(riding: Prototype, me
 def test_a_stage_of_a_schedule_has_the_plant_at_its_own_payload(member: LinearModel):
     """Of its samples, and of the loop that is proved."""
     stretched = replace(member, stretch=(1.5, 0.5))
-    grids = [grid_plant(rig.polynomials(), FREQUENCIES_HZ) for rig in (member, stretched)]
-    at = [
-        best_gain(grid, FORMS["lag"], (1.3, 38.0), 1.5, np.array([mass]), 2.0, 5.71e-8)
-        for grid, mass in zip(grids, (2.5, 2.0), strict=True)
-    ]
+    sampled = [samples(rig.polynomials(), FREQUENCIES_HZ, [m]) for rig, m in ((member, 2.5), (stretched, 2.0))]
+    at = [best_gain(points, form_of("lag"), (1.3, 38.0), 1.5, 2.0, 5.71e-8) for points in sampled]
     assert at[0].gain == pytest.approx(at[1].gain, rel=1e-9)
     assert at[0].bandwidth_Hz == pytest.approx(at[1].bandwidth_Hz, rel=1e-9)
     proved = [rig_loop(rig, 1.5, LAG).at(mass) for rig, mass in ((member, 2.5), (stretched, 2.0))]
@@ -94,11 +91,6 @@ def test_what_is_tuned_keeps_its_promise_by_the_matrices_of_the_rig(riding: Prot
     limit = made.prototype.goal.compliance_m_per_N
     assert seen[:-1].max() <= limit * (1 + 1e-6)
     assert seen[-1] > limit
-
-
-def test_controllers_tuned_by_samples_are_refused_in_words(member: LinearModel):
-    with pytest.raises(InputError, match="sensor_share: a sensor that turns with the mount"):
-        plants_of([Member(member)])
 
 
 def test_a_gain_that_varies_as_well_is_a_no_in_words(riding: Prototype):

@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.controllers import Section, Structured
-from beamdesign.design.loop_search import grid_plant
-from beamdesign.design.sampled_loops import samples, slacks
+from beamdesign.design.loop_samples import samples, slacks
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import loop
@@ -231,15 +230,14 @@ def test_what_is_for_a_lag_alone_says_so(rig: Prototype) -> None:
 
 
 def test_slopes_of_the_sampled_slacks_are_those_of_finite_differences(rig: Prototype) -> None:
-    points = samples(grid_plant(paper_model(rig).polynomials(), np.geomspace(1.0, 600.0, 40)), [0.0, 6.8])
-    figures = [LAW.gain_A_per_V, LAW.pole_Hz, LAW.zero_Hz]
-    figures += [value for part in LAW.section for value in part.model_dump().values()]
-    at = np.append(np.log(figures), 4.5)
-    found = slacks(points, rig.goal, at)
+    points = samples(paper_model(rig).polynomials(), np.geomspace(1.0, 600.0, 40), [0.0, 6.8])
+    form, variables = LAW.form()
+    at = np.append(variables, 4.5)
+    found = slacks(points, rig.goal, form, at)
     for k in range(len(at)):
         step = np.zeros(len(at))
         step[k] = 1e-6
-        up, down = (slacks(points, rig.goal, at + side * step, slopes=False) for side in (1, -1))
+        up, down = (slacks(points, rig.goal, form, at + side * step, slopes=False) for side in (1, -1))
         for part, name in enumerate(("sensitivity", "compliance", "loop_gain", "effort")):
             limited = np.isfinite(getattr(found, name))
             expected = (getattr(up, name)[limited] - getattr(down, name)[limited]) / 2e-6
@@ -250,10 +248,9 @@ def test_slopes_of_the_sampled_slacks_are_those_of_finite_differences(rig: Proto
 
 def test_sampled_slacks_are_those_of_the_exact_loop(rig: Prototype) -> None:
     frequency = np.geomspace(1.0, 600.0, 40)
-    points = samples(grid_plant(paper_model(rig).polynomials(), frequency), [2.0])
-    figures = [LAW.gain_A_per_V, LAW.pole_Hz, LAW.zero_Hz]
-    figures += [value for part in LAW.section for value in part.model_dump().values()]
-    found = slacks(points, rig.goal, np.append(np.log(figures), 4.5), slopes=False)
+    form, variables = LAW.form()
+    points = samples(paper_model(rig).polynomials(), frequency, [2.0])
+    found = slacks(points, rig.goal, form, np.append(variables, 4.5), slopes=False)
     exact = loop(rig).at(2.0)
     np.testing.assert_allclose(found.sensitivity, np.log(2 / np.abs(exact.sensitivity_response(frequency))), atol=1e-8)
     np.testing.assert_allclose(found.effort, np.log(0.06 / np.abs(exact.effort_response(frequency))), atol=1e-8)

@@ -6,15 +6,19 @@ The case is that of Zalucky and Hardt (1984): 0 to 6.8 kg at the tip, peak sensi
 from dataclasses import replace
 from math import inf
 
+import casadi as ca
 import numpy as np
 import pytest
 from hand_assembled import judge
 
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
-from beamdesign.design import refinement, tuning
-from beamdesign.design.controller_forms import FORMS
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, best_gain, grid_plant
+from beamdesign.controllers.form import form_of
+from beamdesign.design import refinement
+from beamdesign.design.bandwidth_polish import Polish
+from beamdesign.design.loop_constraints import limit_slack, loop_slack
+from beamdesign.design.loop_samples import samples
+from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, best_gain
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.design.tuning import Tuning, tune
@@ -69,7 +73,7 @@ def test_the_published_rig_reaches_five_hertz_with_little_mass_inside(lag: Tunin
     assert lag.best.bandwidth_Hz >= 4.95
     assert lag.best.inner_end_mass_kg < 2.5
     assert lag.best.peak_sensitivity <= 2.0
-    assert max(lag.starts) == lag.best.bandwidth_Hz
+    assert lag.starts[0] == pytest.approx(lag.best.bandwidth_Hz, rel=2e-3)
 
 
 def test_equations_assembled_by_hand_confirm_the_guarantee(lag: Tuning):
@@ -98,24 +102,19 @@ def test_the_result_is_a_prototype_to_go_on_with(rig: Prototype, lag: Tuning):
     assert lag.prototype.but(controller=None, payload=Payload()) == rig.but(controller=None, payload=Payload())
 
 
-def test_tuning_is_repeatable(rig: Prototype, lag: Tuning, monkeypatch):
-    """One start of the same samples leads to where it led before."""
-    monkeypatch.setattr(tuning, "STARTS", 1)
+def test_tuning_is_repeatable(rig: Prototype, lag: Tuning):
+    """What is found is where it was found before."""
     again = tune(rig, RANGE_KG)
-    assert again.starts == lag.starts[:1]
+    assert again.starts == lag.starts
+    assert again.best is not None
+    assert lag.best is not None
+    assert again.best.controller == lag.best.controller
 
 
 def test_the_published_breaks_reach_three_point_eight_hertz(rig: Prototype, lag: Tuning):
     """Lag 1.75/26 Hz with 4.5 kg inside: the best sampled gain, a hair inside, is proved; tuning beats it by 30 %."""
-    sampled = best_gain(
-        grid_plant(paper_model(rig).polynomials(), SEARCH_FREQUENCIES_HZ),
-        FORMS["lag"],
-        (1.75, 26.0),
-        4.5,
-        np.linspace(*RANGE_KG, 7),
-        2.0,
-        LIMIT_M_PER_N,
-    )
+    points = samples(paper_model(rig).polynomials(), SEARCH_FREQUENCIES_HZ, np.linspace(*RANGE_KG, 7))
+    sampled = best_gain(points, form_of("lag"), (1.75, 26.0), 4.5, 2.0, LIMIT_M_PER_N)
     published = rig.but(
         controller=Lag(gain_A_per_V=0.995 * sampled.gain, pole_Hz=1.75, zero_Hz=26.0),
         payload=Payload(inner_end_mass_kg=4.5),
@@ -148,8 +147,7 @@ def test_proportional_control_is_as_good_as_a_grid_finds_it(rig: Prototype):
             assert judged.slowest > 0 or judged.peak > 2.0 or bandwidth < 1.04 * found.best.bandwidth_Hz
 
 
-def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuning, monkeypatch):
-    monkeypatch.setattr(tuning, "STARTS", 1)
+def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuning):
     found = tune(rig, (3.0, 3.0))
     assert found.best is not None
     assert lag.best is not None
@@ -157,8 +155,7 @@ def test_one_mass_is_easier_than_a_range_that_holds_it(rig: Prototype, lag: Tuni
     assert found.best.bandwidth_Hz > lag.best.bandwidth_Hz
 
 
-def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning, monkeypatch):
-    monkeypatch.setattr(tuning, "STARTS", 1)
+def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning):
     filtered = rig.but(sensor=rig.sensor.but(filter_Hz=400.0))
     found = tune(filtered, RANGE_KG)
     assert found.best is not None
@@ -167,24 +164,24 @@ def test_a_sensor_filter_is_part_of_the_loop(rig: Prototype, lag: Tuning, monkey
     assert found.best.bandwidth_Hz < lag.best.bandwidth_Hz
 
 
-def test_without_mass_inside_none_is_added(rig: Prototype, monkeypatch):
-    monkeypatch.setattr(tuning, "STARTS", 1)
+def test_without_mass_inside_none_is_added(rig: Prototype):
     found = tune(rig, (0.0, 3.0), largest_inner_end_mass_kg=0.0)
     assert found.best is not None
     assert found.best.inner_end_mass_kg == 0.0
 
 
-def test_a_limit_too_loose_for_samples_is_met_by_a_stricter_one(rig: Prototype, monkeypatch):
-    """With a peak of a million allowed, every sampled gain lies on the brink; that of a peak of 5 keeps it as well."""
-    monkeypatch.setattr(tuning, "STARTS", 1)
+def test_a_limit_that_is_all_but_none_is_kept(rig: Prototype):
+    """With a peak of a thousand allowed, good loops lie on the brink; what is found is stable all the same."""
     loose = tune(rig.but(goal=rig.goal.but(peak_sensitivity=1e3)), (3.0, 3.0), "proportional")
     assert loose.best is not None
     assert loose.prototype.goal.peak_sensitivity == 1e3
-    confirm(loose.prototype, loose.best, np.array([3.0]))
+    judged = judge(loose.prototype, np.array([3.0]), np.geomspace(1e-3, loose.best.bandwidth_Hz, 150))
+    assert judged.slowest < 0
+    assert judged.peak <= loose.best.peak_sensitivity <= 1e3
+    assert judged.compliance.max() <= LIMIT_M_PER_N * (1 + 1e-6)
 
 
-def test_a_rig_stiff_enough_by_itself_is_guaranteed_a_finite_bandwidth(rig: Prototype, monkeypatch):
-    monkeypatch.setattr(tuning, "STARTS", 1)
+def test_a_rig_stiff_enough_by_itself_is_guaranteed_a_finite_bandwidth(rig: Prototype):
     found = tune(rig.but(goal=rig.goal.but(compliance_m_per_N=1.0)), RANGE_KG)
     assert found.best is not None
     assert found.best.bandwidth_Hz == LARGEST_BANDWIDTH_HZ
@@ -193,21 +190,12 @@ def test_a_rig_stiff_enough_by_itself_is_guaranteed_a_finite_bandwidth(rig: Prot
 # Where the answer is no.
 
 
-@pytest.fixture
-def hasty(monkeypatch):
-    """Few rounds from one start: enough where the answer is no."""
-    monkeypatch.setattr(tuning, "STARTS", 1)
-    monkeypatch.setattr(refinement, "ROUNDS", 3)
-
-
 def refused(found: Tuning, given: Prototype) -> None:
     assert found.best is None
     assert found.prototype == given
-    assert set(found.starts) <= {0.0}
     assert found.reason.startswith("no lag controller was found that is proved stable")
 
 
-@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize(
     ("change", "words"),
     [({"peak_sensitivity": 1.0001}, "at most 1.0001"), ({"compliance_m_per_N": 1e-13}, "1e-13 m/N")],
@@ -217,8 +205,6 @@ def test_a_goal_out_of_reach_is_a_no_with_its_reason(rig: Prototype, change, wor
     found = tune(asked, RANGE_KG)
     refused(found, asked)
     assert words in found.reason
-    assert len(found.failures) == 1
-    assert found.failures[0] in found.reason
 
 
 def test_a_range_out_of_reach_is_a_no(rig: Prototype):
@@ -227,33 +213,38 @@ def test_a_range_out_of_reach_is_a_no(rig: Prototype):
     assert "0 to 100000 kg" in found.reason
 
 
-@pytest.mark.usefixtures("hasty")
 def test_a_solver_that_lies_is_not_believed(rig: Prototype, monkeypatch):
-    """Whatever the solver gives back as its optimum, unstable over part of the range, comes to nothing."""
-    remedy = [*np.log([0.15, 1.75, 26.0]), 4.5, np.log(20.0)]
-    monkeypatch.setattr(refinement._Solver, "__call__", lambda *arguments: np.array(remedy))
+    """Whatever the polish gives back as its optimum, unstable over part of the range, comes to nothing."""
+    remedy = np.array([*np.log([0.15, 1.75, 26.0]), 4.5])
+    monkeypatch.setattr(Polish, "__call__", lambda *arguments, **options: (remedy, 20.0))
     found = tune(rig, RANGE_KG)
     refused(found, rig)
     assert "not stable over the whole range" in found.reason
 
 
-@pytest.mark.usefixtures("hasty")
 def test_a_solver_that_overrates_is_corrected(rig: Prototype, lag: Tuning, monkeypatch):
     """A sound loop with a bandwidth claimed ten times too large is guaranteed what can be proved of it."""
     assert lag.best is not None
-    overrated = np.array([*lag.best.variables[:-1], np.log(50.0)])
-    monkeypatch.setattr(refinement._Solver, "__call__", lambda *arguments: overrated)
+    overrated = lag.best.variables[:-1]
+    monkeypatch.setattr(Polish, "__call__", lambda *arguments, **options: (overrated, 50.0))
     found = tune(rig, RANGE_KG)
     assert found.best is not None
     assert found.best.bandwidth_Hz == lag.best.bandwidth_Hz
 
 
-@pytest.mark.usefixtures("hasty")
-def test_a_solver_without_figures_is_a_no(rig: Prototype, monkeypatch):
-    monkeypatch.setattr(refinement._Solver, "__call__", lambda *arguments: np.full(5, np.nan))
+def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning, monkeypatch):
+
+    class Lost:
+        def __call__(self, **given: object) -> dict[str, np.ndarray]:
+            return {"x": np.full(5, np.nan)}
+
+        def stats(self) -> dict[str, bool]:
+            return {"success": False}
+
+    monkeypatch.setattr(Polish, "_program", lambda self: Lost())
     found = tune(rig, RANGE_KG)
-    refused(found, rig)
-    assert "not finite" in found.reason
+    assert lag.best is not None
+    assert found.best is None or found.best.bandwidth_Hz <= lag.best.bandwidth_Hz
 
 
 # Starts and rounds.
@@ -261,7 +252,28 @@ def test_a_solver_without_figures_is_a_no(rig: Prototype, monkeypatch):
 
 @pytest.fixture(scope="module")
 def program(rig: Prototype) -> refinement.LoopProgram:
-    return tuning.bandwidth_program(family(rig).members, FORMS["lag"], rig.goal, RANGE_KG, 6.0)
+    """Largest bandwidth of a lag, the rig as it is: a program without sections."""
+    form, members = form_of("lag"), family(rig).members
+    bounds = np.array([*zip(form.lower, form.upper, strict=True), (0.0, 6.0), np.log([1e-3, LARGEST_BANDWIDTH_HZ])])
+    (only,) = members
+    figures = ca.DM(list(only.rig.figures.values()))
+    return refinement.LoopProgram(
+        form=form,
+        goal=rig.goal,
+        outer_end_mass_kg=RANGE_KG,
+        figures=lambda sections: ca.MX(figures),
+        slack=loop_slack(form, filtered=False),
+        limits=limit_slack(form, filtered=False),
+        structure=lambda variables: ca.MX(0, 1),
+        objective=lambda variables: -variables[form.size + 1],
+        lower=bounds[:, 0],
+        upper=bounds[:, 1],
+        reach=2.0,
+        tighten_below=6e-5,
+        members=lambda sections: members,
+        flaw=lambda variables: "",
+        cost=lambda proved: -proved.bandwidth_Hz,
+    )
 
 
 def test_starts_are_stable_distant_and_in_order(rig: Prototype, program):

@@ -151,8 +151,6 @@ def tune(
         _compliant(record, controller, end_stiffness_N_per_m, masses, out, json)
         return
     spread_out = None
-    if robust > 0 and controller in ("lqg", "hinf"):
-        raise InputError("--robust", [(f"{robust:g}", "is not for lqg and hinf; give another controller")])
     if robust > 0:
         from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances
         from beamdesign.design.robust_tuning import tune_robust
@@ -161,7 +159,7 @@ def tune(
         shape: Shape = "box" if robust_box else "ball"
         asked = (record, masses, robust, controller, largest_inner_end_mass_kg)
         with progress("tuning") as update:
-            spread_out = tune_robust(*asked, update, sections, shape)
+            spread_out = tune_robust(*asked, update, sections, shape, sensors)
         found = spread_out.tuning
     else:
         with progress("tuning") as update:

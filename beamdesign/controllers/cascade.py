@@ -1,17 +1,18 @@
 """Laws of the displacement alone that are factors of first and second order in series."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 from itertools import chain
 from math import pi, prod
 from operator import mul
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, Self
 
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.controllers.protocol import ERRORS, Controller, Need, Row, SensedLaw, TransferFunction
+from beamdesign.controllers.protocol import ERRORS, SENSED, Controller, Need, Row, SensedLaw, TransferFunction
 from beamdesign.records import Record
 from beamdesign.rig.electronics import Series
 
@@ -19,9 +20,19 @@ if TYPE_CHECKING:
     import control
     import numpy as np
 
+    from beamdesign.controllers.form import Form, Polynomials
+
 
 Matrices = tuple["np.ndarray", "np.ndarray", "np.ndarray", float]
 """a (n, n), b (n,), c (n,) and d of one input and one output."""
+
+
+Bounds = tuple[tuple[float, float], ...]
+_GAIN = (1e-4, 100.0)
+"""A/V, least and largest gain that is tuned for."""
+
+_DIGITS = 6
+"""To which figures are rounded that a tuner has found: what a person would copy down."""
 
 
 class Factor(Protocol):
@@ -45,6 +56,17 @@ class Factor(Protocol):
 
     def figures(self) -> tuple[float, ...]:
         """As `beamdesign.rig.electronics.Series` names them; frequencies in rad/s."""
+
+    @property
+    def stated(self) -> tuple[float, ...]:
+        """The same as its record has them, frequencies in Hz."""
+
+    open_between: ClassVar[Bounds]
+    """Least and largest value that a tuner gives each of these."""
+
+    @staticmethod
+    def open(figures: Sequence[Any], unit: float) -> tuple[list[Any], list[Any]]:
+        """Numerator and denominator, ascending in s / unit (rad/s), of such figures, which may be symbols."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +104,19 @@ class Break:
     def figures(self) -> tuple[float, ...]:
         """Pole and zero."""
         return 2 * pi * self.pole_Hz, 2 * pi * self.zero_Hz
+
+    @property
+    def stated(self) -> tuple[float, ...]:
+        """Pole and zero."""
+        return self.pole_Hz, self.zero_Hz
+
+    open_between: ClassVar[Bounds] = ((0.005, 50.0), (0.5, 400.0))
+
+    @staticmethod
+    def open(figures: Sequence[Any], unit: float) -> tuple[list[Any], list[Any]]:
+        """See `Factor`."""
+        pole, zero = figures
+        return [1.0, unit / (2 * pi * zero)], [1.0, unit / (2 * pi * pole)]
 
 
 class Section(Record):
@@ -135,11 +170,29 @@ class Section(Record):
         """Zero and pole, each with its damping ratio."""
         return 2 * pi * self.zero_Hz, self.zero_damping_ratio, 2 * pi * self.pole_Hz, self.pole_damping_ratio
 
+    @property
+    def stated(self) -> tuple[float, ...]:
+        """Its fields."""
+        return self.zero_Hz, self.zero_damping_ratio, self.pole_Hz, self.pole_damping_ratio
+
+    open_between: ClassVar[Bounds] = ((2.0, 2000.0), (0.05, 5.0), (2.0, 1000.0), (0.1, 5.0))
+    """A pole less damped than 0.1 would ring in the controller itself, and move with its parts."""
+
+    @staticmethod
+    def open(figures: Sequence[Any], unit: float) -> tuple[list[Any], list[Any]]:
+        """See `Factor`."""
+
+        def pair(frequency: Any, damping: Any) -> list[Any]:
+            u = unit / (2 * pi * frequency)
+            return [1.0, 2 * damping * u, u * u]
+
+        return pair(*figures[:2]), pair(*figures[2:])
+
 
 class Cascade(Controller):
     """K_sa C(s) on the error voltage alone, C(s) a product of factors of first and second order, C(0) = 1.
 
-    A kind states its factors; all else follows.
+    A kind states its factors, in the order of its fields, whose floats are their figures; all else follows.
     """
 
     @property
@@ -275,6 +328,19 @@ class Cascade(Controller):
         signals: dict[str, Any] = {"inputs": [ERRORS["displacement_m"]], "outputs": ["current_A"]}
         return control.ss(model.A, model.B, model.C, model.D, **signals, name="controller")
 
+    def form(self) -> "tuple[Form, np.ndarray]":
+        """Logarithms of its gain and of the figures of each factor, as its fields have them."""
+        import numpy as np
+
+        figures = [self.gain_A_per_V, *chain.from_iterable(factor.stated for factor in self.factors)]
+        return _form(type(self), tuple(map(type, self.factors))), np.log(figures)
+
+    @classmethod
+    def of(cls, figures: Sequence[float]) -> Self:
+        """The record of a gain and figures of its factors, in the order of its fields."""
+        names = [name for name in cls.model_fields if name != "kind"]
+        return cls.model_validate(dict(zip(names, figures, strict=True)))
+
     @property
     def equations(self) -> Series:
         """Its equations in the rig, figures apart."""
@@ -293,3 +359,27 @@ def _state_space(exact_form: TransferFunction) -> "control.StateSpace":
         [float(c) for c in reversed(p.coeffs())] for p in (exact_form.numerator, exact_form.denominator)
     )
     return control.tf2ss(control.tf(numerator, denominator))
+
+
+@cache
+def _form(kind: type[Cascade], factors: tuple[type[Factor], ...]) -> "Form":
+    import casadi as ca
+    import numpy as np
+
+    from beamdesign.controllers.form import UNIT, Form, times
+
+    bounds = np.log([_GAIN, *chain.from_iterable(factor.open_between for factor in factors)])
+
+    def polynomials(variables: Sequence[Any]) -> "Polynomials":
+        gain, *figures = map(ca.exp, variables)
+        numerator, denominator = [gain], [1.0]
+        for factor in factors:
+            count = len(factor.open_between)
+            above, below = factor.open(figures[:count], UNIT)
+            numerator, denominator, figures = times(numerator, above), times(denominator, below), figures[count:]
+        return [numerator], denominator
+
+    def record(variables: "np.ndarray") -> Cascade:
+        return kind.of([float(f"{value:.{_DIGITS}g}") for value in np.exp(variables)])
+
+    return Form(SENSED[:1], bounds[:, 0], bounds[:, 1], polynomials, record, np.ones(len(bounds)))

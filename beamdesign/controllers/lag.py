@@ -23,6 +23,17 @@ class Lag(Cascade):
         """Its breaks."""
         return (Break(self.pole_Hz, self.zero_Hz),)
 
+    @classmethod
+    def seeds(cls) -> tuple["Lag", ...]:
+        """See `Controller`."""
+        return (cls(gain_A_per_V=3e-3, pole_Hz=1.0, zero_Hz=30.0),)
+
+    def grown(self) -> tuple[Controller, ...]:
+        """A section behind it."""
+        from beamdesign.controllers.structured import grown
+
+        return grown(self)
+
 
 def as_lag(controller: Controller) -> Lag:
     """A lag as it is, and a proportional law as a lag whose breaks coincide.

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from flint import fmpq_poly
 
+    from beamdesign.controllers.form import Form
+
 LARGEST_ORDER = 12
 
 _TYPICAL = {"displacement_m": 0.1, "inner_displacement_m": 1e-4, "load_pressure_Pa": 1e6, "command_V": 0.1}
@@ -160,6 +162,16 @@ class Observer(Controller):
             gain * np.reshape(self.c, (1, n)), gain * np.reshape(self.d, (1, p)),
             inputs=[ERRORS[name] for name in self.sensors], outputs=["current_A"], name="controller",
         )  # fmt: skip
+
+    def form(self) -> "tuple[Form, np.ndarray] | None":
+        """Blocks of two poles; none where its matrices are not stable."""
+        import numpy as np
+
+        from beamdesign.controllers.block_form import block_form
+
+        n, p, gain = self.order, len(self.sensors), self.gain_A_per_V
+        b, c = np.reshape(self.b, (n, p)), np.reshape(self.c, (1, n))
+        return block_form(self.sensors, np.reshape(self.a, (n, n)), b, gain * c, gain * np.reshape(self.d, (1, p)))
 
     @property
     def equations(self) -> Matrices:

@@ -19,3 +19,8 @@ class Proportional(Cascade):
     def factors(self) -> tuple[Factor, ...]:
         """None."""
         return ()
+
+    @classmethod
+    def seeds(cls) -> tuple["Proportional", ...]:
+        """See `Controller`."""
+        return (cls(gain_A_per_V=3e-3),)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from flint import fmpq_poly
 
     from beamdesign.controllers.cascade import Break, Cascade, Section
+    from beamdesign.controllers.form import Form
     from beamdesign.controllers.observer import Observer
     from beamdesign.rig.electronics import Law
 
@@ -165,6 +166,19 @@ class Controller(Record):
     @abstractmethod
     def figures(self) -> dict[str, float]:
         """Figures of its `equations` by name, SI; frequencies in rad/s."""
+
+    def form(self) -> "tuple[Form, np.ndarray] | None":
+        """What a tuner varies, and the variables (v,) at which this law stands; None where there is no such form."""
+        return None
+
+    @classmethod
+    def seeds(cls) -> "tuple[Controller, ...]":
+        """Laws that a tuner begins with where none of this kind is given; their gain is lowered as far as is needed."""
+        return ()
+
+    def grown(self) -> "tuple[Controller, ...]":
+        """Laws that do next to the same and have more to tune, to go on with; none where it grows no further."""
+        return ()
 
     @property
     def cascade(self) -> "Cascade | None":

@@ -6,13 +6,12 @@ programming and nonsmooth optimization by successive linear programming, Mathema
 optimum nearly as many limits are active as there are variables, so that steps of first order are enough.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from beamdesign.design.sampled_loops import Slacks, sampled_bandwidth, slacks
+from beamdesign.controllers.form import Form
+from beamdesign.design.loop_samples import Samples, Slacks, sampled_bandwidth, slacks
 from beamdesign.prototype import Goal
 
 _BEYOND = 1.06
@@ -29,7 +28,7 @@ class Climb:
     """Where a climb ended.
 
     Attributes:
-        variables: as in `beamdesign.design.sampled_loops`.
+        variables: as in `beamdesign.design.loop_samples`.
         bandwidth_Hz: sampled.
         steps: how many linear programs were solved.
     """
@@ -39,34 +38,30 @@ class Climb:
     steps: int
 
 
-Measure = Callable[[Any, Goal, np.ndarray], Slacks]
-"""Points, limits and variables to what is left of every limit, with derivatives."""
-
-
 def climb(
-    points: Any,
+    points: Samples,
     goal: Goal,
+    form: Form,
     start: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     most: int = 600,
     reach: float = 0.3,
-    measure: Measure = slacks,
 ) -> Climb:
     """Climb from a start whose loop is stable.
 
     Args:
-        points: where the limits are kept, with `frequency_Hz` and `row` as those of `sampled_loops`.
+        points: where the limits are kept.
         goal: the limits.
+        form: of the law.
         start: (v,) variables.
         lower: (v,) their bounds.
         upper: (v,)
         most: linear programs at most.
         reach: how far a variable may move in the first step.
-        measure: what evaluates a controller at the points.
     """
     here = np.clip(start, lower, upper)
-    now = measure(points, goal, here)
+    now = slacks(points, goal, form, here)
     if not now.settled:
         return Climb(here, 0.0, 0)
     aim = _aim(points, now)
@@ -77,14 +72,14 @@ def climb(
         merit = _merit(points, now, aim)
         move, foreseen = _step(points, now, aim, least, greatest)
         tried = here + move
-        then = measure(points, goal, tried)
+        then = slacks(points, goal, form, tried)
         gained = _merit(points, then, aim) - merit
         if gained < 0.7 * (foreseen - merit) or not then.settled:
             # Curvature spoilt the step: linearise again with what the limits are at its end.
             bent = _bent(now, then, move)
             again, _ = _step(points, bent, aim, least, greatest)
             tried_again = here + again
-            then_again = measure(points, goal, tried_again)
+            then_again = slacks(points, goal, form, tried_again)
             if then_again.settled and (not then.settled or _merit(points, then_again, aim) - merit > gained):
                 tried, then, gained = tried_again, then_again, _merit(points, then_again, aim) - merit
         if not then.settled or gained <= 0:
@@ -101,12 +96,12 @@ def climb(
     return Climb(here, reached, steps)
 
 
-def _aim(points: Any, now: Slacks) -> float:
+def _aim(points: Samples, now: Slacks) -> float:
     """Up to which frequency the compliance is to be bettered."""
     return max(sampled_bandwidth(points, now.compliance), float(points.frequency_Hz.min())) * _BEYOND
 
 
-def _merit(points: Any, found: Slacks, aim: float) -> float:
+def _merit(points: Samples, found: Slacks, aim: float) -> float:
     return float(found.compliance[points.frequency_Hz <= aim].min()) - _PENALTY * found.violation
 
 
@@ -119,7 +114,7 @@ def _bent(now: Slacks, then: Slacks, move: np.ndarray) -> Slacks:
     return Slacks(sensitivity, compliance, loop_gain, effort, now.slopes, now.settled)
 
 
-def _step(points: Any, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:
+def _step(points: Samples, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:
     """The best move within bounds by the linearised slacks, and the merit that is foreseen of it."""
     from scipy.optimize import linprog
 

@@ -1,8 +1,7 @@
-"""The largest bandwidth near a start, within limits at sampled points: interior points with exact second derivatives.
+"""The largest bandwidth near a law: interior points with exact second derivatives.
 
-The bandwidth is a variable, and compliance is enforced at shares of it. The other limits are enforced at fixed
-frequencies and masses, of which the plant's responses are worked out beforehand: a coarse set that covers everything,
-and the worst points of a fine one, chosen anew in every round.
+The bandwidth is a variable, and compliance is enforced at shares of it. The other limits are enforced at sampled
+points: a coarse set that covers everything, and the worst points of a fine one, chosen anew in every round.
 """
 
 from collections.abc import Sequence
@@ -11,19 +10,21 @@ from math import inf, log, pi
 
 import casadi as ca
 import numpy as np
+from flint import fmpq_poly
 
+from beamdesign.controllers.form import UNIT, Form
 from beamdesign.design.interruption import interruption_waits
-from beamdesign.design.loop_constraints import member_slack
-from beamdesign.design.sampled_loops import Samples, Slacks, sampled_bandwidth, slacks
-from beamdesign.design.worst_samples import WorstSamples
-from beamdesign.linear import BilinearPlant
+from beamdesign.design.loop_constraints import Pair, log_size, on_axis, product
+from beamdesign.design.loop_samples import Samples, Slacks, sampled_bandwidth, slacks
+from beamdesign.linear import BilinearPlant, PairOver
+from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
 
-_WORST = (120, 20, 60)
-"""How many of the worst points of sensitivity, loop gain and effort are enforced beside the coarse ones."""
-
-_EVERY = (4, 4, 6)
+_EVERY = 6
 """Of how many neighbouring points one is enforced wherever it stands."""
+
+_WORST = (100, 25, 50)
+"""How many of the worst points of sensitivity, loop gain and effort are enforced beside these."""
 
 _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1.0, 21)])
 
@@ -37,48 +38,58 @@ _MENDED, _MENDED_A_LITTLE = 0.5, 0.9
 """Share of a violation that a mended one has at most; and where nothing else leads on: as worst rigs change about, the
 violation may have to be mended in several steps."""
 
-STIFFER = 3e-3
-"""By how much (logarithm) the compliance is kept with something to spare at shares of the bandwidth."""
+TOUCH = 5e-4
+"""By how much (logarithm) compliance is kept to spare where it is enforced, so that it is kept between as well."""
 
-_SETTLED = 2e-5
+NEARLY = 0.02
+"""By how much (logarithm) the compliance may miss its limit where a round begins."""
+
+_SETTLED = 1e-4
 """Relative growth of the bandwidth in a round below which the polish ends."""
 
 
 @dataclass(frozen=True)
 class Polish:
-    """Interior points for one form of controller on one set of loops; called from any start.
+    """Interior points for one form of law on one set of samples; called from any start.
 
     Attributes:
         points: fine samples of the loops.
         goal: the limits.
-        kind: of the form, see `beamdesign.design.controller_forms.form_named`.
+        form: of the law.
+        inner_kg: least and most mass inside.
         plants: the plants and factors on their gain that are to perform, with the number of their first row of samples,
             that of the least mass.
-        masses: outer end masses (kg) at which compliance is enforced.
-        lower: (v,) bounds of the variables of `sampled_loops`.
-        upper: (v,)
+        masses: outer end masses (kg) of the rows of a plant.
     """
 
     points: Samples
     goal: Goal
-    kind: str
+    form: Form
+    inner_kg: tuple[float, float]
     plants: Sequence[tuple[BilinearPlant, float, int]]
-    masses: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    masses: Sequence[float]
     _solver: ca.Function = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Build the program: its points are parameters."""
         object.__setattr__(self, "_solver", self._program())
 
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest variables, those of the form and the mass inside, (v,) each."""
+        return np.append(self.form.lower, self.inner_kg[0]), np.append(self.form.upper, self.inner_kg[1])
+
+    def measured(self, variables: np.ndarray) -> Slacks:
+        """What a law leaves of the limits, without derivatives."""
+        return slacks(self.points, self.goal, self.form, variables, slopes=False)
+
     def __call__(
         self,
         start: np.ndarray,
         inside: float = 0.0,
-        stiffer: float = STIFFER,
-        rounds: int = 12,
-        reach: float = 0.7,
+        stiffer: float = TOUCH,
+        rounds: int = 20,
+        reach: float = 0.5,
         worth: float = WORTH,
     ) -> tuple[np.ndarray, float]:
         """Variables and sampled bandwidth of the best loop found, the start's own where none is better.
@@ -86,22 +97,28 @@ class Polish:
         Args:
             start: (v,) variables of a loop that is stable.
             inside: by how much (logarithm) every limit but the compliance is to be kept with something to spare.
-            stiffer: likewise of the compliance, which may touch its limit far below the bandwidth.
+            stiffer: likewise of the compliance.
             rounds: at most.
             reach: how far a variable may move in the first of them.
             worth: share of the bandwidth that may be given up to mend a violation, over that violation.
         """
-        best = np.clip(start, self.lower, self.upper)
-        now = slacks(self.points, self.goal, best, slopes=False)
-        reached = sampled_bandwidth(self.points, now.compliance)
-        spoilt = now.violation_inside(inside)
+        best = np.clip(start, *self.bounds)
+        now = self.measured(best)
+        if not now.settled:
+            return best, 0.0
+
+        def bandwidth(found: Slacks) -> float:
+            return sampled_bandwidth(self.points, found.compliance - stiffer + TOUCH)
+
+        reached, spoilt = bandwidth(now), now.violation_inside(inside)
         least = _MENDED if worth < inf else _MENDED_A_LITTLE
-        while rounds > 0 and reach > 0.01:
+        while rounds > 0 and reach > 0.005:
             rounds -= 1
-            tried = self._solved(best, now, max(reached, 0.5), (inside, stiffer), reach)
-            then = slacks(self.points, self.goal, tried, slopes=False)
-            wider = sampled_bandwidth(self.points, then.compliance)
-            spoils = then.violation_inside(inside)
+            tried, foreseen = self._solved(best, now, reached, (inside, stiffer), reach)
+            if self._solver.stats()["success"] and foreseen < reached * (1 + _SETTLED) and spoilt < _SPOILT / 100:
+                break
+            then = self.measured(tried)
+            wider, spoils = bandwidth(then), then.violation_inside(inside)
             mended = spoils < min(spoilt - 1e-7, least * spoilt) and wider >= reached * (1 - worth * spoilt)
             better = mended or wider > reached * (1 + _SETTLED)
             if not (then.settled and spoils < max(spoilt, _SPOILT) * 1.01 and better):
@@ -112,65 +129,69 @@ class Polish:
 
     def _solved(
         self, start: np.ndarray, now: Slacks, bandwidth_Hz: float, spare: tuple[float, float], reach: float
-    ) -> np.ndarray:
-        limited = (now.held_on[0], now.held_on[2], now.held_on[3])
-        data = [_data(one, index).ravel(order="F") for one, index in zip(limited, _enforced(now), strict=True)]
-        if isinstance(self.points, WorstSamples):
-            data += [self._moved(now, row, bandwidth_Hz).ravel(order="F") for _, _, row in self.plants]
-        lower, upper = np.maximum(self.lower, start - reach), np.minimum(self.upper, start + reach)
-        beta = log(bandwidth_Hz)
+    ) -> tuple[np.ndarray, float]:
+        """Variables of the program's optimum, and the bandwidth (Hz) that it foresees there."""
+        lower, upper = self.bounds
+        moves = reach * np.append(self.form.moves, 1.0)
+        lower, upper = np.maximum(lower, start - moves), np.minimum(upper, start + moves)
+        # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
+        near = sampled_bandwidth(self.points, now.compliance + NEARLY)
+        beta = log(max(bandwidth_Hz, near, 0.5))
+        sensitivity, compliance, loop_gain, effort = zip(now.limited, now.held_on, strict=True)
+        limited = zip((sensitivity, loop_gain, effort), _WORST, strict=True)
+        data = [_data(points, _chosen(slack, worst)).ravel(order="F") for (slack, points), worst in limited]
+        data += [self._moved(compliance[1], row, np.exp(beta)).ravel(order="F") for _, _, row in self.plants]
         with interruption_waits():
             found = self._solver(
                 x0=np.append(start, beta),
                 p=np.concatenate([*data, spare]),
                 lbx=np.append(lower, beta - 1.0),
-                ubx=np.append(upper, beta + 1.0),
+                ubx=np.append(upper, beta + 0.25),
                 lbg=0.0,
                 ubg=ca.inf,
             )
-        values = np.asarray(found["x"]).ravel()[:-1]
-        return np.clip(values, lower, upper) if np.isfinite(values).all() else start
+        *values, foreseen = np.asarray(found["x"]).ravel()
+        if not np.isfinite(values).all():
+            return start, 0.0
+        return np.clip(values, lower, upper), float(np.exp(foreseen))
 
-    def _moved(self, now: Slacks, first_row: int, bandwidth_Hz: float) -> np.ndarray:
-        """(3, n) shifts, as of `member_slack`, of the rigs that are worst for compliance at shares of a bandwidth."""
-        off, found = now.held_on[1], []
-        asked = np.log(_SHARES * bandwidth_Hz)
+    def _moved(self, off: Samples, first_row: int, bandwidth_Hz: float) -> np.ndarray:
+        """(2 r, n) logarithms, real and imaginary, of the worst rigs' responses over the nominal ones.
+
+        At shares of a bandwidth. The responses are those from current to each sensor, from force to displacement, and
+        what feedback adds to it.
+        """
+        asked, found = np.log(_SHARES * bandwidth_Hz), []
         for k in range(len(self.masses)):
             on = np.nonzero(self.points.row == first_row + k)[0]
             nearest = on[np.abs(np.log(self.points.frequency_Hz[on])[:, None] - asked).argmin(axis=0)]
-            control, pushed = (
-                np.log(one[0, nearest] / own[0, nearest])
-                for one, own in ((off.control, self.points.control), (off.disturbance, self.points.disturbance))
-            )
-            found.append(np.array([control.real, control.imag, pushed.real]))
-        return np.stack(found, axis=2).reshape(3, -1)
+            found.append(np.log(_ratios(off, self.points, nearest)))
+        both = np.stack(found, axis=2).reshape(-1, len(asked) * len(self.masses))
+        return np.concatenate([both.real, both.imag])
 
     def _program(self) -> ca.Function:
-        count = len(self.lower)
-        variables = ca.MX.sym("variables", count + 1)
-        logarithms, inner, beta = ca.vertsplit(variables, [0, count - 1, count, count + 1])
-        nothing = slacks(self.points, self.goal, self.lower, slopes=False)
-        sizes = [len(index) for index in _enforced(nothing)]
-        data = [ca.MX.sym(name, _ROWS, size) for name, size in zip("sle", sizes, strict=True)]
-        inside, stiffer, found = ca.MX.sym("inside"), ca.MX.sym("stiffer"), []
-        for k, (given, size) in enumerate(zip(data, sizes, strict=True)):
-            if size:
-                point, every = _point(count, self.goal, k), ca.vertcat(logarithms, inner)
-                found.append(point.map(size)(ca.repmat(every, 1, size), given).T - inside)
-        shares = np.repeat(_SHARES, len(self.masses))
-        masses = np.tile(self.masses, len(_SHARES))
-        off = isinstance(self.points, WorstSamples)
-        for plant, factor, _ in self.plants:
-            slack = member_slack(self.kind, plant, factor, shifts=off)
-            n = len(shares)
-            both = ca.vertcat(ca.DM(masses).T, ca.repmat(inner, 1, n))
-            asked = [both, ca.repmat(logarithms, 1, n), ca.exp(beta) * ca.DM(shares).T]
-            if off:
-                data.append(ca.MX.sym("moved", 3, n))
-                stiffness = slack.map(n)(*asked, data[-1])
-            else:
-                _, stiffness = slack.map(n)(*asked)
-            found.append(stiffness.T + log(self.goal.compliance_m_per_N) - stiffer)
+        variables = ca.MX.sym("variables", self.form.size + 2)
+        own, inner, beta = ca.vertsplit(variables, [0, self.form.size, self.form.size + 1, self.form.size + 2])
+        table, _ = self.form.coefficients(own)
+        inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
+        data, found = [], []
+        rows = 2 + 2 * (1 + 2 * len(self.form.sensors))
+        for which, worst in enumerate(_WORST):
+            size = len(_chosen(self._limited(which), worst))
+            given = ca.MX.sym(f"data_{which}", rows, size)
+            data.append(given)
+            if not size:
+                continue
+            point = _point(table.shape, self.goal, which).map(size)
+            found.append(point(ca.repmat(ca.vec(table), 1, size), ca.repmat(inner, 1, size), given).T - inside)
+        n = len(_SHARES) * len(self.masses)
+        masses = ca.DM(np.tile(self.masses, len(_SHARES))).T
+        frequencies = ca.exp(beta) * ca.DM(np.repeat(_SHARES, len(self.masses))).T
+        for k, (plant, factor, _) in enumerate(self.plants):
+            data.append(ca.MX.sym(f"moved_{k}", 2 * (1 + 2 * len(self.form.sensors)), n))
+            stiffness = _stiffness(table.shape, plant, factor).map(n)
+            asked = (ca.repmat(ca.vec(table), 1, n), ca.repmat(inner, 1, n), masses, frequencies, data[-1])
+            found.append(stiffness(*asked).T + log(self.goal.compliance_m_per_N) - stiffer)
         return ca.nlpsol(
             "polish",
             "ipopt",
@@ -179,71 +200,104 @@ class Polish:
                 "print_time": False,
                 "ipopt.print_level": 0,
                 "ipopt.sb": "yes",
-                "ipopt.max_iter": 80,
-                "ipopt.tol": 1e-7,
+                "ipopt.max_iter": 70,
+                "ipopt.tol": 1e-6,
                 "ipopt.mu_init": 1e-3,
                 "ipopt.bound_relax_factor": 0.0,
             },
         )
 
-
-_ROWS = 8
-"""Of the data of one point: w, then real and imaginary parts of what `Samples` holds, and the factor on the limit."""
-
-
-def _enforced(found: Slacks) -> list[np.ndarray]:
-    """Indices of the points at which sensitivity, loop gain and effort are enforced."""
-    limited = (found.sensitivity, found.loop_gain, found.effort)
-    return [_chosen(slack, worst, every) for slack, worst, every in zip(limited, _WORST, _EVERY, strict=True)]
-
-
-def _chosen(slack: np.ndarray, worst: int, every: int) -> np.ndarray:
-    """Indices of the points that are enforced: some of all that are limited, and the worst ones."""
-    limited = np.nonzero(np.isfinite(slack))[0]
-    if not len(limited):
-        return limited
-    least = limited[np.argsort(slack[limited], kind="stable")[:worst]]
-    return np.concatenate([limited[::every], least])
+    def _limited(self, which: int) -> np.ndarray:
+        """Zero where a limit ever counts, else infinite: how many points are enforced must not change."""
+        asked = (True, self.goal.loop_gain is not None, self.goal.controller_effort_A_per_V is not None)[which]
+        counts = (self.points.looser == 1.0) if which else np.full(len(self.points.frequency_Hz), True)
+        if which == 1:
+            counts &= self.points.frequency_Hz >= self.goal.loop_gain_from_Hz
+        counts &= asked
+        return np.where(counts, 0.0, np.inf)
 
 
-def _data(points: Samples, index: np.ndarray) -> np.ndarray:
-    """(_ROWS, n) of the chosen points."""
-    complex_rows = (points.denominator[index], points.control[0, index], points.control[1, index])
-    parts = [part for row in complex_rows for part in (row.real, row.imag)]
-    return np.array([2 * pi * points.frequency_Hz[index], *parts, points.looser[index]])
+def _data(at: Samples, index: np.ndarray) -> np.ndarray:
+    """What `_point` reads of some points, (rows, count)."""
+    values = np.concatenate([at.denominator[index][None], *(control[:, index] for control in at.control)])
+    plain = np.array([2 * pi * at.frequency_Hz[index], at.looser[index]])
+    return np.concatenate([plain, values.real, values.imag])
 
 
-def _point(count: int, goal: Goal, which: int) -> ca.Function:
-    """Slack of sensitivity, loop gain or effort (0, 1, 2) at one point, from variables and data."""
-    variables, data = ca.SX.sym("v", count), ca.SX.sym("d", _ROWS)
-    w, pr, pi_, cr, ci, er, ei, looser = ca.vertsplit(data)
-    inner = variables[count - 1]
-    figures = ca.vertsplit(ca.exp(variables[: count - 1]))
-    real, imaginary = figures[0], ca.SX(0)
+def _ratios(off: Samples, nominal: Samples, index: np.ndarray) -> np.ndarray:
+    """(r, n) responses of rigs that are off over the nominal ones; one where nothing responds."""
 
-    def times(a: tuple[ca.SX, ca.SX], b: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+    def listed(at: Samples) -> np.ndarray:
+        return np.concatenate([at.control[:, 0, index], at.disturbance[:1, index], at.crossed[:, 0, index]])
 
-    above, below = (real, imaginary), (ca.SX(1), ca.SX(0))
-    below = times(below, (ca.SX(1), w / (2 * pi * figures[1])))
-    above = times(above, (ca.SX(1), w / (2 * pi * figures[2])))
-    for first in range(3, count - 1, 4):
-        zero, zero_damping, pole, pole_damping = figures[first : first + 4]
-        u, v = w / (2 * pi * zero), w / (2 * pi * pole)
-        above = times(above, (1 - u * u, 2 * zero_damping * u))
-        below = times(below, (1 - v * v, 2 * pole_damping * v))
-    opened = times(below, (1 + inner * pr, inner * pi_))
-    returned = times(above, (cr + inner * er, ci + inner * ei))
+    here = listed(nominal)
+    return np.divide(listed(off), here, out=np.ones_like(here), where=here != 0)
 
-    def log_square(value: tuple[ca.SX, ca.SX]) -> ca.SX:
-        return ca.log(value[0] ** 2 + value[1] ** 2) / 2
 
-    closed = log_square((opened[0] + returned[0], opened[1] + returned[1]))
+def _chosen(slack: np.ndarray, worst: int) -> np.ndarray:
+    """Indices of every so manieth finite slack and of the worst of the others."""
+    finite = np.nonzero(np.isfinite(slack))[0]
+    even = finite[::_EVERY]
+    rest = np.setdiff1d(finite, even)
+    return np.concatenate([even, rest[np.argsort(slack[rest], kind="stable")[:worst]]])
+
+
+def _plus(one: Pair, two: Pair) -> Pair:
+    return one[0] + two[0], one[1] + two[1]
+
+
+def _point(shape: tuple[int, int], goal: Goal, which: int) -> ca.Function:
+    """Slack of sensitivity, loop gain or effort (0, 1, 2) at one point, from the law's coefficients, mass and data."""
+    coefficients = ca.SX.sym("coefficients", *shape)
+    p = shape[0] - 1
+    half = 1 + 2 * p
+    inner, data = ca.SX.sym("inner"), ca.SX.sym("data", 2 + 2 * half)
+    w, looser = data[0], data[1]
+    values: list[Pair] = [(data[2 + k], data[2 + half + k]) for k in range(half)]
+    *above, below = (on_axis(ca.horzsplit(coefficients[row, :]), w / UNIT) for row in range(p + 1))
+    plant: Pair = (1 + inner * values[0][0], inner * values[0][1])
+    opened, returned = product(plant, below), (ca.SX(0), ca.SX(0))
+    for k in range(p):
+        bare, added = values[1 + 2 * k : 3 + 2 * k]
+        returned = _plus(returned, product(above[k], (bare[0] + inner * added[0], bare[1] + inner * added[1])))
+    closed = log_size(_plus(opened, returned))  # of what opens times 1 + L
     if which == 0:
-        slack = closed - log_square(opened) + log(goal.peak_sensitivity) + ca.log(looser)
+        slack = closed - log_size(opened) + log(goal.peak_sensitivity) + ca.log(looser)
     elif which == 1:
-        slack = log_square(opened) - log_square(returned) + log(goal.loop_gain or 1.0)
+        slack = log_size(opened) - log_size(returned) + log(goal.loop_gain or 1.0)
     else:
-        plant = log_square((1 + inner * pr, inner * pi_))
-        slack = closed - plant - log_square(above) + log(goal.controller_effort_A_per_V or 1.0)
-    return ca.Function("point", [variables, data], [slack])
+        slack = closed - log_size(plant) - log_size(above[0]) + log(goal.controller_effort_A_per_V or 1.0)
+    return ca.Function("point", [ca.vec(coefficients), inner, data], [slack])
+
+
+def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> ca.Function:
+    """log(|F_d / x|) from the law's coefficients, masses inside and outside (kg), frequency (Hz) and moves."""
+    coefficients = ca.SX.sym("coefficients", *shape)
+    p = shape[0] - 1
+    inner, outer, frequency = (ca.SX.sym(name) for name in ("inner", "outer", "frequency"))
+    moves, w = ca.SX.sym("moves", 2 * (1 + 2 * p)), 2 * pi * frequency
+    *above, below = (on_axis(ca.horzsplit(coefficients[row, :]), w / UNIT) for row in range(p + 1))
+
+    def at(*weighted: tuple[ca.SX | float, fmpq_poly]) -> Pair:
+        length = max(len(polynomial.coeffs()) for _, polynomial in weighted)
+        rows = [(weight, [nearest(c) for c in polynomial.coeffs()]) for weight, polynomial in weighted]
+        return on_axis([sum((by * row[k] for by, row in rows if k < len(row)), ca.SX(0)) for k in range(length)], w)
+
+    def moved(k: int, value: Pair) -> Pair:
+        size, turn = ca.exp(moves[k]), moves[1 + 2 * p + k]
+        return product(value, (size * ca.cos(turn), size * ca.sin(turn)))
+
+    def over_both(rows: tuple[PairOver, PairOver], by: float = 1.0) -> Pair:
+        (own, within), (slope, both) = rows
+        return at((by, own), (by * inner, within), (by * outer, slope), (by * outer * inner, both))
+
+    closed = product(over_both(plant.denominator), below)
+    force = product(moved(p, at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))), below)
+    for k in range(p):
+        closed = _plus(closed, product(above[k], moved(k, over_both(plant.control[k], factor))))
+        own, added = plant.crossed[k]
+        if not (own.is_zero() and added.is_zero()):
+            force = _plus(force, product(above[k], moved(p + 1 + k, at((factor, own), (factor * inner, added)))))
+    return ca.Function(
+        "stiffness", [ca.vec(coefficients), inner, outer, frequency, moves], [log_size(closed) - log_size(force)]
+    )

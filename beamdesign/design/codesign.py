@@ -9,10 +9,9 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.stats import qmc
 
+from beamdesign.controllers.form import Form, form_of
 from beamdesign.design.checks import Check, beam_mass, checks, materials
-from beamdesign.design.controller_forms import FORMS, ControllerForm
 from beamdesign.design.loop_constraints import limit_slack, loop_slack
-from beamdesign.design.loop_set import Constraint
 from beamdesign.design.pair import check_sections
 from beamdesign.design.program import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
@@ -124,19 +123,19 @@ def _members(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> tu
 
 
 def codesign_program(
-    problem: DesignProblem, form: ControllerForm, masses_kg: tuple[float, float], bandwidth_Hz: float
+    problem: DesignProblem, form: Form, masses_kg: tuple[float, float], bandwidth_Hz: float
 ) -> LoopProgram:
     """Least moving mass at a given bandwidth."""
     sizing = sizing_program(problem)
     parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
-    count, filtered = len(form.names), problem.sensor.filter_Hz is not None
+    count, filtered = form.size, problem.sensor.filter_Hz is not None
     largest_inner = problem.controller.largest_inner_end_mass_kg
     aimed = log(bandwidth_Hz * (1 + 1e-5))
     widest, thinnest = problem.sections.largest_width_m, problem.sections.least_wall_m
     sizes = [(5 * thinnest, widest), (thinnest, THICKEST_SHARE * widest)] * 2
     bounds = np.array(
         [
-            *form.log_bounds,
+            *zip(form.lower, form.upper, strict=True),
             (0.0, largest_inner),
             (log(1e-3), aimed),
             *((low / unit, high / unit) for (low, high), unit in zip(sizes, SIZE_UNITS, strict=True)),
@@ -148,7 +147,8 @@ def codesign_program(
         goal=problem.goal,
         outer_end_mass_kg=masses_kg,
         figures=_symbolic_figures(problem),
-        constraints=lambda active: [Constraint(loop_slack(form.kind, filtered), limit_slack(form.kind, filtered))],
+        slack=loop_slack(form, filtered),
+        limits=limit_slack(form, filtered),
         structure=lambda variables: -parts(variables[count + 2 :], sizing.figures)[0] - ROUNDED_SLACK,
         objective=lambda variables: (
             parts(variables[count + 2 :], sizing.figures)[1]
@@ -174,7 +174,7 @@ def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
 def _samples(problem: DesignProblem, program: LoopProgram) -> np.ndarray:
     """Sampled variables whose sections miss no structural check by much, (k, n)."""
     sections = problem.sections
-    names = len(program.form.names)
+    names = program.form.size
     unit = qmc.Sobol(4 + names, scramble=True, rng=0).random(SAMPLES)
     widths = sections.largest_width_m * (0.3 + 0.7 * unit[:, 0])
     # Walls near the least one are the likelier ones.
@@ -234,8 +234,8 @@ def codesign(
         progress: told the share done and what is being done.
     """
     told = progress or (lambda fraction, text: None)
-    form = FORMS[problem.controller.kind]
-    head = len(form.names) + 2
+    form = form_of(problem.controller.kind)
+    head = form.size + 2
     told(0.0, "coarse search")
     program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)
     starts, nothing = [point.proved.variables for point in near], ""

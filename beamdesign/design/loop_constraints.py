@@ -8,12 +8,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from flint import fmpq_poly
 
-from beamdesign.design.controller_forms import form_named
-from beamdesign.linear import UNUSED, BilinearPlant
+from beamdesign.controllers.form import UNIT, Form
+from beamdesign.linear import UNUSED
 from beamdesign.proof.performance import Kind
-from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
 from beamdesign.rig.beams_rig import FIGURES
 from beamdesign.rig.linearised import linear_assembly, transfer_polynomials
@@ -83,37 +81,48 @@ _FAR = 10.0
 """Up to how many times the frequency at which its limit begins the loop gain is enforced to begin with."""
 
 
-def _on_axis(coefficients: list[ca.SX], frequency: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Real and imaginary part of a polynomial at j w."""
-    parts = [ca.SX(0), ca.SX(0)]
-    for power, coefficient in enumerate(coefficients):
-        term = coefficient * frequency**power
-        parts[power % 2] += -term if power % 4 >= 2 else term
+Pair = tuple[ca.SX, ca.SX]
+"""Real and imaginary part."""
+
+
+def on_axis(coefficients: Sequence[Any], w: ca.SX) -> Pair:
+    """A polynomial, its coefficients ascending, at j w."""
+    parts, power = [ca.SX(0), ca.SX(0)], ca.SX(1)
+    for k, coefficient in enumerate(coefficients):
+        term = coefficient * power
+        parts[k % 2] += -term if k % 4 >= 2 else term
+        power = power * w
     return parts[0], parts[1]
 
 
-def _product(left: tuple[ca.SX, ca.SX], right: tuple[ca.SX, ca.SX]) -> tuple[ca.SX, ca.SX]:
+def product(left: Pair, right: Pair) -> Pair:
+    """Of two complex numbers."""
     return left[0] * right[0] - left[1] * right[1], left[0] * right[1] + left[1] * right[0]
 
 
+def log_size(value: Pair) -> ca.SX:
+    """Logarithm of the size of a complex number."""
+    return ca.log(value[0] ** 2 + value[1] ** 2) / 2
+
+
 @cache
-def loop_slack(kind: str, filtered: bool) -> ca.Function:
+def loop_slack(form: Form, filtered: bool) -> ca.Function:
     """Slacks of the two limits at one frequency and one pair of end masses.
 
-    Inputs: figures (16, as `FIGURES`, end masses included), logarithms of the controller's parameters, frequency in Hz.
+    Inputs: figures (16, as `FIGURES`, end masses included), variables of the form, frequency in Hz.
     Outputs: log(|p| / |opened|), which peak sensitivity Ms bounds below by -log(Ms), and log(|p| / |disturbance|),
     which a compliance limit c bounds below by -log(c).
     """
-    return _slack(kind, *_without_effects(filtered))
+    return _slack(form, *_without_effects(filtered))
 
 
 @cache
-def limit_slack(kind: str, filtered: bool) -> ca.Function:
+def limit_slack(form: Form, filtered: bool) -> ca.Function:
     """Slacks of the limits on the controller's reach, with the inputs of `loop_slack`.
 
     Outputs: log(1 / |L|) and log(1 / |C S|), V/A.
     """
-    return _slack(kind, *_without_effects(filtered), limits=True)
+    return _slack(form, *_without_effects(filtered), limits=True)
 
 
 def _without_effects(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
@@ -134,73 +143,21 @@ def _added_up(terms: Iterable[tuple[Any, Sequence[Any]]]) -> list[ca.SX]:
     return [sum((weight * p[k] for weight, p in listed if k < len(p)), ca.SX(0)) for k in range(length)]
 
 
-def _slack(
-    kind: str, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bool = False, shifts: bool = False
-) -> ca.Function:
-    """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures.
-
-    A fourth polynomial is what the force shows by way of the controller, see `crossed` of `beamdesign.linear.Plant`.
-    """
-    form = form_named(kind)
-    logarithms = ca.SX.sym("controller", len(form.names))
-    frequency = ca.SX.sym("frequency")
+def _slack(form: Form, figures: ca.SX, polynomials: list[list[ca.SX]], limits: bool = False) -> ca.Function:
+    """The slacks from a plant's denominator, control and disturbance polynomials in terms of the figures."""
+    variables, frequency = ca.SX.sym("controller", form.size), ca.SX.sym("frequency")
     w = 2 * pi * frequency
-    plant, control, disturbance, *crossed = (_on_axis(p, w) for p in polynomials)
-    gain, *shape = ca.vertsplit(ca.exp(logarithms))
-    law = form.polynomials(shape)
-    numerator, denominator = (_on_axis([ca.SX(c) for c in p], w) for p in law)
-    opened = _product(plant, denominator)
-    returned = _product(control, (gain * numerator[0], gain * numerator[1]))
-    force_path = _product(disturbance, denominator)
-    for each in crossed:
-        by_controller = _product(each, (gain * numerator[0], gain * numerator[1]))
-        force_path = (force_path[0] + by_controller[0], force_path[1] + by_controller[1])
-    shift = ca.SX.sym("shift", 3)
-    if shifts:
-        size, turn = ca.exp(shift[0]), shift[1]
-        returned = _product(returned, (size * ca.cos(turn), size * ca.sin(turn)))
-
-    def log_square(value: tuple[ca.SX, ca.SX]) -> ca.SX:
-        return ca.log(value[0] ** 2 + value[1] ** 2)
-
-    closed = log_square((opened[0] + returned[0], opened[1] + returned[1]))
+    plant, control, disturbance = (on_axis(p, w) for p in polynomials)
+    (above,), below = form.polynomials(ca.vertsplit(variables))
+    numerator, denominator = (on_axis(part, w / UNIT) for part in (above, below))
+    opened, returned = product(plant, denominator), product(control, numerator)
+    closed = log_size((opened[0] + returned[0], opened[1] + returned[1]))
+    given = [figures, variables, frequency]
     if limits:
-        demanded = 2 * ca.log(gain) + log_square(numerator) + log_square(plant)
-        reached = [(log_square(opened) - log_square(returned)) / 2, (closed - demanded) / 2]
-        return ca.Function("limit_slack", [figures, logarithms, frequency], reached)
-    slacks = [(closed - log_square(opened)) / 2, (closed - log_square(force_path)) / 2]
-    if shifts:
-        return ca.Function("shifted_slack", [figures, logarithms, frequency, shift], [slacks[1] - shift[2]])
-    return ca.Function("loop_slack", [figures, logarithms, frequency], slacks)
-
-
-def member_slack(
-    kind: str, plant: BilinearPlant, factor: float, limits: bool = False, shifts: bool = False
-) -> ca.Function:
-    """`loop_slack`, or with `limits` `limit_slack`, for a plant whose figures stand, with its gain times a factor.
-
-    Its figures are the two end masses. With `shifts` there is a further input and one output, the slack of compliance:
-    by how much (logarithm) the loop's response is larger, what its phase is more (rad), and by how much the response
-    to the force is larger.
-    """
-    masses = ca.SX.sym("masses", 2)
-    outer, inner = ca.vertsplit(masses)
-
-    def coefficients(*terms: tuple[Any, fmpq_poly]) -> list[ca.SX]:
-        return _added_up((weight, [nearest(c) for c in polynomial.coeffs()]) for weight, polynomial in terms)
-
-    (d00, d01), (d10, d11) = plant.denominator
-    denominator = coefficients((1.0, d00), (inner, d01), (outer, d10), (outer * inner, d11))
-    (c00, c01), (slope, with_inner) = plant.control[0]
-    control = [(factor, c00), (factor * inner, c01)]
-    disturbance = coefficients((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))
-    if not plant.mass_shows:
-        return _slack(kind, masses, [denominator, coefficients(*control), disturbance], limits, shifts)
-    assert not shifts  # these come from samples, of which there are none where the sensor rides
-    own, added = plant.crossed[0]
-    control += [(factor * outer, slope), (factor * outer * inner, with_inner)]
-    crossed = coefficients((factor, own), (factor * inner, added))
-    return _slack(kind, masses, [denominator, coefficients(*control), disturbance, crossed], limits, shifts)
+        demanded = log_size(numerator) + log_size(plant)
+        return ca.Function("limit_slack", given, [log_size(opened) - log_size(returned), closed - demanded])
+    force_path = product(disturbance, denominator)
+    return ca.Function("loop_slack", given, [closed - log_size(opened), closed - log_size(force_path)])
 
 
 def guarantee(
@@ -215,10 +172,10 @@ def guarantee(
     """Slacks at all check points, as expressions of the design variables.
 
     Args:
-        slack: `loop_slack` or `member_slack`.
+        slack: `loop_slack`.
         figures: its figures less the end masses.
         inner_end_mass: kg.
-        logarithms: of the controller's parameters.
+        logarithms: variables of the controller's form.
         log_bandwidth: of the bandwidth in Hz.
         sensitivity_points: (n, 2) as in `CheckPoints`.
         compliance_points: (k, 2) likewise.

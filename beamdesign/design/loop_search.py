@@ -8,32 +8,9 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from flint import fmpq_poly
 
-from beamdesign.design.controller_forms import ControllerForm
-from beamdesign.linear import BilinearPlant
-from beamdesign.proof.rational import nearest
-
-
-@dataclass(frozen=True)
-class GridPlant:
-    """Plant responses on a frequency grid, bilinear in the outer (m) and the inner (n) end mass.
-
-    Attributes:
-        frequency_Hz: (f,) grid.
-        denominator: (2, 2, f), entry [i, j] multiplying m^i n^j.
-        control: (2, f), entry [j] multiplying n^j; current to sensor voltage.
-        disturbance: (2, f), likewise; force to displacement.
-        riding: (2, 2, f) where the sensor rides on the mount, what of that reading goes with m, then what the
-            force shows by way of the controller; else none.
-    """
-
-    frequency_Hz: np.ndarray
-    denominator: np.ndarray
-    control: np.ndarray
-    disturbance: np.ndarray
-    riding: np.ndarray | None = None
-
+from beamdesign.controllers.form import Form
+from beamdesign.design.loop_samples import Samples
 
 SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)
 """Grid of the coarse search: 3 % steps, finer than the half-width of a mode with 5 % damping."""
@@ -47,22 +24,6 @@ class Candidate:
     gain: float
     shape: tuple[float, ...]
     inner_end_mass: float
-
-
-def grid_plant(plant: BilinearPlant, frequency_Hz: np.ndarray, factor: float = 1.0) -> GridPlant:
-    """Evaluate a plant with the tip's displacement sensed on a grid, in floats, with its gain times a factor."""
-    s = 2j * pi * frequency_Hz
-
-    def at(polynomial: fmpq_poly) -> np.ndarray:
-        return np.polyval([nearest(c) for c in reversed(polynomial.coeffs())], s)
-
-    denominator = np.array([[at(polynomial) for polynomial in row] for row in plant.denominator])
-    disturbance = np.array([at(p) for p in plant.disturbance])
-    control = factor * np.array([at(p) for p in plant.control[0][0]])
-    if not plant.mass_shows:
-        return GridPlant(frequency_Hz, denominator, control, disturbance)
-    riding = factor * np.array([[at(p) for p in pair] for pair in (plant.control[0][1], plant.crossed[0])])
-    return GridPlant(frequency_Hz, denominator, control, disturbance, riding)
 
 
 def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np.ndarray:
@@ -96,56 +57,38 @@ def sampled_bandwidth(frequency_Hz: np.ndarray, worst_compliance: np.ndarray, li
 
 
 def best_gain(
-    grid: GridPlant | Sequence[GridPlant],
-    form: ControllerForm,
+    points: Samples,
+    form: Form,
     shape: Sequence[float],
     inner_end_mass: float,
-    outer_end_masses: np.ndarray,
     peak_sensitivity: float,
     compliance: float,
     only_stable: bool = False,
 ) -> Candidate:
-    """Best gain of one controller shape and inner end mass on the grid; bandwidth 0 where none is allowed.
+    """Best gain of one controller shape and inner end mass on samples; bandwidth 0 where none is allowed.
 
     Args:
-        grid: plant responses, or those of all plants that are to do with this controller, on one grid of frequencies.
-        form: kind of controller.
-        shape: its parameters after the gain.
+        points: of all plants that are to do with this controller, the same frequencies in every row.
+        form: of the controller; its first variable is the logarithm of the gain.
+        shape: what the others are logarithms of.
         inner_end_mass: kg.
-        outer_end_masses: (m,) samples of the range, kg.
         peak_sensitivity: limit of max |S|.
         compliance: limit of |x / F_d|, m/N.
         only_stable: leave out gains at which 1 + L winds about the origin on the grid. With much phase beyond the grid,
             loops that are far from stable have small sensitivities on it.
     """
-    grids = [grid] if isinstance(grid, GridPlant) else grid
-    frequency = grids[0].frequency_Hz
-    s = 2j * pi * frequency
-    numerator, denominator = (np.polyval(p[::-1], s) for p in form.polynomials(shape))
-    responses, stiffnesses, crossings = [], [], []
-    for one in grids:
-        rows = one.denominator[:, 0] + inner_end_mass * one.denominator[:, 1]
-        plant = rows[0] + outer_end_masses[:, None] * rows[1]
-        control = one.control[0] + inner_end_mass * one.control[1]
-        disturbance = one.disturbance[0] + inner_end_mass * one.disturbance[1]
-        crossed = np.zeros_like(plant)
-        if one.riding is not None:
-            slope, second = one.riding[:, 0] + inner_end_mass * one.riding[:, 1]
-            control = control + outer_end_masses[:, None] * slope
-            crossed += second * (numerator / denominator) / disturbance
-        responses.append(control * (numerator / denominator) / plant)
-        stiffnesses.append(np.abs(plant) / np.abs(disturbance))  # |F_d / x| of the open loop
-        crossings.append(crossed)  # by what share of it a unit of gain changes what the force does
-    per_gain, stiffness = np.concatenate(responses), np.concatenate(stiffnesses)
-    per_gain_crossed = np.concatenate(crossings) if any(one.riding is not None for one in grids) else None
+    rows = int(points.row.max()) + 1
+    frequency = points.frequency_Hz[: len(points.frequency_Hz) // rows]
+    own = form.responses(np.log([1.0, *shape]), 2j * pi * points.frequency_Hz)[0]
+    _, control, disturbance, crossed = points.at(inner_end_mass)
+    per_gain, opened = (own * control[0]).reshape(rows, -1), np.abs(disturbance).reshape(rows, -1)
+    per_gain_crossed = (own * crossed[0] / disturbance).reshape(rows, -1)  # by what share a unit of gain changes that
     best = Candidate(0.0, 0.0, tuple(shape), inner_end_mass)
     for gain in feasible_gain_ends(per_gain, peak_sensitivity):
-        if only_stable and (np.abs(np.unwrap(np.angle(1 + gain * per_gain), axis=1)[:, -1]) > pi).any():
+        returned = 1 + gain * per_gain
+        if only_stable and (np.abs(np.unwrap(np.angle(returned), axis=1)[:, -1]) > pi).any():
             continue
-        closed = stiffness * np.abs(1 + gain * per_gain)
-        if per_gain_crossed is not None:
-            closed /= np.abs(1 + gain * per_gain_crossed)
-        worst = 1 / closed.min(axis=0)
+        worst = (opened * np.abs(1 + gain * per_gain_crossed) / np.abs(returned)).max(axis=0)
         bandwidth = sampled_bandwidth(frequency, worst, compliance)
         if bandwidth > best.bandwidth_Hz:
             best = Candidate(bandwidth, float(gain), tuple(shape), inner_end_mass)

@@ -1,15 +1,10 @@
 """The loops that one controller has to serve: those of all linear members of a rig."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, log
 
-import casadi as ca
-import numpy as np
-
 from beamdesign.controllers import Controller
-from beamdesign.design.loop_constraints import member_slack
-from beamdesign.design.loop_search import GridPlant, grid_plant
 from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, rig_loop
 from beamdesign.members import Member
@@ -33,41 +28,6 @@ LOOSER_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
 
 
-@dataclass(frozen=True)
-class Constraint:
-    """What an optimiser enforces of one loop at its check points.
-
-    Attributes:
-        slack: see `beamdesign.design.loop_constraints.loop_slack`.
-        looser: logarithm of what the limit of sensitivity is raised by.
-        performs: whether compliance and the limits of loop gain and effort are enforced as well.
-        limits: slacks of those, see `beamdesign.design.loop_constraints.limit_slack`.
-    """
-
-    slack: ca.Function
-    limits: ca.Function
-    looser: float = 0.0
-    performs: bool = True
-
-
-def constraints(kind: str, members: Sequence[Member], active: Collection[int]) -> list[Constraint]:
-    """Of the members with the given numbers, at both ends of their gains."""
-    return [
-        Constraint(
-            member_slack(kind, rig.polynomials(), factor),
-            member_slack(kind, rig.polynomials(), factor, limits=True),
-            0.0 if performs else log(LOOSER_PEAK),
-            performs,
-        )
-        for rig, factor, performs in ends([members[k] for k in sorted(active)])
-    ]
-
-
-def first_active(members: Sequence[Member]) -> set[int]:
-    """The member that an optimiser begins with; proofs add the others that matter."""
-    return {next((k for k, member in enumerate(members) if member.performance is not None), 0)}
-
-
 def ends(members: Sequence[Member]) -> list[tuple[LinearModel, float, bool]]:
     """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
     found = []
@@ -76,11 +36,6 @@ def ends(members: Sequence[Member]) -> list[tuple[LinearModel, float, bool]]:
         asked = member.gain if inside is None else inside
         found += [(member.rig, factor, inside is not None) for factor in sorted({asked.low, asked.high}) if factor > 0]
     return found
-
-
-def grids(members: Sequence[Member], frequency_Hz: np.ndarray) -> list[GridPlant]:
-    """Responses of everything that is to perform."""
-    return [grid_plant(rig.polynomials(), frequency_Hz, factor) for rig, factor, performs in ends(members) if performs]
 
 
 @dataclass(frozen=True)
@@ -141,12 +96,11 @@ class LoopSet:
         """Proved for every loop that is to perform."""
         return peak_sensitivity(list(self.performing.values()))
 
-    def ends(self, also: Collection[int] = ()) -> list[Loop]:
-        """The loops over the mass at the ends of the gains, those that are to perform and others by their numbers."""
-        others = [rectangle for k, rectangle in self.stable.items() if k in also and k not in self.performing]
+    def ends(self) -> list[Loop]:
+        """The loops over the mass at the ends of the gains, those that are to perform."""
         return [
             scaled(rectangle.loop, factor)
-            for rectangle in [*self.performing.values(), *others]
+            for rectangle in self.performing.values()
             for factor in sorted({rectangle.least, rectangle.most})
         ]
 

@@ -4,7 +4,7 @@ The variables of a program, in this order: logarithms of the controller's parame
 of the guaranteed bandwidth (Hz), and whatever describes the sections.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import exp, log
 
@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.design.controller_forms import ControllerForm
+from beamdesign.controllers.form import Form
 from beamdesign.design.interruption import interruption_waits
 from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, reach
-from beamdesign.design.loop_set import Constraint, LoopSet, loop_set
+from beamdesign.design.loop_set import LoopSet, loop_set
 from beamdesign.design.worst_points import SHARES, high_peaks, largest_sampled, peak_near
 from beamdesign.members import Member
 from beamdesign.proof.performance import Claim
@@ -54,7 +54,8 @@ class LoopProgram:
         goal: limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of the guarantee.
         figures: the section variables to the (14,) lumped figures; to none where they stand.
-        constraints: what is enforced of the members with the given numbers.
+        slack: what is enforced at check points, see `beamdesign.design.loop_constraints.loop_slack`.
+        limits: likewise, of loop gain and effort, see `limit_slack` there.
         structure: all variables to slacks that must not be negative.
         objective: all variables to what is minimised.
         lower: (n,) bounds of all variables.
@@ -68,15 +69,14 @@ class LoopProgram:
             into the outer one.
         flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
         cost: of a proved loop, to choose the best one by.
-        enforced: numbers of the members that the optimiser heeds from the first round on; others once a proof asks for
-            it.
     """
 
-    form: ControllerForm
+    form: Form
     goal: Goal
     outer_end_mass_kg: tuple[float, float]
     figures: Callable[[ca.MX], ca.MX]
-    constraints: Callable[[Collection[int]], list[Constraint]]
+    slack: ca.Function
+    limits: ca.Function
     structure: Callable[[ca.MX], ca.MX]
     objective: Callable[[ca.MX], ca.MX]
     lower: np.ndarray
@@ -86,7 +86,6 @@ class LoopProgram:
     members: Callable[[np.ndarray], tuple[Member, ...] | None]
     flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
-    enforced: frozenset[int] = frozenset({0})
 
 
 @dataclass(frozen=True)
@@ -120,12 +119,12 @@ class Refinement:
 class _Solver:
     """IPOPT for one program: the check points are parameters, in slots that repeat a point where unused."""
 
-    def __init__(self, program: LoopProgram, points: CheckPoints, active: Collection[int]):
+    def __init__(self, program: LoopProgram, points: CheckPoints):
         self._slots = tuple(
             len(given) + (spare if len(given) else 0) for given, spare in zip(_lists(points), _SPARE, strict=True)
         )
         self._program = program
-        count, n = len(program.form.names), len(program.lower)
+        count, n = program.form.size, len(program.lower)
         variables = ca.MX.sym("variables", n)
         logarithms, inner, log_bandwidth, sections = ca.vertsplit(variables, [0, count, count + 1, count + 2, n])
         sensitivity_points, compliance_points, gain_points, effort_points = (
@@ -133,28 +132,17 @@ class _Solver:
         )
         goal = program.goal
         inside = ca.MX.sym("inside")
-        slacks = []
-        for constraint in program.constraints(active):
-            sensitivity, stiffness = guarantee(
-                constraint.slack,
-                program.figures(sections),
-                inner,
-                logarithms,
-                log_bandwidth,
-                sensitivity_points,
-                compliance_points,
-            )
-            slacks.append(sensitivity + log(goal.peak_sensitivity) + constraint.looser - inside)
-            if not constraint.performs:
-                continue
-            slacks.append(stiffness + log(goal.compliance_m_per_N) - _INSIDE)
-            loop_gain, effort = reach(
-                constraint.limits, program.figures(sections), inner, logarithms, gain_points, effort_points
-            )
-            if goal.loop_gain is not None:
-                slacks.append(loop_gain + log(goal.loop_gain) - inside)
-            if goal.controller_effort_A_per_V is not None:
-                slacks.append(effort + log(goal.controller_effort_A_per_V) - inside)
+        at = (program.figures(sections), inner, logarithms)
+        sensitivity, stiffness = guarantee(program.slack, *at, log_bandwidth, sensitivity_points, compliance_points)
+        slacks = [
+            sensitivity + log(goal.peak_sensitivity) - inside,
+            stiffness + log(goal.compliance_m_per_N) - _INSIDE,
+        ]
+        loop_gain, effort = reach(program.limits, *at, gain_points, effort_points)
+        if goal.loop_gain is not None:
+            slacks.append(loop_gain + log(goal.loop_gain) - inside)
+        if goal.controller_effort_A_per_V is not None:
+            slacks.append(effort + log(goal.controller_effort_A_per_V) - inside)
         self._solver = ca.nlpsol(
             "loop",
             "ipopt",
@@ -213,13 +201,13 @@ def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -
 
     A sharp peak between check points is a gap in the fence around the stable loops, through which a step can pass.
     """
-    count, (low, high) = len(program.form.names), program.outer_end_mass_kg
+    count, (low, high) = program.form.size, program.outer_end_mass_kg
     members = program.members(anchor[count + 2 :])
     if members is None:
         return points
-    controller = program.form.rounded(anchor[:count].tolist())
+    controller = program.form.record(anchor[:count])
     loops = loop_set(members, controller, float(anchor[count]), (low, high))
-    for loop in loops.ends(program.enforced):
+    for loop in loops.ends():
         for frequency, mass in high_peaks(loop, low, high, _HIGH_PEAK * program.goal.peak_sensitivity):
             points = points.with_sensitivity(frequency, mass)
     return points
@@ -251,17 +239,16 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         start: variables to begin from.
         needed_Hz: bandwidth below which a proved loop is no answer.
     """
-    count = len(program.form.names)
+    count = program.form.size
     low, high = program.outer_end_mass_kg
     points, inside, within = check_points(low, high, goal=program.goal), _INSIDE, program.reach
-    active = set(program.enforced)
-    solver = _Solver(program, points, active)
+    solver = _Solver(program, points)
     anchor, best = np.clip(start, program.lower, program.upper), None
     fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
     reason, certificates = "no round of refinement was proved", 0
     while certificates < ROUNDS and within > _SMALLEST_REACH:
         if not solver.holds(points):
-            solver = _Solver(program, points, active)
+            solver = _Solver(program, points)
         variables = solver(anchor, points, inside, within)
         if not np.isfinite(variables).all():
             return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
@@ -270,16 +257,13 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             reason = "the refined sizes are no pair of tubes"
             within *= 0.4
             continue
-        controller = program.form.rounded([float(value) for value in variables[:count]])
+        controller = program.form.record(variables[:count])
         inner = round(float(variables[count]), 6)
         loops = loop_set(members, controller, inner, (low, high))
         certificates += 1
-        if unstable := loops.unstable():
+        if loops.unstable():
             reason = "the refined loop is not stable over the whole range"
-            if not active.issuperset(unstable):
-                active.update(unstable)
-                solver = _Solver(program, points, active)
-            elif fenced is anchor:
+            if fenced is anchor:
                 within *= 0.4
             else:
                 points, fenced = _with_peaks(points, program, anchor), anchor
@@ -289,18 +273,13 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         if refuted:
             reason = f"{refuted[0][0].kind.replace('_', ' ')} refuted: {refuted[0][0].reason}"
             points = _with_refuted(points, loops, refuted, program)
-            if not active.issuperset(member for _, member in refuted):
-                active.update(member for _, member in refuted)
-                solver = _Solver(program, points, active)
-                continue
             excess = loops.excess(program.goal)
             if moved < _STUCK:
                 inside += excess
             else:
                 inside = _INSIDE + (excess if excess < program.tighten_below else 0.0)
             continue
-        bandwidths = loops.bandwidths(program.goal.compliance_m_per_N)
-        bandwidth = min(*bandwidths.values(), LARGEST_BANDWIDTH_HZ)
+        bandwidth = min(*loops.bandwidths(program.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
         flaw = program.flaw(variables)
         if bandwidth < needed_Hz:
             reason = f"guarantees {bandwidth:.4g} Hz, {needed_Hz:.4g} Hz are needed"
@@ -313,10 +292,6 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
         aimed = exp(variables[count + 1])
         if bandwidth < aimed * (1 - 1e-4) or bandwidth < needed_Hz <= aimed:  # refuted between the check points
             points = points.with_compliance(max(bandwidth / aimed, _SMALLEST_SHARE), low + SHARES * (high - low))
-            slow = {k for k, value in bandwidths.items() if value < aimed * (1 - 1e-4)}
-            if not active.issuperset(slow):
-                active |= slow
-                solver = _Solver(program, points, active)
         elif moved < 0.99 * within:
             break
     return Refinement(best, certificates, "" if best else reason)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from beamdesign.controllers import Lag
+from beamdesign.controllers.form import form_of
 from beamdesign.controllers.lag import as_lag
 from beamdesign.design.codesign import (
     ROUNDED_SLACK,
@@ -22,7 +23,6 @@ from beamdesign.design.codesign import (
     section_mass,
     structural_flaw,
 )
-from beamdesign.design.controller_forms import FORMS
 from beamdesign.design.program import sizing_program, start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.design.starts import best_starts
@@ -104,8 +104,8 @@ def _program(
     problem: DesignProblem, freedom: _Freedom, masses_kg: tuple[float, float], added_mass_kg: float
 ) -> LoopProgram:
     """Largest guaranteed bandwidth within a remedy's freedom."""
-    form = FORMS["lag"]
-    count = len(form.names)
+    form = form_of("lag")
+    count = form.size
     base = _given(problem)
     bare_mass = section_mass(problem, base)
     lightest = codesign_program(problem, form, masses_kg, bandwidth_Hz=500.0)
@@ -155,7 +155,7 @@ def _given(problem: DesignProblem) -> np.ndarray:
 
 def _best(program: LoopProgram, problem: DesignProblem, near: Sequence[Proved]) -> Proved | str:
     """The best proved loop of a program, from samples and from proved loops of a like one, or why there is none."""
-    head = len(program.form.names) + 2
+    head = program.form.size + 2
     unit = qmc.Sobol(len(program.lower), scramble=True, rng=0).random(SAMPLES)
     samples = program.lower + unit * (program.upper - program.lower)
     free = (program.upper - program.lower)[head:] > 0
@@ -182,7 +182,7 @@ def _remedy(
     near: Sequence[Proved] = (),
 ) -> Remedy:
     program = _program(problem, freedom, masses_kg, added_mass_kg)
-    head = len(program.form.names) + 2
+    head = program.form.size + 2
     found = _best(program, problem, near)
     if isinstance(found, str):
         outer, inner = rounded_tubes(_given(problem))

@@ -4,15 +4,15 @@ Limits are held on samples at the worst rig of every point; of the best design t
 proved over the whole payload range as the nominal one is. The rigs between are not proved.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.design.controller_forms import lag_and_sections
-from beamdesign.design.rig_samples import rig_samples
+from beamdesign.controllers import SENSED, Sensed
+from beamdesign.design.law_search import Search
 from beamdesign.design.rig_spread import RigSpread, Shape, rig_spread
-from beamdesign.design.structured_tuning import grow
-from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, Progress, Tuning, no_answer, tuned
+from beamdesign.design.tuning import Progress, Tuning, tune
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs
 from beamdesign.members import family
 from beamdesign.prototype import Prototype
@@ -45,6 +45,7 @@ def tune_robust(
     progress: Progress | None = None,
     sections: int = 3,
     shape: Shape = "ball",
+    sensors: Sequence[Sensed] = SENSED[:1],
 ) -> RobustTuning:
     """Tune controller and inner end mass for the largest bandwidth that rigs within the tolerances keep.
 
@@ -52,43 +53,27 @@ def tune_robust(
         prototype: the rig with its `[tolerance]`; its goal sets the limits, which all rigs are to keep.
         outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
         sigmas: how many standard deviations rigs may be off, above 0.
-        kind: lag, proportional or structured.
+        kind: as of `beamdesign.design.tuning.tune`.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
         sections: second-order sections of a structured controller.
         shape: what so many standard deviations are, see `beamdesign.design.rig_spread.RigSpread`.
+        sensors: what an observer reads.
 
     Raises:
         InputError: where no figure has a tolerance, or for effects for which no linear loop stands.
-        ValueError: for a kind that is none of these, or sigmas that are not positive.
+        ValueError: for sigmas that are not positive.
     """
-    if kind not in ("lag", "proportional", "structured"):
-        raise ValueError(f"no robust tuning of kind {kind!r}")
     if not sigmas > 0:
         raise ValueError("robust against nothing: sigmas must be positive")
     masses, most = outer_end_mass_kg, largest_inner_end_mass_kg
     spread = rig_spread(prototype.but(controller=None, guarantee=None), masses[1], sigmas, shape)
-    grown = grow(
-        family(prototype, masses[1]).members,
-        prototype.goal,
-        masses,
-        most,
-        sections if kind == "structured" else 0,
-        progress or (lambda share, text: None),
-        spread,
-        proportional=kind == "proportional",
-    )
-    best = grown.proved
-    if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
-        why = no_answer(f"robust {kind}", prototype.goal, masses, grown.reason)
-        found = Tuning(prototype, masses, None, grown.sampled, (grown.reason,), grown.certificates, why)
+    found = tune(prototype, masses, kind, most, progress, sections, sensors, spread)
+    if found.best is None:
         return RobustTuning(found, spread, (), ())
-    built = tuned(prototype, best, masses)
-    spread = rig_spread(built, masses[1], sigmas, shape)
-    found = Tuning(built, masses, best, grown.sampled, (), grown.certificates)
-    return RobustTuning(
-        found, spread, tuple(spread.rig(z) for z in grown.worst), tuple(spread.factors(z) for z in grown.worst)
-    )
+    spread = rig_spread(found.prototype, masses[1], sigmas, shape)
+    rigs, factors = tuple(map(spread.rig, found.worst)), tuple(map(spread.factors, found.worst))
+    return RobustTuning(found, spread, rigs, factors)
 
 
 @dataclass(frozen=True)
@@ -108,24 +93,20 @@ def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> Worst
     """Seek the rigs of a spread that are worst for the limits of the goal, on samples.
 
     Args:
-        spread: of a prototype with a controller, proportional, lag or structured.
+        spread: of a prototype with a controller.
         outer_end_mass_kg: range of outer end mass.
 
     Raises:
-        InputError: for another controller, or none.
+        InputError: for a controller that a tuner has no form for, or none.
     """
-    prototype = spread.prototype
-    members = family(prototype, outer_end_mass_kg[1]).members
-    points = rig_samples(members, prototype.goal, outer_end_mass_kg, spread)
-    assert isinstance(points, WorstSamples)  # there is a spread
-    found = worst_rigs(points, prototype.goal, _variables(prototype))
-    return WorstRigs(tuple(spread.rig(z) for z in found), tuple(spread.factors(z) for z in found))
-
-
-def _variables(prototype: Prototype) -> np.ndarray:
-    """The variables of `beamdesign.design.sampled_loops` at which a prototype stands."""
-    law = prototype.controller
-    if law is None or law.lacks("lag and sections"):
-        reason = "worst rigs are sought for a proportional, lag or structured controller"
+    prototype, law = spread.prototype, spread.prototype.controller
+    if law is None or (opened := law.form()) is None:
+        reason = "worst rigs are sought for a controller that a tuner has a form for"
         raise InputError(prototype.name, [Problem("controller.kind", reason)])
-    return np.append(np.log(lag_and_sections(law)), prototype.payload.inner_end_mass_kg)
+    members = family(prototype, outer_end_mass_kg[1]).members
+    task = Search(members, prototype.goal, outer_end_mass_kg, (0.0, 0.0), law.senses, spread)
+    assert isinstance(task.points, WorstSamples)  # there is a spread
+    form, variables = opened
+    inside = prototype.payload.inner_end_mass_kg
+    found = worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))
+    return WorstRigs(tuple(spread.rig(z) for z in found), tuple(spread.factors(z) for z in found))

@@ -18,10 +18,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import prod
 
-from beamdesign.design.controller_forms import FORMS
+import numpy as np
+
+from beamdesign.controllers import Lag
+from beamdesign.design.law_search import Search, from_seeds, search
 from beamdesign.design.refinement import Proved
-from beamdesign.design.structured_tuning import grow_on
-from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ, STRICTER_PEAKS, bandwidth_program, refine_best
+from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.members import Member, family
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
@@ -106,26 +108,17 @@ class _Task:
     def tuned(self, stage_kg: tuple[float, float], inner: float | None) -> tuple[Proved | None, str]:
         """The best law of a stage, with a given mass inside or with the best; or why there is none."""
         members = stage_members(self.prototype, stage_kg, self.whole_kg)
-        if (law := self.prototype.controller) is not None and law.sections:
+        law = self.prototype.controller
+        if law is not None and law.sections and (opened := law.form()) is not None:
             inside = self.prototype.payload.inner_end_mass_kg
-            grown = grow_on(members, self.goal, stage_kg, law, inside)
-            return grown.proved, grown.reason
-        least, most = (0.0, self.largest_inner) if inner is None else (inner, inner)
-        stretched = frozenset(range(len(members) // 2, len(members)))
-        reason = "no sampled design keeps within the limits"
-        for peak in (self.goal.peak_sensitivity, *(p for p in STRICTER_PEAKS if p < self.goal.peak_sensitivity)):
-            goal = self.goal.but(peak_sensitivity=peak)
-            program = bandwidth_program(members, FORMS["lag"], goal, stage_kg, most)
-            lower = program.lower.copy()
-            lower[len(program.form.names)] = least
-            refined, _ = refine_best(
-                replace(program, lower=lower, enforced=program.enforced | stretched), lambda fraction, text: None
-            )
-            found = [refinement.proved for refinement in refined if refinement.proved is not None]
-            if found:
-                return max(found, key=lambda proved: proved.bandwidth_Hz), ""
-            reason = next((refinement.reason for refinement in refined if refinement.reason), reason)
-        return None, reason
+            task = Search(members, self.goal, stage_kg, (inside, inside))
+            starts = [(opened[0], np.append(opened[1], inside))]
+        else:
+            least, most = (0.0, self.largest_inner) if inner is None else (inner, inner)
+            task = Search(members, self.goal, stage_kg, (least, most))
+            starts = from_seeds(task, Lag)
+        found = search(task, starts)
+        return found.proved, found.reason
 
 
 def tune_schedule(

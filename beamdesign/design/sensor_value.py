@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.design.observer_record import as_observer
-from beamdesign.design.observer_tuning import tune_observer
+from beamdesign.design.law_search import Search
+from beamdesign.design.observer_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer
 from beamdesign.design.refinement import Proved
 from beamdesign.members import family
 from beamdesign.proof.certificate import Asked, goal_claims
@@ -73,16 +73,17 @@ def sensor_rows(
     """
     members = family(prototype, outer_end_mass_kg[1]).members
     reached: list[Proved] = []
-    own = [start for one in (prototype, *starts) for start in as_observer(one)]
+    own = [(law, one.payload.inner_end_mass_kg) for one in (prototype, *starts) if (law := one.controller) is not None]
     for sensors in sets:
         grown = [
-            (law, proved.inner_end_mass_kg)
+            (proved.controller, proved.inner_end_mass_kg)
             for proved in sorted(reached, key=lambda proved: -proved.bandwidth_Hz)
-            if (law := proved.controller.observer) and set(law.sensors) <= set(sensors)
+            if set(proved.controller.senses) <= set(sensors)
         ]
-        first = [(one, inner) for one, inner in own if set(one.sensors) == set(sensors)]
-        asked = (outer_end_mass_kg, largest_inner_end_mass_kg, kind, sensors, told, [*grown[:2], *first])
-        found = tune_observer(members, prototype.goal, *asked)
+        first = [(one, inner) for one, inner in own if set(one.senses) == set(sensors)]
+        inside, effort = (0.0, largest_inner_end_mass_kg), EFFORT if len(sensors) == 1 else ADDED_SENSORS_EFFORT
+        task = Search(members, prototype.goal, outer_end_mass_kg, inside, tuple(sensors), effort=effort)
+        found = search_observer(task, kind, [*grown[:2], *first], told)
         if found.proved is None:
             yield SensorRow(sensors, outer_end_mass_kg, 0.0, None, found.reason)
             continue

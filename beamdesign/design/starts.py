@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, GridPlant, best_gain
-from beamdesign.design.loop_set import grids, loop_set
+from beamdesign.design.loop_samples import Samples, rig_samples
+from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, best_gain
+from beamdesign.design.loop_set import loop_set
 from beamdesign.design.refinement import LoopProgram
 
 _APART = 0.1
@@ -28,8 +29,8 @@ def best_starts(
     """
     low, high = program.outer_end_mass_kg
     masses = np.unique(np.linspace(low, high, 7))
-    names = len(program.form.names)
-    responses: dict[bytes, list[GridPlant]] = {}
+    names = program.form.size
+    responses: dict[bytes, Samples] = {}
     found: list[np.ndarray] = []
     for sample in samples:
         sections = sample[names + 2 :]
@@ -37,13 +38,12 @@ def best_starts(
             members = program.members(sections)
             if members is None:
                 continue
-            responses = {sections.tobytes(): grids(members, SEARCH_FREQUENCIES_HZ)}
+            responses = {sections.tobytes(): rig_samples(members, SEARCH_FREQUENCIES_HZ, masses.tolist())}
         best = best_gain(
             responses[sections.tobytes()],
             program.form,
             np.exp(sample[1:names]),
             float(sample[names]),
-            masses,
             program.goal.peak_sensitivity,
             program.goal.compliance_m_per_N,
             only_stable=True,
@@ -65,7 +65,7 @@ def best_starts(
         if members is None:
             continue
         proofs += 1
-        controller = program.form.rounded(variables[:names].tolist())
+        controller = program.form.record(variables[:names])
         if not loop_set(members, controller, float(variables[names]), (low, high)).unstable():
             chosen.append(variables)
     return chosen, proofs

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdesign.design.order_reduction import residualised
-from beamdesign.design.sensed_samples import SensedModel
+from beamdesign.design.sensed_model import SensedModel
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 
 TIME_UNIT_S = 0.01

@@ -13,17 +13,13 @@ import numpy as np
 
 from beamdesign.controllers import Sensed
 from beamdesign.design.hinf import synthesise
+from beamdesign.design.loop_samples import Samples, sampled_bandwidth, slacks_of
 from beamdesign.design.lqg import lqg
-from beamdesign.design.observer_slacks import slacks_of
-from beamdesign.design.sampled_loops import sampled_bandwidth
-from beamdesign.design.sensed_samples import SensedSamples, sensed_model
+from beamdesign.design.sensed_model import sensed_model
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
 from beamdesign.linear import LinearModel
 from beamdesign.prototype import Goal
-
-SAMPLES = 256
-"""Of the coarse search; a power of two, as Sobol's sequence wants."""
 
 AIM_HZ = 5.0
 """Up to where the search betters the compliance."""
@@ -81,7 +77,7 @@ class WeightSearch:
 
     rig: LinearModel
     sensors: Sequence[Sensed]
-    points: SensedSamples
+    points: Samples
     goal: Goal
     masses_kg: tuple[float, float]
     largest_inner: float
@@ -130,12 +126,12 @@ class WeightSearch:
                 return False
         return True
 
-    def sampled(self) -> list[Proposal]:
+    def sampled(self, count: int) -> list[Proposal]:
         """Regulators of weights that fill their bounds evenly, the best first; only those with stable loops."""
         from scipy.stats import qmc
 
         lower, upper = self.bounds()
-        unit = qmc.Sobol(len(lower), scramble=True, rng=0).random(SAMPLES)
+        unit = qmc.Sobol(len(lower), scramble=True, rng=0).random(count)
         found = [self.proposal(lower + row * (upper - lower), lqg) for row in unit]
         return sorted((one for one in found if one is not None and one.cost < _UNSTABLE), key=lambda one: one.cost)
 

@@ -1,19 +1,20 @@
 """Samples whose rig may be off: each limit is held, at every point, on the worst rig within the tolerances there.
 
-The logarithms of both plant responses are known to second order in each figure (cross terms left out), from rigs with
+The logarithms of all plant responses are known to second order in each figure (cross terms left out), from rigs with
 one figure off. The worst rig of a point is that of the linearised slack, linearised anew where it is: the first-order
 reliability method (A. M. Hasofer and N. C. Lind, Exact and invariant second-moment code format, J. Eng. Mech. Div. ASCE
 100, 1974). Sampled, as everything that proposes; the worst rigs of a result are proved one by one.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from math import pi
 
 import numpy as np
 
+from beamdesign.controllers.form import Form
+from beamdesign.design.loop_samples import Samples, sampled_bandwidth, slacks
 from beamdesign.design.rig_spread import RigSpread
-from beamdesign.design.sampled_loops import Samples, controller_log, sampled_bandwidth, slacks
 from beamdesign.members import Member
 from beamdesign.prototype import Goal
 
@@ -37,98 +38,116 @@ class WorstSamples(Samples):
     less: tuple[Samples, ...]
     step: float
 
-    def worst(self, goal: Goal, variables: np.ndarray) -> tuple[Samples, ...]:
+    def joined(self, other: Samples) -> "WorstSamples":
+        """With the points of another, which are of rigs that are off as well."""
+        if not isinstance(other, WorstSamples):
+            raise TypeError("samples of rigs that are off are joined with such only")
+        more = tuple(one.joined(two) for one, two in zip(self.more, other.more, strict=True))
+        less = tuple(one.joined(two) for one, two in zip(self.less, other.less, strict=True))
+        return _of(super().joined(other), self.spread, more, less, self.step)
+
+    def worst(self, goal: Goal, form: Form, variables: np.ndarray) -> tuple[Samples, ...]:
         """The nominal samples with, at every point, the responses of the rig that is worst for each limit there."""
         curves = self._curves(float(variables[-1]))
-        sensitivity, compliance, loop_gain = (self._shifted(z, *curves) for z in self._found(variables, *curves))
+        sensitivity, compliance, loop_gain = (
+            self._shifted(_moved(z, curves)) for z in self._found(form, variables, curves)
+        )
         return sensitivity, compliance, loop_gain, sensitivity
 
-    def deviations(self, variables: np.ndarray) -> list[np.ndarray]:
+    def deviations(self, form: Form, variables: np.ndarray) -> list[np.ndarray]:
         """(d, n) standard deviations of the worst rigs for sensitivity and effort, for compliance, and for |L|."""
-        return self._found(variables, *self._curves(float(variables[-1])))
+        return self._found(form, variables, self._curves(float(variables[-1])))
 
-    def _found(self, variables: np.ndarray, control: np.ndarray, disturbance: np.ndarray) -> list[np.ndarray]:
-        inner = float(variables[-1])
-        law, _ = controller_log(variables[:-1], 2j * pi * self.frequency_Hz)
-        loop = np.exp(law) * (self.control[0] + inner * self.control[1]) / (1 + inner * self.denominator)
+    def _found(self, form: Form, variables: np.ndarray, curves: np.ndarray) -> list[np.ndarray]:
+        own = form.responses(variables[:-1], 2j * pi * self.frequency_Hz)
+        _, control, disturbance, crossed = self.at(float(variables[-1]))
+        p = len(own)
+        parts = np.concatenate([own * control, disturbance[None], own * crossed])  # as `_responses` lists them
         found = []
         for kind in range(3):
-            z = np.zeros((len(self.more), len(loop)))
-            best, least = z, np.full(len(loop), np.inf)
+            z = np.zeros((len(self.more), parts.shape[1]))
+            best, least = z, np.full(parts.shape[1], np.inf)
             for _ in range(_LINEARISED):
-                off = loop * np.exp(_moved(z, control))
-                slope_control, slope_disturbance = (curve[0] + z * curve[1] for curve in (control, disturbance))
+                off = parts * np.exp(_moved(z, curves))
+                slope, loop, moved = _slope(z, curves), off[:p].sum(axis=0), off[p:].sum(axis=0)
+                by = np.einsum("rn,drn->dn", off[:p], slope[:, :p])
                 if kind == 2:
-                    slack, slope = -np.log(np.abs(off)), -slope_control.real
+                    slack, down = -np.log(np.abs(loop)), -(by / loop).real
                 else:
-                    slack, slope = np.log(np.abs(1 + off)), (slope_control * (off / (1 + off))).real
+                    slack, down = np.log(np.abs(1 + loop)), (by / (1 + loop)).real
                 if kind == 1:
-                    slack, slope = slack - _moved(z, disturbance).real, slope - slope_disturbance.real
+                    pushed = np.einsum("rn,drn->dn", off[p:], slope[:, p:])
+                    slack, down = slack - np.log(np.abs(moved)), down - (pushed / moved).real
                 better = slack < least
                 best, least = np.where(better, z, best), np.minimum(slack, least)
-                z = self.spread.worst(slope)
+                z = self.spread.worst(down)
             found.append(best)
         return found
 
-    def _curves(self, inner: float) -> tuple[np.ndarray, np.ndarray]:
-        """(2, d, n) first and second derivatives of the logarithms of both responses by the deviations."""
-        here, curves = _responses(self, inner), []
-        more, less = ([_responses(one, inner) for one in side] for side in (self.more, self.less))
-        for k in range(2):
-            up = np.array([np.log(one[k] / here[k]) for one in more])
-            down = np.array([np.log(one[k] / here[k]) for one in less])
-            curves.append(np.array([(up - down) / (2 * self.step), (up + down) / self.step**2]))
-        return curves[0], curves[1]
+    def _curves(self, inner: float) -> np.ndarray:
+        """(2, d, r, n) first and second derivatives of the logarithms of all responses by the deviations."""
+        here = _responses(self, inner)
+        up, down = (
+            np.array(
+                [
+                    np.log(np.divide(_responses(one, inner), here, out=np.ones_like(here), where=here != 0))
+                    for one in side
+                ]
+            )
+            for side in (self.more, self.less)
+        )
+        return np.array([(up - down) / (2 * self.step), (up + down) / self.step**2])
 
-    def _shifted(self, z: np.ndarray, control: np.ndarray, disturbance: np.ndarray) -> Samples:
-        """Samples of these points with responses of rigs off by (d, n)."""
-        moved, pushed = np.exp(_moved(z, control)), np.exp(_moved(z, disturbance))
+    def _shifted(self, moved: np.ndarray) -> Samples:
+        """Samples of these points with responses whose logarithms are off by (r, n)."""
+        p, factor = len(self.control), np.exp(moved)
         return Samples(
             self.frequency_Hz,
             self.row,
             self.denominator,
-            self.control * moved,
-            self.disturbance * pushed,
+            self.control * factor[:p, None],
+            self.disturbance * factor[p],
+            self.crossed * factor[p + 1 :, None],
             self.looser,
         )
 
 
-def _responses(points: Samples, inner: float) -> tuple[np.ndarray, np.ndarray]:
-    plant = 1 + inner * points.denominator
-    return (points.control[0] + inner * points.control[1]) / plant, (
-        points.disturbance[0] + inner * points.disturbance[1]
-    ) / plant
+def _responses(points: Samples, inner: float) -> np.ndarray:
+    """(r, n) from current to each sensor, then from force to displacement, then what feedback adds to that."""
+    _, control, disturbance, crossed = points.at(inner)
+    return np.concatenate([control, disturbance[None], crossed])
 
 
 def _moved(z: np.ndarray, curves: np.ndarray) -> np.ndarray:
-    """(n,) by how much the logarithm of a response moves."""
-    return (z * (curves[0] + z * curves[1] / 2)).sum(axis=0)
+    """(r, n) by how much the logarithms of the responses move."""
+    return np.einsum("dn,drn->rn", z, curves[0]) + np.einsum("dn,drn->rn", z * z / 2, curves[1])
+
+
+def _slope(z: np.ndarray, curves: np.ndarray) -> np.ndarray:
+    """(d, r, n) derivatives of that."""
+    return np.asarray(curves[0] + z[:, None] * curves[1])
+
+
+def _of(
+    nominal: Samples, spread: RigSpread, more: tuple[Samples, ...], less: tuple[Samples, ...], step: float
+) -> WorstSamples:
+    own = {each.name: getattr(nominal, each.name) for each in fields(Samples)}
+    return WorstSamples(**own, spread=spread, more=more, less=less, step=step)
 
 
 def worst_samples(
-    nominal: Samples, spread: RigSpread, sampled: Callable[[tuple[Member, ...]], Samples]
+    spread: RigSpread, members: Sequence[Member], sampled: Callable[[Sequence[Member]], Samples]
 ) -> WorstSamples:
     """Samples of the rigs within a spread.
 
     Args:
-        nominal: of the nominal rig.
-        spread: how far its figures may be off.
+        spread: how far the figures may be off.
+        members: of the nominal rig.
         sampled: samples of the members of a rig at the same points.
     """
     step, count = spread.sigmas / 2, len(spread.deviations)
     more, less = (tuple(sampled(spread.members(side * step * unit)) for unit in np.eye(count)) for side in (1.0, -1.0))
-    return WorstSamples(
-        nominal.frequency_Hz,
-        nominal.row,
-        nominal.denominator,
-        nominal.control,
-        nominal.disturbance,
-        nominal.looser,
-        spread,
-        more,
-        less,
-        step,
-    )
+    return _of(sampled(members), spread, more, less, step)
 
 
 MOST_RIGS = 8
@@ -140,12 +159,12 @@ to be apart to be two."""
 
 
 def worst_rigs(
-    points: WorstSamples, goal: Goal, variables: np.ndarray, most: int = MOST_RIGS
+    points: WorstSamples, goal: Goal, form: Form, variables: np.ndarray, most: int = MOST_RIGS
 ) -> tuple[np.ndarray, ...]:
     """(d,) deviations of each of the worst rigs for all limits that are about to be reached, the worst first."""
-    found = slacks(points, goal, variables, slopes=False)
+    found = slacks(points, goal, form, variables, slopes=False)
     reached = sampled_bandwidth(points, found.compliance)
-    limits, compliance, gain = points.deviations(variables)
+    limits, compliance, gain = points.deviations(form, variables)
     below = np.where(points.frequency_Hz <= reached, found.compliance, np.inf)
     listed: list[tuple[float, np.ndarray]] = []
     for slack, z in (

@@ -9,7 +9,7 @@ from proofs import always_stable, keeps_peak_sensitivity
 from stopwatch import Cost, timed
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.design.controller_forms import FORMS
+from beamdesign.controllers.form import form_of
 from beamdesign.loop import Loop, close_loop
 from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
@@ -24,13 +24,13 @@ Candidate = tuple[Proportional | Lag, float]
 def drawn(kind: str, count: int, low: np.ndarray, high: np.ndarray) -> list[Candidate]:
     """Random controllers (uniform in the logarithms) and inner end masses of a box, rounded as the tuner does."""
     points = np.random.default_rng(0).uniform(low, high, (count, len(low)))
-    return [(FORMS[kind].rounded(point[:-1].tolist()), round(float(point[-1]), 6)) for point in points]
+    return [(form_of(kind).record(point[:-1]), round(float(point[-1]), 6)) for point in points]
 
 
 def tuner_box(kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the tuner's variables."""
-    bounds = np.array([*FORMS[kind].log_bounds, (0.0, LARGEST_INNER_KG)])
-    return bounds[:, 0], bounds[:, 1]
+    form = form_of(kind)
+    return np.append(form.lower, 0.0), np.append(form.upper, LARGEST_INNER_KG)
 
 
 def around(controller: Lag, inner_kg: float, share: float) -> tuple[np.ndarray, np.ndarray]:

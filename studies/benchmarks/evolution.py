@@ -18,8 +18,9 @@ from scipy.optimize import OptimizeResult, differential_evolution
 from stopwatch import Cost, timed
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.design.controller_forms import FORMS
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, grid_plant, sampled_bandwidth
+from beamdesign.controllers.form import form_of
+from beamdesign.design.loop_samples import samples
+from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, sampled_bandwidth
 from beamdesign.design.tuning import tune
 from beamdesign.loop import Loop, close_loop
 from beamdesign.members import paper_model
@@ -38,30 +39,29 @@ class Sampled:
 
     def __init__(self, prototype: Prototype, masses_kg: tuple[float, float], kind: str):
         rig = paper_model(prototype)
-        self.form, self.goal, self.rig = FORMS[kind], prototype.goal, rig
+        self.form, self.goal, self.rig = form_of(kind), prototype.goal, rig
         self.masses = np.linspace(*masses_kg, _MASSES)
-        self.bounds = [*self.form.log_bounds, (0.0, LARGEST_INNER_KG)]
-        self._plant, self._matrices = grid_plant(rig.polynomials(), SEARCH_FREQUENCIES_HZ), matrices(rig)
+        self.bounds = [*zip(self.form.lower, self.form.upper, strict=True), (0.0, LARGEST_INNER_KG)]
+        self._points = samples(rig.polynomials(), SEARCH_FREQUENCIES_HZ, self.masses)
+        self._matrices = matrices(rig)
 
     def record(self, variables: np.ndarray) -> tuple[Proportional | Lag, float]:
         """Controller and inner end mass with rounded figures, as the tuner rounds its own."""
-        return self.form.rounded([float(value) for value in variables[:-1]]), round(float(variables[-1]), 6)
+        return self.form.record(variables[:-1]), round(float(variables[-1]), 6)
 
     def figures(self, variables: np.ndarray) -> tuple[float, float]:
         """Bandwidth (Hz) and peak sensitivity on the grid."""
-        inner, grid, s = float(variables[-1]), self._plant, 2j * pi * SEARCH_FREQUENCIES_HZ
-        gain, *shape = np.exp(variables[:-1])
-        numerator, denominator = (np.polyval(p[::-1], s) for p in self.form.polynomials(shape))
-        rows = grid.denominator[:, 0] + inner * grid.denominator[:, 1]
-        plant = rows[0] + self.masses[:, None] * rows[1]
-        returned = 1 + gain * (grid.control[0] + inner * grid.control[1]) * (numerator / denominator) / plant
-        compliance = np.abs((grid.disturbance[0] + inner * grid.disturbance[1]) / plant / returned).max(axis=0)
+        own = self.form.responses(variables[:-1], 2j * pi * SEARCH_FREQUENCIES_HZ)[0]
+        _, (control,), disturbance, _ = self._points.at(float(variables[-1]))
+        shape = (len(self.masses), -1)
+        returned = 1 + own * control.reshape(shape)
+        compliance = np.abs(disturbance.reshape(shape) / returned).max(axis=0)
         bandwidth = sampled_bandwidth(SEARCH_FREQUENCIES_HZ, compliance, self.goal.compliance_m_per_N)
         return bandwidth, float(1 / np.abs(returned).min())
 
     def __call__(self, variables: np.ndarray) -> float:
         """What is minimised."""
-        controller = self.form.record(np.exp(variables[:-1]).tolist())
+        controller = self.form.record(variables[:-1])
         fastest = float(growth(closed_loops(self._matrices, controller, float(variables[-1]), self.masses)).max())
         if fastest >= 0:
             return _UNSTABLE + tanh(fastest / 100)

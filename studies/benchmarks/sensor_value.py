@@ -20,7 +20,7 @@ import numpy as np
 
 from beamdesign.design.convex_limit import convex_limit
 from beamdesign.design.fundamental_limits import PHASE_AT_HZ, Limits, fundamental_limits
-from beamdesign.design.sensed_samples import sensed_model
+from beamdesign.design.sensed_model import sensed_model
 from beamdesign.design.sensor_value import SETS, SensorRow, certified_row, sensor_rows
 from beamdesign.members import family
 from beamdesign.prototype import Prototype, read_prototype, write_prototype

@@ -19,7 +19,7 @@ def compute(prototype: Prototype, options: TuneOptions) -> Answer:
         options.largest_inner_end_mass_kg,
         sections=options.sections,
     )
-    details = {"starts_Hz": list(found.starts), "failures": list(found.failures), "certificates": found.certificates}
+    details = {"starts_Hz": list(found.starts), "certificates": found.certificates}
     return Answer(proved_outputs(found.best) if found.best else {}, details, found.reason)
 
 
