@@ -43,7 +43,7 @@ class Structured(Cascade):
         names = list(Section.model_fields)
         rows = [figures[first : first + len(names)] for first in range(3, len(figures), len(names))]
         gain, pole, zero = figures[:3]
-        section = [dict(zip(names, row, strict=True)) for row in rows]
+        section = tuple(dict(zip(names, row, strict=True)) for row in rows)
         return cls.model_validate({"gain_A_per_V": gain, "pole_Hz": pole, "zero_Hz": zero, "section": section})
 
     @classmethod
