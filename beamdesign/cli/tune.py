@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from beamdesign.prototype import Goal, Prototype
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
-VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
-"""Of structured, lqg and hinf where neither the goal nor the command says otherwise: what the published valve bears."""
 
 
 def tune(
@@ -137,7 +135,7 @@ def tune(
         "loop_gain_from_Hz": loop_gain_from_Hz,
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
-    record = record.but(goal=_limited(record.goal, controller, given))
+    record = record.but(goal=tuning.limited(record.goal, controller, given))
     if controller == "scheduled":
         from beamdesign.cli.tune_scheduled import tune_scheduled
 
@@ -243,17 +241,6 @@ def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     if added and kind not in ("lqg", "hinf"):
         raise InputError("--added-sensor", [(", ".join(added), f"a {kind} controller reads the displacement alone")])
     return tuple(name for name in SENSED if name == SENSED[0] or name in added)
-
-
-def _limited(goal: "Goal", kind: str, given: dict[str, float | None]) -> "Goal":
-    """The goal with the limits of the command; those of a structured controller where neither says anything."""
-    changes: dict[str, float | None] = {}
-    for name, value in given.items():
-        if value is not None:
-            changes[name] = None if value == inf else value
-        elif kind in ("structured", "lqg", "hinf") and name in VALVE_LIMITS and getattr(goal, name) is None:
-            changes[name] = VALVE_LIMITS[name]
-    return goal.but(**changes) if changes else goal
 
 
 def _kept(goal: "Goal") -> list[tuple[str, str]]:

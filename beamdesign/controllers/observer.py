@@ -63,6 +63,11 @@ class Observer(Controller):
         """Its sensors."""
         return self.sensors
 
+    @property
+    def sought(self) -> dict[str, Any]:
+        """The same sensors; by Riccati equations, and from the matrices as they are."""
+        return {"kind": "lqg", "sensors": self.sensors}
+
     def sensed_law(self) -> SensedLaw:
         """The law from everything that it senses to its current, exact."""
         from flint import fmpq_mat, fmpq_poly

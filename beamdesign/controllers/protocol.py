@@ -200,6 +200,11 @@ class Controller(Record):
         """Its second-order sections, where it has such."""
         return ()
 
+    @property
+    def sought(self) -> dict[str, Any]:
+        """What `beamdesign.design.tuning.tune` is asked for another of its kind: kind, and sections or sensors."""
+        return {"kind": self.kind}
+
     def words(self, digits: int = 3) -> str:
         """Its form in a few words, with breaks to so many digits, without its gain."""
         return self.kind

@@ -1,7 +1,7 @@
 """A lag with second-order sections."""
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -54,6 +54,11 @@ class Structured(Cascade):
     def grown(self) -> "tuple[Structured, ...]":
         """See `grown`."""
         return grown(self)
+
+    @property
+    def sought(self) -> dict[str, Any]:
+        """As many sections."""
+        return {"kind": self.kind, "sections": len(self.section)}
 
 
 def grown(law: Cascade) -> tuple[Structured, ...]:

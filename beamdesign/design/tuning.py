@@ -4,8 +4,10 @@ Whatever the kind, one engine searches (`beamdesign.design.law_search`) and exac
 that is not proved over the continuous range.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
+from types import MappingProxyType
 
 import numpy as np
 
@@ -135,3 +137,40 @@ def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) ->
         payload=prototype.payload.but(outer_end_mass_kg=masses_kg, inner_end_mass_kg=best.inner_end_mass_kg),
         guarantee=None,
     )
+
+
+VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
+"""What the published valve bears, where neither a goal nor who asks says otherwise."""
+
+HIGH_ORDER = ("structured", *SYNTHESES)
+"""Kinds of which such limits are asked."""
+
+
+def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Goal:
+    """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
+
+    Args:
+        goal: its own limits stand.
+        kind: of the controller that is sought, as `tune` has it.
+        given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
+    """
+    own = VALVE_LIMITS if kind in HIGH_ORDER else {}
+    changes = {name: value for name, value in own.items() if getattr(goal, name) is None}
+    changes |= {name: value for name, value in given.items() if value is not None}
+    return goal.but(**{name: None if value == inf else value for name, value in changes.items()})
+
+
+def tune_alike(
+    prototype: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None = None
+) -> Tuning:
+    """Tune another controller of the kind that a prototype has; a lag where it has none.
+
+    Raises:
+        InputError: for a kind that has no form to be tuned, and as `tune`.
+    """
+    asked = {"kind": "lag"} if prototype.controller is None else prototype.controller.sought
+    kind = asked["kind"]
+    if kind not in (*KINDS, *SYNTHESES):
+        raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
+    rig = prototype.but(goal=limited(prototype.goal, kind))
+    return tune(rig, outer_end_mass_kg, progress=progress, **asked)

@@ -180,7 +180,7 @@ def _job(prototype: Prototype, experiment: Experiment, placement: Placement, fit
         experiment.controller,
     )
     job = replay(taken, prototype)
-    return job, steps(placement, placement.parameters(job.base(placement), fit.z), SAMPLE_S)
+    return job, steps(job, placement, fit.z)
 
 
 def _predict(

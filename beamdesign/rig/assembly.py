@@ -115,12 +115,12 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
         for effect in effects
     }
     for name, signal_of in laws.items():
+        if name == "error_V" and kinds.heard != 1.0:  # what a record brings with the command, taken out of it again
+            port["command_V"] += (1 - kinds.heard) * port["measured_V"]
         signal = signal_of(port, figure, state)
         for effect in effects:
             if name in effect.laws:
                 signal = effect.laws[name](signal, sites[effect.name])
-        if name == "error_V" and kinds.heard != 1.0:
-            signal += (1 - kinds.heard) * port["measured_V"]
         port[name] = signal
 
     rate = rig.rates(port, figure, state)

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from beamdesign.rig.component import Component, Signals
 
 
@@ -171,6 +173,28 @@ class Matrices:
     @property
     def _in_order(self) -> list[str]:
         return [sensor for sensor in SENSED if sensor in self.heard]
+
+
+HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa")
+"""All that a law may go by, as it is recorded."""
+
+
+def state_space(law: Law, figure: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, n), B (n, 4), C (n,) and D (4,) of a law from `HEARD` to its current (A), read off its own equations.
+
+    Args:
+        law: linear, as every law of a controller is.
+        figure: its figures by name.
+    """
+    rows = []
+    for unit in np.eye(len(law.states) + len(HEARD)):
+        own = dict(zip((*law.states, *HEARD), unit.tolist(), strict=True))
+        state = own | {"inner_m": own["inner_displacement_m"], "pressure_a_Pa": own["load_pressure_Pa"]}
+        state["pressure_b_Pa"] = 0.0
+        rates = law.rates(own, figure, state)
+        rows.append([*(rates[name] for name in law.states), law.current(own, figure, state)])
+    whole, n = np.array(rows).T, len(law.states)
+    return whole[:n, :n], whole[:n, n:], whole[n, :n], whole[n, n:]
 
 
 SAMPLED, PROPORTIONAL, LAG = Sampled(), Series(), Series((1,))

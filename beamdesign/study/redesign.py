@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from beamdesign.design.tuning import tune
+from beamdesign.design.tuning import tune_alike
 from beamdesign.proof.certificate import Certificate
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -30,15 +30,15 @@ class Redesign:
 def redesign(
     diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Callable[[float, str], None] | None = None
 ) -> Redesign:
-    """Tune a lag for the largest guaranteed bandwidth on a diagnosed prototype, and prove it.
+    """Tune a controller of the same kind for the largest guaranteed bandwidth on a diagnosed prototype, and prove it.
 
     Args:
-        diagnosed: with its effects.
+        diagnosed: with its effects, and the controller that it had.
         outer_end_mass_kg: range of payload.
         progress: told the share done and what is being done.
     """
     try:
-        found = tune(diagnosed, outer_end_mass_kg, progress=progress)
+        found = tune_alike(diagnosed, outer_end_mass_kg, progress)
         if found.best is None:
             return Redesign(outer_end_mass_kg, reason=found.reason)
         certificate, prototype = certified(found.prototype, found.best, outer_end_mass_kg)

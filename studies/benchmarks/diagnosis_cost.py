@@ -32,7 +32,7 @@ STEP = 1e-3  # in z, for differences
 
 def integrated(piece: RecordEvidence, placement: Placement, z: np.ndarray, tolerance: float, end: int) -> np.ndarray:
     """The first `end` samples of a record by LSODA on the same equations, (end, C)."""
-    parameters = placement.parameters(piece.job.base(placement), z)
+    parameters, placement = piece.job.parameters(placement, z), piece.job.placed(placement)
     function = placement.assembly.function
     drive = CubicSpline(piece.record.times, np.column_stack([piece.record.inputs, 0 * piece.record.times]))
     t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate("txup"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.controllers import Controller, refuse
+from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Prototype, read_prototype
@@ -172,13 +172,10 @@ def read_dataset(folder: str | Path) -> Dataset:
     prototype = read_prototype(path.parent / entry.prototype)
     if problems := _missing_controllers(entry, prototype):
         raise InputError(path, problems)
-    if prototype.controller is not None:
-        refuse(prototype.controller, "lag", "the model of a data set", path.parent / entry.prototype)
 
     def controller(given: Controller | None) -> Controller:
         chosen = given or prototype.controller
         assert chosen is not None  # checked above
-        refuse(chosen, "lag", "a record of a data set", path)
         return chosen
 
     taken = tuple(
@@ -271,6 +268,5 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
         given = dict(row.controller)
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
     found = records.parse(_Gained, table, path).controller
-    refuse(found, "lag", "a record of a data set", path)
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V)

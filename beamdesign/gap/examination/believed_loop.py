@@ -10,6 +10,7 @@ from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
+from beamdesign.rig.electronics import state_space
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
 _FADE = 0.05  # of a record, at its end
@@ -86,22 +87,16 @@ def believed_loop(
     plant = paper_model(prototype.but(effects={}))
     a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
     force, current, volts = b[:, 0], b[:, 1], c[1]
-    gain, pole, zero = controller.gain_A_per_V, 1.0, 1.0
-    if lag := controller.lag:
-        pole, zero = 2 * pi * lag.pole_Hz, 2 * pi * lag.zero_Hz
-    # current = gain (slow + (error - slow) pole / zero), slow' = pole (error - slow), error = command - volts
-    straight, lagging = gain * pole / zero, gain * (1 - pole / zero)
-    n = len(a)
-    closed = np.zeros((n + 1, n + 1))
-    closed[:n, :n] = a - straight * np.outer(current, volts)
-    closed[:n, n] = lagging * current
-    closed[n, :n], closed[n, n] = -pole * volts, -pole
-    driven = np.zeros((n + 1, 2))
-    driven[:n, 0], driven[:n, 1], driven[n, 1] = force, straight * current, pole
-    seen, through = np.zeros((4, n + 1)), np.zeros((4, 2))
-    seen[0, :n], seen[0, n], through[0, 1] = -straight * volts, lagging, straight
-    seen[1, :n] = volts / prototype.sensor.gain_V_per_m
-    seen[2, :n], seen[3, :n] = c[3], c[2]
+    own, entering, leaving, straight = state_space(controller.equations, controller.figures())
+    # What the law hears: error = command - volts, command, inner tip, load pressure.
+    heard, commanded = np.vstack([-volts, 0 * volts, c[2], c[3]]), np.array([1.0, 1.0, 0.0, 0.0])
+    closed = np.block([[a + np.outer(current, straight @ heard), np.outer(current, leaving)], [entering @ heard, own]])
+    driven = np.zeros((len(closed), 2))
+    driven[: len(a), 0] = force
+    driven[:, 1] = np.concatenate([current * (straight @ commanded), entering @ commanded])
+    seen, through = np.zeros((4, len(closed))), np.zeros((4, 2))
+    seen[0], through[0, 1] = np.concatenate([straight @ heard, leaving]), straight @ commanded
+    seen[1:, : len(a)] = volts / prototype.sensor.gain_V_per_m, c[3], c[2]
     return BelievedLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
 
 

@@ -7,14 +7,15 @@ gain.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from math import exp, pi
+from math import pi
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
 from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.rig.electronics import HEARD, state_space
 
 _TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _LONGEST_LAG_S = 0.02
@@ -69,31 +70,41 @@ class ControllerFit:
         return min(self.residual, self.with_gain, self.with_delay, self.with_lag, self.with_limit)
 
 
-def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray:
-    """(N,) current that a controller makes of a record's command and displacement, A.
+def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray | None:
+    """(N,) current that a controller makes of a record's command and of what was sensed, A.
 
-    Where the slow part of a lag stands at the beginning is not known of a record that was cut out of a longer one: it
-    starts where it fits the measured current best, an offset of that apart.
+    Where its states stand at the beginning is not known of a record that was cut out of a longer one: they start where
+    they fit the measured current best, an offset of that apart. None where the record lacks a channel that the
+    controller hears, or where its states run away when they are followed alone.
 
     Args:
         record: measured.
         controller: any.
         sensor_gain: believed, V/m.
     """
-    error = record.inputs[:, 1] - sensor_gain * record.measured["displacement_m"]
-    if (law := controller.lag) is None:
-        return controller.gain_A_per_V * error
-    # Exact for an error that goes straight from sample to sample.
-    reach = 2 * pi * law.pole_Hz * record.step
-    kept = exp(-reach)
-    mean = (1 - kept) / reach
-    slow, _ = lfilter([1 - mean, mean - kept], [1.0, -kept], error[1:], zi=[(mean - kept) * error[0]])
-    slow = np.concatenate([[0.0], slow])
-    asked = controller.gain_A_per_V * (slow + (error - slow) * law.pole_Hz / law.zero_Hz)
-    fading = np.exp(-reach * np.arange(len(error)))
-    columns = np.column_stack([fading, np.ones(len(error))])
-    share, _ = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]
-    return np.asarray(asked + share * fading)
+    if any(name not in record.measured for name in controller.senses):
+        return None
+    command, count = record.inputs[:, 1], len(record.times)
+    given = {"error_V": command - sensor_gain * record.measured["displacement_m"], "command_V": command}
+    heard = np.column_stack([(given | dict(record.measured)).get(name, np.zeros(count)) for name in HEARD])
+    a, b, c, d = state_space(controller.equations, controller.figures())
+    if not len(a):
+        return np.asarray(heard @ d)
+    # Exact for what goes straight from sample to sample.
+    a, b, _, d, _ = cont2discrete((a, b, c[None, :], d[None, :]), record.step, "foh")
+    fading = c[None, :]
+    with np.errstate(over="ignore", invalid="ignore"):
+        while len(fading) < count:
+            fading, a = np.vstack([fading, fading @ a]), a @ a
+    fading = fading[:count]
+    if not np.all(np.isfinite(fading)):
+        return None
+    pulses = np.vstack([d, fading[:-1] @ b])
+    asked = fftconvolve(pulses, heard, axes=0)[:count].sum(axis=1)
+    size = np.abs(fading).max(axis=0)
+    columns = np.column_stack([fading / np.where(size > 0, size, 1.0), np.ones(count)])
+    shares = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]
+    return np.asarray(asked + columns[:, :-1] @ shares[:-1])
 
 
 def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
@@ -108,16 +119,16 @@ def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]
     return float(np.sqrt(max(total - white, 0.0))) / rms, float(np.sqrt(white)) / rms
 
 
-def controller_fit(record: TimeRecord, sensor_gain: float, controller: Controller | None = None) -> ControllerFit:
-    """Hold a record against its controller's equation.
+def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | None:
+    """Hold a record against its controller's equation; None where `demanded` cannot tell.
 
     Args:
         record: measured.
         sensor_gain: believed, V/m.
-        controller: instead of the record's.
     """
     current = record.measured["current_A"]
-    asked = demanded(record, controller or record.controller, sensor_gain)
+    if (asked := demanded(record, record.controller, sensor_gain)) is None:
+        return None
     residual, noise = mismatch(current, asked)
     gain = _gain(current, asked)
     delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
@@ -231,9 +242,9 @@ def rivals(record: TimeRecord, sensor_gain: float, others: Iterable[tuple[str, C
     """
     current = record.measured["current_A"]
     found = [
-        Rival(controller, mismatch(current, demanded(record, controller, sensor_gain))[0], words)
+        Rival(controller, mismatch(current, asked)[0], words)
         for words, controller in others
-        if controller != record.controller
+        if controller != record.controller and (asked := demanded(record, controller, sensor_gain)) is not None
     ]
     return tuple(sorted(found, key=lambda rival: rival.residual))
 
@@ -253,14 +264,15 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
         pole, zero = np.exp(np.clip(z[1:], *np.log(_BREAKS_HZ)))
         return Lag(gain_A_per_V=float(gain), pole_Hz=float(pole), zero_Hz=float(zero))
 
-    def off(z: np.ndarray) -> np.ndarray:
-        return np.asarray((current - demanded(record, lag(z), sensor_gain)) / size)
+    def left(law: Lag) -> np.ndarray:
+        asked = demanded(record, law, sensor_gain)
+        assert asked is not None  # a lag hears the displacement alone, and is stable
+        return np.asarray((current - asked) / size)
 
     own = record.controller
     starts = [(own.gain_A_per_V, 1.0, 1.5), (own.gain_A_per_V, 2.0, 20.0)]
     if breaks := own.lag:
         starts.append((own.gain_A_per_V, breaks.pole_Hz, breaks.zero_Hz))
-    found = min((least_squares(off, np.log(s), method="lm", max_nfev=60) for s in starts), key=lambda f: f.cost)
-    best = lag(found.x)
-    residual = mismatch(current, demanded(record, best, sensor_gain))[0]
-    return Rival(best, residual, "the one that fits best")
+    fits = (least_squares(lambda z: left(lag(z)), np.log(s), method="lm", max_nfev=60) for s in starts)
+    best = lag(min(fits, key=lambda f: f.cost).x)
+    return Rival(best, mismatch(current / size, current / size - left(best))[0], "the one that fits best")

@@ -115,7 +115,9 @@ def _verdict(
 
 def _line(record: TimeRecord, sensor_gain: float) -> float | None:
     """Frequency (Hz) that carries most of what the equation leaves, if one does."""
-    left = record.measured["current_A"] - demanded(record, record.controller, sensor_gain)
+    if (asked := demanded(record, record.controller, sensor_gain)) is None:
+        return None
+    left = record.measured["current_A"] - asked
     power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
     peak = int(np.argmax(power))
     if power[max(peak - 2, 0) : peak + 3].sum() < _MOST * power.sum():

@@ -64,11 +64,12 @@ def examine(data: Dataset) -> Examination:
     found = sound_records.twins(records)
     warnings += found
     records = _without(records, found)
-    fits = {r.name: controller_fit(r, data.prototype.sensor.gain_V_per_m) for r in records}
+    held = {r.name: controller_fit(r, data.prototype.sensor.gain_V_per_m) for r in records}
+    fits = {name: fit for name, fit in held.items() if fit is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     records = _without(records, warnings)
     stuck = [caution.record for caution in warnings if caution.name == "stuck"]
-    found = contradictions([r for r in records if r.name not in stuck], fits, data.prototype)
+    found = contradictions([r for r in records if r.name in fits and r.name not in stuck], fits, data.prototype)
     warnings += found
     records = _without(records, found)
     found = sound_records.masses(records, data.prototype)
@@ -81,7 +82,7 @@ def examine(data: Dataset) -> Examination:
     if data.records and not records and not (data.responses or data.gains):
         raise InputError(data.folder, [Problem(w.record or "record", w.text) for w in warnings if w.left_out])
     warnings = _half_gone(data.records, warnings)
-    kept = {r.name: fits[r.name] for r in records}
+    kept = {r.name: fits[r.name] for r in records if r.name in fits}
     return Examination(replace(data, records=tuple(records)), tuple(warnings), kept)
 
 

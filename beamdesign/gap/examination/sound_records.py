@@ -86,7 +86,8 @@ def suitability(record: TimeRecord, prototype: Prototype) -> list[Caution]:
 def law(record: TimeRecord, prototype: Prototype) -> list[Caution]:
     """Whether its current has a sample that is none of its controller's making."""
     current, stated = record.measured["current_A"], f"its controller ({described(record.controller)})"
-    asked = demanded(record, record.controller, prototype.sensor.gain_V_per_m)
+    if (asked := demanded(record, record.controller, prototype.sensor.gain_V_per_m)) is None:
+        return []
     for at in (outlier(current), outlier(record.inputs[:, 1])):
         if at is not None and abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])):
             text = (

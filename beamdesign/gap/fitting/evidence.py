@@ -98,8 +98,7 @@ class RecordEvidence:
         # Counted anew only for another structure, or where the unknowns have gone a long way from where they were.
         key = (placement.assembly.kinds, tuple(np.round(z).astype(int)))
         if key not in self._steps:
-            parameters = placement.parameters(self.job.base(placement), z)
-            self._steps[key] = steps(placement, parameters, self.record.step)
+            self._steps[key] = steps(self.job, placement, z)
         return self._steps[key]
 
 

@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.lag import as_lag
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
@@ -158,13 +157,14 @@ def linear_model(
     Args:
         placement: unknowns of a hypothesis.
         prototype: that was believed.
-        controller: in the loop; a proportional one becomes a lag whose breaks coincide, as in `unknowns.structure`.
+        controller: in the loop.
         outer_end_mass: payload, kg.
         inner_end_mass: kg, added to the inner tip.
         load: constant force on the outer tip, N.
     """
+    placement = placement.under(controller.equations)
     kinds = placement.assembly.kinds
-    rig = prototype.but(controller=as_lag(controller), effects={name: {} for name in kinds.effects})
+    rig = prototype.but(controller=controller, effects={name: {} for name in kinds.effects})
     base = np.array(list(parameters_of(rig, outer_end_mass, inner_end_mass).values()))
     kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
     return LinearModel(placement, base, assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig)), load)

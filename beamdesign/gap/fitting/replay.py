@@ -6,7 +6,6 @@ from math import ceil
 
 import numpy as np
 
-from beamdesign.controllers.lag import as_lag
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.prototype import Prototype
@@ -28,7 +27,7 @@ class Replay:
 
     Attributes:
         record: measured.
-        prototype: that was believed, with the record's controller as a lag.
+        prototype: that was believed, with the record's controller.
         finest: integration steps per sample for which the inputs have been interpolated so far.
     """
 
@@ -36,11 +35,16 @@ class Replay:
     prototype: Prototype
     _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
-    def base(self, placement: Placement) -> np.ndarray:
-        """(P,) parameters of the believed rig in the order of a placement's assembly."""
+    def placed(self, placement: Placement) -> Placement:
+        """The unknowns of a hypothesis in the equations with the law of this record."""
+        assert self.prototype.controller is not None  # that of the record
+        return placement.under(self.prototype.controller.equations)
+
+    def parameters(self, placement: Placement, z: np.ndarray) -> np.ndarray:
+        """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
         rig = self.prototype.but(effects={name: {} for name in placement.assembly.kinds.effects})
         figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
-        return np.array(list(figures.values()))
+        return self.placed(placement).parameters(np.array(list(figures.values())), z)
 
     def inputs(self, substeps: int) -> np.ndarray:
         """Inputs at every half integration step."""
@@ -51,11 +55,11 @@ class Replay:
 
 def replay(record: TimeRecord, prototype: Prototype) -> Replay:
     """Prepare a record."""
-    return Replay(record, prototype.but(controller=as_lag(record.controller)))
+    return Replay(record, prototype.but(controller=record.controller))
 
 
 def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
-    """Equilibrium without load, which masses and the controller have no part in: found once for all records.
+    """Equilibrium without load, which masses have no part in: found once for all records of one law.
 
     Raises:
         ValueError: where there is none.
@@ -71,7 +75,7 @@ def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
 
 _KEPT = 64
 _found: dict[tuple[Structure, bytes], np.ndarray] = {}
-_NO_PART = ("outer_end_mass", "inner_end_mass", "gain", "pole", "zero")
+_NO_PART = ("outer_end_mass", "inner_end_mass")
 
 
 @cache
@@ -79,8 +83,9 @@ def _rigs_own(kinds: Structure) -> list[int]:
     return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
 
 
-def steps(placement: Placement, parameters: np.ndarray, sample_s: float) -> int:
-    """Integration steps per sample: enough for the fastest pole at rest."""
+def steps(job: Replay, placement: Placement, z: np.ndarray) -> int:
+    """Integration steps per sample of a record: enough for the fastest pole at rest."""
+    parameters, placement, sample_s = job.parameters(placement, z), job.placed(placement), job.record.step
     try:
         points = _working(placement, parameters, at_rest(placement, parameters))
         fastest = max(
@@ -115,8 +120,7 @@ def simulated(
     job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
 ) -> np.ndarray | None:
     """(N, C) channels of a record with the unknowns at z; None where the simulated loop diverges."""
-    base = job.base(placement)
-    parameters = placement.parameters(base, z)
+    parameters, placement = job.parameters(placement, z), job.placed(placement)
     try:
         start = at_rest(placement, parameters)
     except ValueError:
@@ -130,8 +134,7 @@ def simulated_with_slopes(
     job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
-    base = job.base(placement)
-    parameters = placement.parameters(base, z)
+    parameters, placement = job.parameters(placement, z), job.placed(placement)
     assembly = placement.assembly
     names = tuple(assembly.parameters[k] for k in placement.moved)
     try:

@@ -6,7 +6,8 @@ zero. So a z of 3 is three standard deviations off, whatever its unit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from math import exp, isclose, log
 
 import numpy as np
@@ -15,7 +16,7 @@ from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import LAG
+from beamdesign.rig.electronics import PROPORTIONAL, Law
 from beamdesign.rig.parameters import parameters_of
 
 FREE = 0.3
@@ -124,8 +125,9 @@ def of_effects(
 
 
 def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
-    """One structure for every controller of a data set: a proportional one is a lag whose breaks coincide."""
-    return Structure(LAG, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
+    """What decides the equations under a hypothesis, with the prototype's own law: see `Placement.under`."""
+    law = PROPORTIONAL if prototype.controller is None else prototype.controller.equations
+    return Structure(law, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,10 @@ class Placement:
         ]
         return np.column_stack(columns) if columns else np.zeros((len(p), 0))
 
+    def under(self, law: Law | None) -> "Placement":
+        """The same unknowns in the equations with another law, such as that of one record."""
+        return self if law == self.assembly.kinds.controller else _under(self.assembly.kinds, law, self.unknowns)
+
 
 def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
     """Find the parameters of a structure that unknowns move."""
@@ -179,6 +185,11 @@ def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
             if unknown.name in (f"{beam}_stiffness", f"{beam}_mass"):
                 rows[index[f"{beam}_damping"], k] = 0.5
     return Placement(assembly, unknowns, rows)
+
+
+@cache
+def _under(kinds: Structure, law: Law | None, unknowns: tuple[Unknown, ...]) -> Placement:
+    return place(replace(kinds, controller=law), unknowns)
 
 
 def _with_some_controller(prototype: Prototype) -> Prototype:

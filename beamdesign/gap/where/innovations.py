@@ -136,11 +136,12 @@ def likelihood(prototype: Prototype, z: np.ndarray, found: Sequence[Residual]) -
         unit = 2.0 ** round(np.log2(noise))
         residual = item.left[:, column] / unit
         base = _log(residual, (noise / unit) ** 2)
-        parameters = placement.parameters(item.evidence.job.base(placement), z)
+        job = item.evidence.job
+        placed, parameters = job.placed(placement), job.parameters(placement, z)
         for name in ENTRIES:
-            key = (parameters.tobytes(), record.step, unit, name)
+            key = (placed.assembly.kinds, parameters.tobytes(), record.step, unit, name)
             if key not in filters:
-                filters[key] = _filters(state_space(placement, parameters), name, sizes[name], unit, record.step)
+                filters[key] = _filters(state_space(placed, parameters), name, sizes[name], unit, record.step)
             best, correlation = base, _correlation(residual)
             for one in filters[key]:
                 innovations = one(residual)

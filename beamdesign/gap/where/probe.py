@@ -121,11 +121,9 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
     """
     if placement.assembly.kinds.effects:
         raise ValueError("a probe is that of the linear rig")
-    parameters = placement.parameters(job.base(placement), z)
-    x = equilibrium(placement.assembly, np.zeros(3), parameters)
-    a, b, c, d = (np.asarray(m) for m in _linear(placement.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters))
     count, step = len(job.record.times), job.record.step
-    return Probe(count, step, frequency_response(a, b, c, d, laplace(count, step)))
+    space = state_space(job.placed(placement), job.parameters(placement, z))
+    return Probe(count, step, frequency_response(*space, laplace(count, step)))
 
 
 def frequency_response(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, s: np.ndarray) -> np.ndarray:

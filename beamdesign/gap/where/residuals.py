@@ -123,8 +123,7 @@ def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tu
     for piece in evidence:
         if not isinstance(piece, RecordEvidence):
             continue
-        parameters = placement.parameters(piece.job.base(placement), null.z)
-        substeps = steps(placement, parameters, piece.record.step)
+        substeps = steps(piece.job, placement, null.z)
         made = simulated_with_slopes(piece.job, placement, null.z, piece.weight.channels, substeps)
         if made is None:
             continue

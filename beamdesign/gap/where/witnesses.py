@@ -80,7 +80,11 @@ def _by_share(search: Search, chosen: Fit) -> list[str]:
 
 def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion:
     """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
-    fits = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
+    held = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
+    fits = [fit for fit in held if fit is not None]
+    if not fits:
+        text = "No record holds all that its controller hears, so that its equation says nothing."
+        return Opinion("the controller's equation", {}, _CONTROLLER, text, {})
     # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
     worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
     table: dict[str, tuple[object, ...]] = {
