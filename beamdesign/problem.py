@@ -8,6 +8,7 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign import records
+from beamdesign.controllers import SENSED, Sensed
 from beamdesign.materials import unknown_material
 from beamdesign.prototype import (
     Actuator,
@@ -91,11 +92,37 @@ class Safety(Record):
     )
 
 
-class ControllerKind(Record):
+Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf"]
+"""Kinds of controller that are tuned; of lqg and hinf an observer comes out."""
+
+
+class Sought(Record):
+    """What the tuner may use, whatever it is called where the kind of controller stands."""
+
+    largest_inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="most mass the tuner may add inside")] = 6.0
+    sections: Annotated[int, Field(ge=1, le=3, description="second-order sections of a structured controller")] = 3
+    added_sensors: Annotated[
+        tuple[Literal["inner_displacement_m", "load_pressure_Pa"], ...],
+        Field(description="what lqg and hinf read beside the displacement"),
+    ] = ()
+
+    @property
+    def sensors(self) -> tuple[Sensed, ...]:
+        """All that it reads, in the order of a record."""
+        return tuple(name for name in SENSED if name == SENSED[0] or name in self.added_sensors)
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Only what is synthesised reads more than the displacement."""
+        kind = table.get("kind", table.get("controller", "lag"))
+        if table.get("added_sensors") and kind not in ("lqg", "hinf"):
+            yield Problem("added_sensors", f"a {kind} controller reads the displacement alone; ask for lqg or hinf")
+
+
+class ControllerKind(Sought):
     """Which controller the tuner is to find."""
 
-    kind: Annotated[Literal["proportional", "lag"], Field(description="law that the tuner works with")] = "lag"
-    largest_inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="most mass the tuner may add inside")] = 6.0
+    kind: Annotated[Tuned, Field(description="law that the tuner works with")] = "lag"
 
 
 class DesignProblem(Record):

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.stats import qmc
 
+from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import Form, form_of
 from beamdesign.design.checks import Check, beam_mass, checks, materials
 from beamdesign.design.loop_constraints import limit_slack, loop_slack
@@ -20,6 +21,7 @@ from beamdesign.lumped import beam_figures, fixed_dashpot, hydraulic_figures
 from beamdesign.members import Member, family
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Payload, Prototype
+from beamdesign.records import InputError
 from beamdesign.section import SquareTube
 
 Progress = Callable[[float, str], None]
@@ -232,9 +234,16 @@ def codesign(
         bandwidth_Hz: needed; |x / F_d| stays at or below the goal up to there.
         near: solved neighbouring problems to start from as well (for one controller kind).
         progress: told the share done and what is being done.
+
+    Raises:
+        InputError: for a kind of controller that is not tuned from a seed of its own.
     """
     told = progress or (lambda fraction, text: None)
-    form = form_of(problem.controller.kind)
+    kind = problem.controller.kind
+    if not any(seed.kind == kind for seed in KINDS[kind].seeds()):
+        reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
+        raise InputError(problem.name, [("controller.kind", reason)])
+    form = form_of(kind)
     head = form.size + 2
     told(0.0, "coarse search")
     program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from beamdesign.design.refinement import Proved
 from beamdesign.design.sizing import Sizing, size
-from beamdesign.design.tuning import Tuning, tune
+from beamdesign.design.tuning import Tuning, limited, tune
 from beamdesign.problem import DesignProblem
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
@@ -53,12 +53,15 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     rig = problem.prototype((outer.width_m, outer.wall_m), (inner.width_m, inner.wall_m))
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # a DesignProblem is validated to have the range
+    sought = problem.controller
     tuning = tune(
-        rig,
+        rig.but(goal=limited(rig.goal, sought.kind)),
         masses,
-        problem.controller.kind,
-        problem.controller.largest_inner_end_mass_kg,
+        sought.kind,
+        sought.largest_inner_end_mass_kg,
         lambda fraction, text: told(0.2 + 0.6 * fraction, text),
+        sought.sections,
+        sought.sensors,
     )
     if tuning.best is None:
         return DesignRun(problem, sizing, tuning, None, None, tuning.reason)

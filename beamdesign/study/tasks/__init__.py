@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from beamdesign.problem import DesignProblem
+from beamdesign.problem import DesignProblem, Sought, Tuned
 from beamdesign.prototype import Prototype
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
 
@@ -16,12 +16,10 @@ class NoOptions(Record):
     """A task without options of its own."""
 
 
-class TuneOptions(Record):
+class TuneOptions(Sought):
     """Options of `tune`."""
 
-    controller: Literal["lag", "proportional", "structured"] = "lag"
-    largest_inner_end_mass_kg: NonNegative = 6.0
-    sections: Annotated[int, Field(ge=1, le=3, description="second-order sections of a structured controller")] = 3
+    controller: Tuned = "lag"
 
 
 class CertifyOptions(Record):
@@ -145,7 +143,7 @@ _ROOM = "beamdesign.study.tasks"
 
 TASKS = {
     "run": Task(f"{_ROOM}.run", "problem", NoOptions, "sections, controller and end mass, certified",
-        _columns(f"{_SIZES} {_PROVED} moving_mass_kg", text="governing certificate_sha256")),
+        _columns(f"{_SIZES} {_PROVED} {_SECTIONS} moving_mass_kg", text="governing certificate_sha256")),
     "size": Task(f"{_ROOM}.size", "problem", NoOptions, "sections of least mass, with checks and shadow prices",
         _columns(_SIZES, text="governing")),
     "codesign": Task(f"{_ROOM}.codesign", "problem", CodesignOptions, "least moving mass for a bandwidth",

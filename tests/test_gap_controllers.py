@@ -1,0 +1,128 @@
+"""Data sets taken with a structured law, with an added sensor, with several laws: examined, simulated, diagnosed."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from gap_sets import LAG, believed, measured, scenario
+from scipy.interpolate import CubicSpline
+from scipy.signal import lsim
+
+from beamdesign.control_models import state_space
+from beamdesign.controllers import Controller, Observer, Proportional, Section, Structured
+from beamdesign.gap.data.dataset import Dataset, TimeRecord
+from beamdesign.gap.diagnose import diagnose
+from beamdesign.gap.examination.believed_loop import CHANNELS, believed_loop
+from beamdesign.gap.examination.controller_equation import controller_fit, demanded
+from beamdesign.gap.fitting import search as searching
+from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.prototype import Prototype
+from beamdesign.scenario import Scenario
+from beamdesign.simulate import simulate
+
+SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
+STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
+POLE, SHARE = 2 * pi * 1.75, 1.75 / 26.0
+SENSORS = Observer.of(
+    0.1, ("displacement_m", "load_pressure_Pa"), [[-POLE]], [[POLE * (1 - SHARE), 0.0]], [1.0], [SHARE, 2e-8]
+)
+HEARING = SENSORS.but(b_command=(0.3 * POLE,))
+FEW = ("sensor_lag", "transport_delay", "parameter:flow_gain")
+PRESSURE = ("current_A", "displacement_m", "load_pressure_Pa")
+
+
+def taken(rig: Prototype, law: Controller, channels: tuple[str, ...] = PRESSURE) -> Dataset:
+    """Four records of a rig with a law; the last is taken with proportional control."""
+    plan = scenario(0.6)
+    rows = [row.but(controller=law, outer_end_mass_kg=0.0, inner_end_mass_kg=0.0) for row in plan.record[:4]]
+    rows[3] = rows[3].but(controller=Proportional(gain_A_per_V=0.01))
+    plan = plan.but(record=tuple(rows))
+    data = measured(rig, plan, believed().but(controller=law))
+    records = simulate(rig, plan).records
+    return replace(
+        data,
+        records=tuple(
+            replace(known, measured={name: each.column(name) for name in channels})
+            for known, each in zip(data.records, records, strict=True)
+        ),
+    )
+
+
+@pytest.mark.parametrize("law", [STRUCTURED, SENSORS], ids=lambda law: law.kind)
+def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(law: Controller, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(searching, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+    rig = believed().but(effects={"sensor_lag": {"break_Hz": 250.0}})
+    found = diagnose(taken(rig, law), 1)
+    assert found.verdict == "effect"
+    assert found.chosen == ("sensor_lag",)
+    assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
+    assert found.prototype.controller == law
+    assert found.gap.after < 0.2 * found.gap.before
+
+
+@pytest.mark.parametrize("law", [LAG, STRUCTURED, SENSORS, HEARING], ids=["lag", "structured", "sensors", "command"])
+def test_the_controllers_equation_is_that_of_scipy(law: Controller) -> None:
+    """lsim at 20 times the sampling rate, on splines through the recorded channels; from rest and cut out of it."""
+    times = np.arange(1001) * 1e-3
+    signals = {
+        "command_V": 0.2 * np.sin(2 * pi * 7 * times) ** 3,
+        "displacement_m": 1e-5 * np.sin(2 * pi * 11 * times) ** 2,
+        "load_pressure_Pa": 3e5 * np.sin(2 * pi * 5 * times) ** 2,
+    }
+    fine = np.linspace(0, 1, 20001)
+    volts, moved, pressure = (CubicSpline(times, signal)(fine) for signal in signals.values())
+    model = law.control_model()
+    a, b, c, d = (np.asarray(part) for part in (model.A, model.B, model.C, model.D))
+    heard = np.column_stack([*(volts - 1180 * moved, -pressure)[: model.ninputs], volts])
+    b = np.column_stack([b, law.command_entries(len(a))])
+    _, current, _ = lsim((a, b, c, np.column_stack([d, [[0.0]]])), heard, fine)
+    inputs = np.column_stack([0 * times, signals["command_V"]])
+    record = TimeRecord("x", times, inputs, {**signals, "current_A": current[::20]}, 0.0, 0.0, law)
+    cut = replace(
+        record,
+        times=times[300:],
+        inputs=inputs[300:],
+        measured={name: values[300:] for name, values in record.measured.items()},
+    )
+    for one in (record, cut):
+        size = np.abs(one.measured["current_A"]).max()
+        assert demanded(one, law, 1180.0) == pytest.approx(one.measured["current_A"], abs=1e-3 * size)
+
+
+def test_an_equation_is_not_held_against_what_was_not_recorded() -> None:
+    data = taken(believed(), SENSORS, PRESSURE[:2])
+    assert controller_fit(data.records[0], 1180.0) is None
+    assert controller_fit(data.records[3], 1180.0) is not None
+
+
+@pytest.mark.parametrize("law", [STRUCTURED, SENSORS, HEARING], ids=["structured", "sensors", "command"])
+def test_the_believed_loop_is_that_of_python_control(law: Controller) -> None:
+    rig = believed().but(controller=law, payload=believed().payload.but(inner_end_mass_kg=1.5))
+    closed = state_space(rig, 2.0)
+    at = np.geomspace(0.1, 400, 30)
+    found = believed_loop(rig, law, 2.0, 1.5)
+    assert found.stable == bool(np.all(closed.poles().real < 0))
+    responses, expected = found.responses(at), np.moveaxis(closed(2j * pi * at), 2, 0)
+    for name in {"current_A", "displacement_m", *law.added}:
+        k, row = CHANNELS.index(name), closed.output_labels.index(name)
+        np.testing.assert_allclose(responses[:, k], expected[:, row], rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", [STRUCTURED, SENSORS, HEARING], ids=["structured", "sensors", "command"])
+def test_every_record_is_simulated_with_its_own_law(law: Controller) -> None:
+    """Without noise a record is that of its model, also where the model is made to follow it."""
+    from beamdesign.gap.fitting.followed import followed
+
+    plan = scenario(0.4)
+    rows = tuple(row.but(controller=law) for row in plan.record[1:2]) + plan.record[4:5]
+    quiet = Scenario(name="quiet", duration_s=0.4, record=rows)
+    data = measured(believed(), quiet)
+    placement = NOTHING.placement(data.prototype)
+    z = np.zeros(len(placement.unknowns))
+    for piece in record_evidence(data):
+        for one in (piece, followed(piece)):
+            made = one.predicted(placement, z)
+            assert made is not None
+            np.testing.assert_allclose(made, one.measured, atol=1e-4 * np.abs(one.measured).max())
