@@ -115,6 +115,10 @@ class Sought(Record):
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Only what is synthesised reads more than the displacement."""
         kind = table.get("kind", table.get("controller", "lag"))
+        if kind == "compliance":
+            yield Problem(
+                "kind", "an end stiffness is given to a prototype that stands: `beamdesign stiffness` does so"
+            )
         if table.get("added_sensors") and kind not in ("lqg", "hinf"):
             yield Problem("added_sensors", f"a {kind} controller reads the displacement alone; ask for lqg or hinf")
 

@@ -1,13 +1,16 @@
 """Back to the design: controller and inner end mass tuned and proved anew on the diagnosed prototype."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from beamdesign.design.tuning import tune_alike
+from beamdesign.design.stiffness_search import design
+from beamdesign.design.tuning import Progress, tune_alike
+from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Certificate
+from beamdesign.proof.contact import Wall
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.study.design_run import certified
+from beamdesign.study.stiffness_run import carried_out
 
 
 @dataclass(frozen=True)
@@ -28,9 +31,11 @@ class Redesign:
 
 
 def redesign(
-    diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Callable[[float, str], None] | None = None
+    diagnosed: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None = None
 ) -> Redesign:
     """Tune a controller of the same kind for the largest guaranteed bandwidth on a diagnosed prototype, and prove it.
+
+    One that gives the end a stiffness is sought for the widest band of that stiffness instead.
 
     Args:
         diagnosed: with its effects, and the controller that it had.
@@ -38,6 +43,8 @@ def redesign(
         progress: told the share done and what is being done.
     """
     try:
+        if diagnosed.compliance is not None:
+            return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)
         found = tune_alike(diagnosed, outer_end_mass_kg, progress)
         if found.best is None:
             return Redesign(outer_end_mass_kg, reason=found.reason)
@@ -45,3 +52,18 @@ def redesign(
     except InputError as error:  # an effect for which no linear loop stands
         return Redesign(outer_end_mass_kg, reason=str(error).replace("\n", "; "))
     return Redesign(outer_end_mass_kg, prototype, certificate)
+
+
+_WALL = Wall((exact(0.0), exact(1e9)), (exact(0.0), exact(0.0)))
+"""Stiffness (N/m) and damping (N s/m) of the walls that a compliant end may touch."""
+
+
+def _of_stiffness(
+    diagnosed: Prototype, end_stiffness: float, masses_kg: tuple[float, float], progress: Progress | None
+) -> Redesign:
+    """The same on the diagnosed figures alone, stable in the air at least."""
+    found = design(diagnosed, end_stiffness, masses_kg, _WALL, "stable", progress=progress)
+    if found.best is None:
+        return Redesign(masses_kg, reason=found.reason)
+    done = carried_out(diagnosed, found.best, masses_kg, _WALL)
+    return Redesign(masses_kg, done.prototype, done.certificate)
