@@ -26,7 +26,7 @@ SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_dampi
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
 POLE, SHARE = 2 * pi * 1.75, 1.75 / 26.0
 SENSORS = Observer.of(
-    0.1, ("displacement_m", "load_pressure_Pa"), [[-POLE]], [[POLE * (1 - SHARE), 0.0]], [1.0], [SHARE, 2e-8]
+    0.1, ("displacement_m", "load_pressure_Pa"), [[-POLE]], [[POLE * (1 - SHARE), 0.0]], [1.0], [SHARE, 1e-9]
 )
 HEARING = SENSORS.but(b_command=(0.3 * POLE,))
 FEW = ("sensor_lag", "transport_delay", "parameter:flow_gain")
@@ -125,4 +125,5 @@ def test_every_record_is_simulated_with_its_own_law(law: Controller) -> None:
         for one in (piece, followed(piece)):
             made = one.predicted(placement, z)
             assert made is not None
-            np.testing.assert_allclose(made, one.measured, atol=1e-4 * np.abs(one.measured).max())
+            error = np.abs(made - one.measured).max(axis=0) / np.abs(one.measured).max(axis=0)
+            assert np.all(error < 2e-3)  # of the steps of the integration, which a fit has longer

@@ -197,4 +197,4 @@ def _told(law: Controller) -> dict[str, object]:
 
 
 def _words(law: Controller) -> str:
-    return f"the {law.words()}" if law.lag else "proportional control"
+    return f"the {law.words()} law"
