@@ -240,7 +240,7 @@ def codesign(
     """
     told = progress or (lambda fraction, text: None)
     kind = problem.controller.kind
-    if not any(seed.kind == kind for seed in KINDS[kind].seeds()):
+    if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
         raise InputError(problem.name, [("controller.kind", reason)])
     form = form_of(kind)
