@@ -10,7 +10,7 @@ from pydantic import Field, FiniteFloat
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.files import write_whole
-from beamdesign.prototype import Prototype, refuse_scheduled
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem, Record, numbers
 
 AREA_ROUNDING = 0.05
@@ -137,7 +137,6 @@ def read_any_prototype(path: str | Path) -> AnyPrototype:
     kind = table.get("kind", "twin_beam")
     if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(path, [("kind", f"{kind!r} is no rig known here; known are {', '.join(KINDS)}")])
-    refuse_scheduled(table, path)
     return records.parse(KINDS[kind], table, path)
 
 

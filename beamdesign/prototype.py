@@ -4,14 +4,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, SerializeAsAny
+from pydantic import Field, FiniteFloat, SerializeAsAny, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.controllers import Cascade, Controller
+from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import write_whole
 from beamdesign.materials import unknown_material
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
+from beamdesign.spelling import shorter
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
@@ -283,10 +285,63 @@ class Prototype(Record):
         description="effects beyond the linear rig, [effects.NAME] each; see `beamdesign explain NAME`",
     )
 
+    @property
+    def schedule(self) -> Scheduled | None:
+        """Its controller where that has several laws."""
+        return None if self.controller is None else self.controller.schedule
+
+    @property
+    def outer_end_mass_kg(self) -> tuple[float, float] | None:
+        """Its payloads: those stated, else those of a controller with several laws; None where neither says."""
+        stated = self.payload.outer_end_mass_kg
+        return self.schedule.outer_end_mass_kg if stated is None and self.schedule is not None else stated
+
+    def stages(self, masses_kg: tuple[float, float]) -> "tuple[tuple[Prototype, tuple[float, float]], ...]":
+        """A prototype for each law of its controller, with those of some payloads that it is for.
+
+        Args:
+            masses_kg: payloads (least, most).
+
+        Returns:
+            prototype and payloads of every law that is for some of them; itself with all of them where it has one law.
+
+        Raises:
+            InputError: where some payloads are for no law.
+        """
+        if self.schedule is None:
+            return ((self, masses_kg),)
+        if reason := uncovered(self.schedule, masses_kg):
+            raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
+        found = []
+        for k, (law, (low, high)) in enumerate(self.schedule.laws, start=1):
+            own = max(low, masses_kg[0]), min(high, masses_kg[1])
+            if own[0] <= own[1]:
+                payload = self.payload.but(outer_end_mass_kg=own)
+                name = f"{shorter(self.name)}, stage {k}"
+                found.append((self.but(name=name, controller=law, payload=payload, guarantee=None), own))
+        return tuple(found)
+
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """The beams fit each other."""
         yield from beams_that_do_not_fit(table)
+
+    @model_validator(mode="after")
+    def _laws_cover_the_payload(self) -> "Prototype":
+        asked = self.payload.outer_end_mass_kg
+        if self.schedule is not None and asked is not None and (reason := uncovered(self.schedule, asked)):
+            kind = PydanticCustomError("relation", "{reason}", {"reason": reason})
+            line = InitErrorDetails(type=kind, loc=("payload", "outer_end_mass_kg"), input=asked)
+            raise ValidationError.from_exception_data("Prototype", [line])
+        return self
+
+
+def uncovered(schedule: Scheduled, masses_kg: tuple[float, float]) -> str:
+    """That the laws of a schedule are not for all of some payloads, in words; empty where they are."""
+    low, high = schedule.outer_end_mass_kg
+    if low <= masses_kg[0] and masses_kg[1] <= high:
+        return ""
+    return f"[{masses_kg[0]:g}, {masses_kg[1]:g}] is not covered by the stages, {low:g} to {high:g} kg"
 
 
 def beams_that_do_not_fit(table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -313,23 +368,7 @@ def read_prototype(path: str | Path) -> Prototype:
         raise records.InputError(
             path, [("kind", f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'")]
         )
-    refuse_scheduled(table, path)
     return records.parse(Prototype, table, path)
-
-
-def refuse_scheduled(table: Mapping[str, Any], path: str | Path) -> None:
-    """Say what to do with a prototype whose law is chosen by the payload; see `beamdesign.scheduling.record`.
-
-    Raises:
-        InputError: where its controller is scheduled.
-    """
-    law = table.get("controller")
-    if isinstance(law, dict) and law.get("kind") == "scheduled":
-        words = (
-            "'scheduled' holds several laws, and this command takes one: write one of its stages as kind = 'lag';"
-            " `beamdesign certify-switching` takes them all"
-        )
-        raise records.InputError(path, [("controller.kind", words)])
 
 
 def write_prototype(prototype: Prototype, path: str | Path) -> None:

@@ -42,11 +42,14 @@ class SimulatedRecord:
 
     Attributes:
         name: as in the scenario.
-        samples: (M, 7) columns as in `COLUMNS`; it ends where the loop diverged, and is finite throughout.
+        samples: (M, 7) columns as in `COLUMNS`, and behind them what else `columns` names; it ends where the loop
+            diverged.
         stable: whether it stayed within bounds and any oscillation under constant inputs died out.
         reason: why not, in words; empty where stable.
         diverged_at_s: when the tip passed the scenario's limit; None where it did not.
         oscillation: of the displacement where not stable, None where its turns are too few to tell.
+        columns: what the samples are of.
+        changes: (time in s, number from 1) of every change to another law of several.
     """
 
     name: str
@@ -55,10 +58,12 @@ class SimulatedRecord:
     reason: str = ""
     diverged_at_s: float | None = None
     oscillation: Oscillation | None = None
+    columns: tuple[str, ...] = COLUMNS
+    changes: tuple[tuple[float, int], ...] = ()
 
     def column(self, name: str) -> np.ndarray:
-        """(M,) one of `COLUMNS`."""
-        return np.asarray(self.samples[:, COLUMNS.index(name)])
+        """(M,) one of its columns."""
+        return np.asarray(self.samples[:, self.columns.index(name)])
 
 
 @dataclass(frozen=True)
@@ -82,8 +87,12 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
 
     Raises:
         InputError: where the prototype has no controller or an effect that cannot be, where no equilibrium is found
-            from which to start, or for a payload that is to change.
+            from which to start, or for what its controller cannot be put through, as a payload that is to change.
     """
+    if prototype.schedule is not None:
+        from beamdesign.scheduling.scenario import simulate_stages
+
+        return simulate_stages(prototype, scenario, prototype.schedule)
     wrong = [
         Problem(f"record.{row.name}.payload_change", "is for a scheduled controller")
         for row in scenario.record
@@ -172,7 +181,7 @@ def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, po
     )
     count = len(y)
     samples = np.column_stack([times[:count], inputs[:count], y[:, :4]])
-    return _judged(row, scenario, _measured(samples, scenario, position), samples, inputs, kinds)
+    return _judged(row, scenario, as_measured(samples, scenario, position), samples, inputs, kinds)
 
 
 def _wall_figures(row: ScenarioRecord) -> tuple[float, ...]:
@@ -204,12 +213,7 @@ def _judged(
     """Say whether a record is one of a stable loop."""
     times, displacement = samples[:, 0], samples[:, COLUMNS.index("displacement_m")]
     if len(samples) < len(inputs):
-        found = oscillation(times, displacement, turns=20) if len(samples) > 8 else None
-        at = len(samples) * scenario.sample_s
-        how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
-        limit = scenario.displacement_limit_m
-        reason = f"the outer tip passed {limit:g} m at {at:.4g} s{how}"
-        return SimulatedRecord(row.name, measured, False, reason, at, found)
+        return diverged(row.name, scenario, samples, measured)
     moving = np.nonzero(np.any(np.diff(inputs, axis=0) != 0, axis=1))[0]
     quiet = int(moving[-1]) + 1 if len(moving) else 0
     found = None
@@ -222,11 +226,22 @@ def _judged(
     return SimulatedRecord(row.name, measured, False, reason, None, found)
 
 
+def diverged(name: str, scenario: Scenario, samples: np.ndarray, measured: np.ndarray) -> SimulatedRecord:
+    """A record that ends where the tip passed the scenario's limit."""
+    found = None
+    if len(samples) > 8:
+        found = oscillation(samples[:, 0], samples[:, COLUMNS.index("displacement_m")], turns=20)
+    at = len(samples) * scenario.sample_s
+    how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
+    reason = f"the outer tip passed {scenario.displacement_limit_m:g} m at {at:.4g} s{how}"
+    return SimulatedRecord(name, measured, False, reason, at, found)
+
+
 def _depends_on_time(kinds: Structure) -> bool:
     return any(assemble(kinds).function.which_depends("t", ["rate"]))
 
 
-def _measured(samples: np.ndarray, scenario: Scenario, position: int) -> np.ndarray:
+def as_measured(samples: np.ndarray, scenario: Scenario, position: int) -> np.ndarray:
     """Samples as the instruments give them; a seed gives the same noise whatever other records there are."""
     given = scenario.measurement
     random = np.random.default_rng([given.seed, position])

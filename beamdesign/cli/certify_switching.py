@@ -2,7 +2,7 @@
 
 from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,9 +13,6 @@ from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, progre
 
 if TYPE_CHECKING:
     from beamdesign.proof.lyapunov import Switching
-    from beamdesign.proof.mass_family import Families
-    from beamdesign.prototype import Prototype
-    from beamdesign.scheduling.record import Stage
 
 
 def certify_switching(
@@ -46,71 +43,45 @@ def certify_switching(
     schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
     """
     from beamdesign import quantities as q
-    from beamdesign.scheduling.record import is_scheduled
+    from beamdesign.controllers import refuse
+    from beamdesign.proof.stage_family import stage_families
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
 
-    rig = _scheduled(prototype) if is_scheduled(prototype) else _of_one_law(prototype)
-    low, high = mass_range(outer_end_mass, rig.outer_end_mass_kg, prototype)
+    record = read_prototype(prototype)
+    if record.controller is None:
+        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    for law, _ in record.controller.laws:
+        refuse(law, "one sensor", "certify-switching, whose certificate states one transfer function", prototype)
+    try:
+        families = stage_families(record)
+    except ValueError as error:
+        raise InputError(prototype, [("controller.stage", str(error))]) from error
+    low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     problems = []
     if not low < high:
         problems.append(("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
-    path = certificate_file(out, f"{prototype.stem}.{'stages' if rig.stages else 'switching'}.toml")
+    schedule = record.schedule
+    path = certificate_file(out, f"{prototype.stem}.{'stages' if schedule else 'switching'}.toml")
     refuse_implausible("certify-switching", {"--rate": (rate, q.MassRate)}, problems)
 
     from beamdesign.proof.lyapunov import describe, switching
     from beamdesign.proof.switching_document import switching_document
 
-    record = rig.record
     with progress("Lyapunov functions") as update:
-        found = switching(rig.families, low, high, rate, rig.dwell_s, update)
+        found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
     lines = describe(found)
-    several = f"{len(rig.stages)} stages, " if rig.stages else ""
+    several = f"{len(families)} stages, " if schedule else ""
     say(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
     for line in lines:
         say(f"  {line}")
     if record.effects:
         say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
-    write_certificate(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines), rig.stages))
+    write_certificate(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
     say(f"certificate: {path}")
     write_json(json, switching_fields(found) | {"not_covered": list(record.effects), "certificate": path})
     if not found.stable:
         raise typer.Exit(1)
-
-
-class _Rig(NamedTuple):
-    """What is to be proved: of one law there are no stages and no dwell."""
-
-    record: "Prototype"
-    families: "Families"
-    outer_end_mass_kg: tuple[float, float] | None
-    stages: "tuple[Stage, ...]" = ()
-    dwell_s: float = 0.0
-
-
-def _of_one_law(path: Path) -> _Rig:
-    from beamdesign.controllers import refuse
-    from beamdesign.proof.mass_family import closed_loop
-    from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
-
-    record = read_prototype(path)
-    if record.controller is None:
-        raise InputError(path, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    refuse(record.controller, "one sensor", "certify-switching, whose certificate states one transfer function", path)
-    return _Rig(record, (closed_loop(record),), record.payload.outer_end_mass_kg)
-
-
-def _scheduled(path: Path) -> _Rig:
-    from beamdesign.proof.stage_family import stage_families
-    from beamdesign.records import InputError
-    from beamdesign.scheduling.record import read_scheduled
-
-    rig = read_scheduled(path)
-    try:
-        families = stage_families(rig)
-    except ValueError as error:
-        raise InputError(path, [("controller.stage", str(error))]) from error
-    schedule = rig.schedule
-    return _Rig(rig.prototype, families, schedule.outer_end_mass_kg, schedule.stage, schedule.dwell_s)
 
 
 def switching_fields(found: "Switching") -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """`beamdesign simulate`: time records of a prototype under a scenario."""
 
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,12 +39,7 @@ def simulate(
     from beamdesign.records import InputError, Problem
     from beamdesign.rig.effects import problems
     from beamdesign.scenario import read_scenario
-    from beamdesign.scheduling.record import is_scheduled
 
-    if is_scheduled(prototype):
-        from beamdesign.cli.simulate_scheduled import simulate_scheduled_records
-
-        return simulate_scheduled_records(prototype, scenario, out, plots, json)
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
         return _simulate_bench(rig, prototype, scenario, out, plots, json)
@@ -68,9 +64,14 @@ def simulate(
     for record in found.records:
         if not record.stable:
             say(f"{record.name}: {record.reason}")
+        if "stage" in record.columns:
+            stages = " -> ".join(["1", *(str(stage) for _, stage in record.changes)])
+            mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))
+            known = f"{mass:.3g} kg, give or take {std:.2g}" if isfinite(std) else "nothing"
+            say(f"{record.name}: stages {stages}; of the payload it knows {known}")
     pictures = [_plotted(record, plan, rig) for record in found.records] if plots else []
     tables = {record.name: record.samples for record in found.records}
-    files = write_folder(rig, plan, tables, engine.COLUMNS, pictures, out)
+    files = write_folder(rig, plan, tables, found.records[0].columns, pictures, out)
     write_json(
         json,
         {
@@ -111,7 +112,6 @@ def _plotted(record: Any, plan: Any, rig: Any) -> Any:
     """A simulated record of a twin beam with what its figure draws in."""
     from beamdesign.report.record_plot import PlottedRecord
     from beamdesign.rig.effects import library
-    from beamdesign.simulate import COLUMNS
 
     limits = {"displacement_m": (plan.displacement_limit_m, "limit")}
     limits["load_pressure_Pa"] = (rig.supply.pressure_Pa, "supply")
@@ -119,12 +119,13 @@ def _plotted(record: Any, plan: Any, rig: Any) -> Any:
         limit_A = library()["current_saturation"].parameters[0]
         limits["current_A"] = (given.get(limit_A.name, limit_A.default), "amplifier's limit")
     verdict = "stable" if record.stable else record.reason
-    columns = {name: record.column(name) for name in COLUMNS}
+    columns = {name: record.column(name) for name in record.columns}
     return PlottedRecord(record.name, columns, verdict, record.stable, limits, record.diverged_at_s)
 
 
 def _fields(record: Any, path: Path) -> dict[str, Any]:
     at = record.oscillation
+    changes = {"changes": [{"at_s": when, "stage": stage} for when, stage in record.changes]}
     return {
         "name": record.name,
         "record": path,
@@ -133,4 +134,5 @@ def _fields(record: Any, path: Path) -> dict[str, Any]:
         "diverged_at_s": record.diverged_at_s,
         "oscillation_Hz": None if at is None else at.frequency_Hz,
         "oscillation_growth_per_s": None if at is None else at.growth_per_s,
+        **(changes if "stage" in record.columns else {}),
     }

@@ -14,7 +14,6 @@ from beamdesign.files import write_set
 if TYPE_CHECKING:
     from beamdesign.proof.lyapunov import Switching
     from beamdesign.prototype import Prototype
-    from beamdesign.scheduling.record import ScheduledRig
 
 
 def tune_scheduled(
@@ -43,9 +42,8 @@ def tune_scheduled(
     from beamdesign.proof.lyapunov import describe, switching
     from beamdesign.proof.stage_family import stage_families
     from beamdesign.proof.switching_document import switching_document
-    from beamdesign.records import InputError
+    from beamdesign.records import InputError, to_toml
     from beamdesign.report.quantity import at_least, at_most, mass_range_text
-    from beamdesign.scheduling.record import law_words, scheduled_toml
     from beamdesign.study.design_run import certified
 
     problems = []
@@ -72,43 +70,42 @@ def tune_scheduled(
     with progress("changes of stage") as update:
         proof = switching(stage_families(found.rig), *masses, update=update)
     rig = kept_apart(found.rig, proof)
-    proof = replace(proof, dwell_s=rig.schedule.dwell_s)
+    schedule = rig.schedule
+    assert schedule is not None  # that was tuned
+    proof = replace(proof, dwell_s=schedule.dwell_s)
     words = describe(proof)
     each = [
-        certified(stage, proved, stage.payload.outer_end_mass_kg or masses, f"stage_{k}.certificate.toml")
-        for k, (stage, proved) in enumerate(zip(rig.stages, found.proved, strict=True), start=1)
+        certified(stage, proved, own_kg, f"stage_{k}.certificate.toml")
+        for k, ((stage, own_kg), proved) in enumerate(zip(rig.stages(masses), found.proved, strict=True), start=1)
     ]
     paths: dict[str, Path] = {}
     if out is not None:
         summary = f"{record.name}: changes between {stages} stages\n" + "\n".join(words)
         texts = {
-            "prototype": ("prototype.toml", scheduled_toml(rig)),
-            "certificate_switching": (
-                "stages.certificate.toml",
-                switching_document(rig.prototype, proof, summary, rig.schedule.stage),
-            ),
+            "prototype": ("prototype.toml", to_toml(rig)),
+            "certificate_switching": ("stages.certificate.toml", switching_document(rig, proof, summary)),
         }
         for k, (certificate, _) in enumerate(each, start=1):
             texts[f"certificate_stage_{k}"] = (f"stage_{k}.certificate.toml", certificate.text)
         paths = write_set(out, texts, ("stage_*.certificate.toml",))
     rows: list[tuple[str, ...]] = [
         (
-            f"{stage.outer_end_mass_kg[0]:g} to {stage.outer_end_mass_kg[1]:g}",
+            stage,
             law,
             at_least(proved.bandwidth_Hz, "Hz"),
             at_most(proved.peak_sensitivity, "1"),
         )
-        for stage, law, proved in zip(rig.schedule.stage, law_words(rig.schedule.stage), found.proved, strict=True)
+        for (stage, law), proved in zip(schedule.summary(), found.proved, strict=True)
     ]
-    inner = rig.prototype.payload.inner_end_mass_kg
+    inner = rig.payload.inner_end_mass_kg
     title = f"{record.name}: {stages} stages, {inner:g} kg inside, each stable for {mass_range_text(masses)} outside"
-    say_table(title, ("payload, kg", "law", "guaranteed bandwidth", "peak sensitivity"), rows)
+    say_table(title, ("payload", "law", "guaranteed bandwidth", "peak sensitivity"), rows)
     for line in words:
         say(f"  {line}")
     for kind, path in paths.items():
         say(f"{kind}: {path}")
     answer: dict[str, Any] = {
-        "controller": rig.schedule.model_dump(),
+        "controller": schedule.model_dump(),
         "inner_end_mass_kg": inner,
         "guaranteed": [
             {
@@ -116,7 +113,7 @@ def tune_scheduled(
                 "bandwidth_Hz": proved.bandwidth_Hz,
                 "peak_sensitivity": proved.peak_sensitivity,
             }
-            for stage, proved in zip(rig.schedule.stage, found.proved, strict=True)
+            for stage, proved in zip(schedule.stage, found.proved, strict=True)
         ],
         "alone_bandwidth_Hz": found.alone_Hz,
         "switching": switching_fields(proof),
@@ -127,11 +124,12 @@ def tune_scheduled(
         raise typer.Exit(1)
 
 
-def kept_apart(rig: "ScheduledRig", found: "Switching") -> "ScheduledRig":
+def kept_apart(rig: "Prototype", found: "Switching") -> "Prototype":
     """The rig with changes of stage at least so far apart as is proved to be enough."""
     from beamdesign.proof.rational import nearest
 
-    if found.stages.status != "proved" or found.stages.suffices(rig.schedule.dwell_s):
+    schedule = rig.schedule
+    if schedule is None or found.stages.status != "proved" or found.stages.suffices(schedule.dwell_s):
         return rig
     needed = ceil(100 * nearest(found.stages.dwell_s)) / 100
-    return replace(rig, schedule=rig.schedule.but(dwell_s=needed))
+    return rig.but(controller=schedule.but(dwell_s=needed))

@@ -14,6 +14,7 @@ from beamdesign.controllers.protocol import (
     refuse,
     register,
 )
+from beamdesign.controllers.scheduled import Estimator, Scheduled, Stage
 from beamdesign.controllers.structured import Section, Structured
 
 __all__ = [
@@ -22,17 +23,20 @@ __all__ = [
     "Break",
     "Cascade",
     "Controller",
+    "Estimator",
     "Lag",
     "Observer",
     "Proportional",
+    "Scheduled",
     "Section",
     "Sensed",
     "SensedLaw",
+    "Stage",
     "Structured",
     "TransferFunction",
     "refuse",
     "register",
 ]
 
-for kind in (Proportional, Lag, Structured, Observer):
+for kind in (Proportional, Lag, Structured, Observer, Scheduled):
     register(kind)

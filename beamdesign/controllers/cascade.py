@@ -195,6 +195,8 @@ class Cascade(Controller):
     A kind states its factors, in the order of its fields, whose floats are their figures; all else follows.
     """
 
+    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+
     @property
     @abstractmethod
     def factors(self) -> tuple[Factor, ...]:

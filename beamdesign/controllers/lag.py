@@ -14,7 +14,6 @@ class Lag(Cascade):
 
     checked: ClassVar[bool] = True
     kind: Annotated[Literal["lag"], Field(description="which law, with its own figures")] = "lag"
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
     pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
     zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
 

@@ -2,12 +2,12 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
 
-from beamdesign import quantities as q
 from beamdesign.records import InputError, Record, under_tag
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from beamdesign.controllers.cascade import Break, Cascade, Section
     from beamdesign.controllers.form import Form
     from beamdesign.controllers.observer import Observer
+    from beamdesign.controllers.scheduled import Scheduled
     from beamdesign.rig.electronics import Law
 
 Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa"]
@@ -33,6 +34,11 @@ ERRORS = {
 
 Need = Literal["lag", "lag and sections", "one sensor"]
 """What a purpose needs of a law: a lag at most, one with second-order sections at most, the displacement alone."""
+
+Laws = tuple[tuple["Controller", tuple[float, float]], ...]
+"""Linear laws, each with the payloads (least, most) in kg that it is for."""
+
+ANY_PAYLOAD = (0.0, inf)
 
 Row = tuple[str, str, str]
 """A figure for people: name, value in full, what it means."""
@@ -66,7 +72,7 @@ class SensedLaw:
 
 
 class Controller(Record):
-    """A linear law from what is sensed to the current of the valve.
+    """A linear law from what is sensed to the current of the valve, or several that take turns.
 
     A kind derives from this in a file of its own, gives `kind` its name as the default, and is made known by
     `register`. A field of this type then takes any registered kind, one of a type between only those that derive from
@@ -74,9 +80,14 @@ class Controller(Record):
     """
 
     kind: str
-    gain_A_per_V: q.LawGain
     checked: ClassVar[bool] = False
     """Whether the certificates' checkers know the kind, and make its polynomials of its figures themselves."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def gain_A_per_V(self) -> float:
+            """Factor on the whole of a linear law, a field of every kind of those."""
 
     @classmethod
     def variants(cls) -> list[type[Record]]:
@@ -100,6 +111,11 @@ class Controller(Record):
             return kinds[tag].model_validate(data)  # type: ignore[return-value]
         except ValidationError as error:
             raise under_tag(error, tag) from None
+
+    @property
+    def laws(self) -> Laws:
+        """Its linear laws with their payloads, which overlap from one to the next: itself for any where it is one."""
+        return ((self, ANY_PAYLOAD),)
 
     @property
     def senses(self) -> tuple[Sensed, ...]:
@@ -191,6 +207,11 @@ class Controller(Record):
         return None
 
     @property
+    def schedule(self) -> "Scheduled | None":
+        """Itself where it has several laws, with how one of them is chosen."""
+        return None
+
+    @property
     def lag(self) -> "Break | None":
         """The lag that it begins with, where it has one."""
         return None
@@ -261,5 +282,5 @@ def refuse(controller: Controller, need: Need, purpose: str, source: object) -> 
         InputError: where it lacks what is needed.
     """
     if reason := controller.lacks(need):
-        key = "controller.sensors" if need == "one sensor" else "controller.kind"
+        key = "controller.sensors" if need == "one sensor" and controller.added else "controller.kind"
         raise InputError(str(source), [(key, f"{controller.kind!r} is not for {purpose}: it {reason}")])

@@ -24,7 +24,6 @@ class Structured(Cascade):
 
     checked: ClassVar[bool] = True
     kind: Annotated[Literal["structured"], Field(description="which law, with its own figures")] = "structured"
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
     pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
     zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
     section: Annotated[

@@ -20,13 +20,12 @@ from math import prod
 
 import numpy as np
 
-from beamdesign.controllers import Lag
+from beamdesign.controllers import Estimator, Lag, Scheduled, Stage
 from beamdesign.design.law_search import Search, from_seeds, search
 from beamdesign.design.refinement import Proved
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ
 from beamdesign.members import Member, family
 from beamdesign.prototype import Goal, Prototype
-from beamdesign.scheduling.record import Estimator, Scheduled, ScheduledRig, Stage
 
 Progress = Callable[[float, str], None]
 
@@ -62,13 +61,13 @@ class ScheduleTuning:
     """Outcome of `tune_schedule`.
 
     Attributes:
-        rig: the prototype with its schedule; None where a stage was not proved.
+        rig: the prototype with its laws; None where a stage was not proved.
         proved: of every stage, what it guarantees over its own payloads.
         alone_Hz: bandwidth of every stage tuned with a mass inside of its own: what no common mass can exceed.
         reason: why there is no answer, empty where there is one.
     """
 
-    rig: ScheduledRig | None
+    rig: Prototype | None
     proved: tuple[Proved, ...]
     alone_Hz: tuple[float, ...]
     reason: str = ""
@@ -184,8 +183,8 @@ def tune_schedule(
         estimator=figures,
     )
     payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=complete[0].inner_end_mass_kg)
-    bare = prototype.but(controller=None, payload=payload, guarantee=None)
-    return ScheduleTuning(ScheduledRig(bare, schedule), complete, bandwidths)
+    found = prototype.but(controller=schedule, payload=payload, guarantee=None)
+    return ScheduleTuning(found, complete, bandwidths)
 
 
 def _hertz(proved: Proved | None) -> float:

@@ -3,11 +3,12 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from math import isinf
+from math import isinf, pi
 from typing import Any
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
+from beamdesign.controllers import Stage
 from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
 from beamdesign.lumped import figures
@@ -97,7 +98,11 @@ def rig_lines(prototype: Prototype) -> Iterator[str]:
 
 
 def controller_lines(prototype: Prototype) -> Iterator[str]:
-    """The table of the controller: its figures and its polynomials."""
+    """The table of the controller, its figures and its polynomials; of several laws the figures of each."""
+    if prototype.schedule is not None:
+        for stage in prototype.schedule.stage:
+            yield from _stage_lines(stage)
+        return
     controller = prototype.controller
     assert controller is not None  # there is a loop
     law = controller.sensed_law()
@@ -114,6 +119,25 @@ def controller_lines(prototype: Prototype) -> Iterator[str]:
         yield "[[controller.section]]"
         yield from (f'{name} = "{text(exact(value))}"' for name, value in section.items())
         yield ""
+
+
+def _stage_lines(stage: Stage) -> Iterator[str]:
+    yield "# A law, from error voltage (V) to current (A)."
+    yield "[[stage]]"
+    yield f'gain_A_per_V = "{text(exact(stage.gain_A_per_V))}"'
+    for name in ("pole", "zero"):
+        yield from _break(name, getattr(stage, f"{name}_Hz"))
+    for section in stage.section:
+        yield "[[stage.section]]"
+        for name in ("pole", "zero"):
+            yield from _break(name, getattr(section, f"{name}_Hz"))
+            yield f'{name}_damping_ratio = "{text(exact(getattr(section, f"{name}_damping_ratio")))}"'
+    yield ""
+
+
+def _break(name: str, frequency_Hz: float) -> Iterator[str]:
+    yield f'{name}_Hz = "{text(exact(frequency_Hz))}"'
+    yield f'{name}_rad_per_s = "{text(exact(2 * pi * frequency_Hz))}"'
 
 
 def _stated(value: str | float | tuple[Any, ...]) -> str:

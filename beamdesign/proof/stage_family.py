@@ -19,22 +19,24 @@ from beamdesign.controllers import Cascade
 from beamdesign.linear import LinearModel
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
-from beamdesign.proof.mass_family import MassFamily
-from beamdesign.scheduling.record import ScheduledRig
+from beamdesign.proof.mass_family import Families, MassFamily, closed_loop
+from beamdesign.prototype import Prototype
 
 Row = list[fmpq]
 
 
-def stage_families(rig: ScheduledRig) -> tuple[MassFamily, ...]:
-    """The matrices A(m) of every stage, in the same states.
+def stage_families(prototype: Prototype) -> Families:
+    """The matrices A(m) with every law of a prototype's controller; those of several in the same states.
 
     Raises:
         InputError: where the prototype carries effects.
-        ValueError: where a law with sections has no filter before it: it would feel accelerations, which the mass sets.
+        ValueError: without a controller, or where one of several laws has sections and no filter before them: they
+            would feel accelerations, which the mass sets.
     """
-    plant = paper_model(rig.prototype)
-    inner = exact(rig.prototype.payload.inner_end_mass_kg)
-    return tuple(stage_family(plant, inner, stage.law) for stage in rig.schedule.stage)
+    if prototype.schedule is None:
+        return (closed_loop(prototype),)
+    plant, inner = paper_model(prototype), exact(prototype.payload.inner_end_mass_kg)
+    return tuple(stage_family(plant, inner, stage.law) for stage in prototype.schedule.stage)
 
 
 def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFamily:

@@ -5,7 +5,7 @@ states and have different words for the same claims.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import isinf, pi
+from math import isinf
 from types import MappingProxyType
 
 from flint import fmpq, fmpq_mat
@@ -15,21 +15,20 @@ from beamdesign.proof.document import controller_lines, quoted, remarks, rig_lin
 from beamdesign.proof.lyapunov import Switching
 from beamdesign.proof.rational import text
 from beamdesign.prototype import Prototype
-from beamdesign.scheduling.record import Stage
 
 KIND, STAGES_KIND = "beamdesign.switching", "beamdesign.stages"
 VERSION = 1
 
 
-def switching_document(prototype: Prototype, found: Switching, summary: str, stages: Sequence[Stage] = ()) -> str:
+def switching_document(prototype: Prototype, found: Switching, summary: str) -> str:
     """Write the certificate: figures, laws, Lyapunov matrices and counterexamples, all in exact decimals.
 
     Args:
-        prototype: whose figures it states.
+        prototype: whose figures it states, with one law or several that act in turn.
         found: what was proved and refuted of it.
         summary: the result in words, put on top as a comment.
-        stages: the laws that act in turn; that of the prototype by itself where they are left out.
     """
+    stages = prototype.schedule is not None
     checker = "-m beamdesign.proof.replay_stages" if stages else "beamdesign/proof/replay_lyapunov.py"
     shared = "which all stages share and none resets" if stages else "of which none but the velocity jumps"
     low, high = (text(exact(value)) for value in found.outer_end_mass_kg)
@@ -51,8 +50,7 @@ def switching_document(prototype: Prototype, found: Switching, summary: str, sta
         f'high = "{high}"',
         "",
         *rig_lines(prototype),
-        *(line for stage in stages for line in _stage_lines(stage)),
-        *([] if stages else _law_lines(prototype)),
+        *(controller_lines(prototype) if stages else _law_lines(prototype)),
         *_claims(found),
         *_counterexamples(found),
     ]
@@ -68,25 +66,6 @@ def _law_lines(prototype: Prototype) -> Iterator[str]:
         yield line if stated or not line else f"# {line}"
         if line == "[controller]" and not known:
             yield 'kind = "transfer_function"'
-
-
-def _stage_lines(stage: Stage) -> Iterator[str]:
-    yield "# A law, from error voltage (V) to current (A)."
-    yield "[[stage]]"
-    yield f'gain_A_per_V = "{text(exact(stage.gain_A_per_V))}"'
-    for name in ("pole", "zero"):
-        yield from _frequency(name, getattr(stage, f"{name}_Hz"))
-    for section in stage.section:
-        yield "[[stage.section]]"
-        for name in ("pole", "zero"):
-            yield from _frequency(name, getattr(section, f"{name}_Hz"))
-            yield f'{name}_damping_ratio = "{text(exact(getattr(section, f"{name}_damping_ratio")))}"'
-    yield ""
-
-
-def _frequency(name: str, frequency_Hz: float) -> Iterator[str]:
-    yield f'{name}_Hz = "{text(exact(frequency_Hz))}"'
-    yield f'{name}_rad_per_s = "{text(exact(2 * pi * frequency_Hz))}"'
 
 
 def _claims(found: Switching) -> Iterator[str]:

@@ -17,7 +17,6 @@ from beamdesign.records import Record, nested_records
 
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
-    "scheduled prototype": "beamdesign.scheduling.record:ScheduledController",
     "study": "beamdesign.problem:DesignProblem",
     "sweep": "beamdesign.study.sweep_file:Sweep",
     "scenario": "beamdesign.scenario:Scenario",

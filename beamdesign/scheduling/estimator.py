@@ -26,10 +26,10 @@ from math import exp, inf, sqrt
 
 import numpy as np
 
+from beamdesign.controllers import Scheduled
 from beamdesign.linear import LinearModel
 from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
-from beamdesign.scheduling.record import Scheduled
 
 CANDIDATES = 17
 MARGIN = 0.1

@@ -1,9 +1,13 @@
-"""Records of a scenario as courses for a scheduled controller."""
+"""Records of a scenario as courses for a scheduled controller, and what comes of them."""
 
-from beamdesign.records import Problem
+from dataclasses import replace
+
+from beamdesign.controllers import Scheduled
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
-from beamdesign.scheduling.record import Scheduled
-from beamdesign.scheduling.simulation import Course
+from beamdesign.scheduling.simulation import COLUMNS, Course, simulate_scheduled
+from beamdesign.simulate import SimulatedRecord, Simulation, as_measured, diverged
 
 
 def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
@@ -28,7 +32,36 @@ def unfit(scenario: Scenario, schedule: Scheduled) -> list[Problem]:
     found += [
         Problem(f"record.{row.name}.{name}", "is not for a scheduled controller")
         for row in scenario.record
-        for name in ("controller", "inner_end_mass_kg", "start_m")
+        for name in ("controller", "inner_end_mass_kg")
         if getattr(row, name) is not None
     ]
     return found
+
+
+def simulate_stages(prototype: Prototype, scenario: Scenario, schedule: Scheduled) -> Simulation:
+    """Simulate the records of a scenario, each begun with the first stage.
+
+    Law and estimator work at the schedule's period and hear the sensor with its noise where the prototype states it.
+    Under noise nothing comes to rest, so that a record is called stable as long as the tip stays within the limit.
+
+    Raises:
+        InputError: for what a scheduled controller has not, and where there is no equilibrium to start from.
+    """
+    if wrong := unfit(scenario, schedule):
+        raise InputError(scenario.name, wrong)
+    return Simulation(tuple(_simulated(prototype, scenario, row, k) for k, row in enumerate(scenario.record)))
+
+
+def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    noise, seed = prototype.sensor.noise_V or 0.0, scenario.measurement.seed + position
+    course, limit = course_of(row, scenario), scenario.displacement_limit_m
+    try:
+        found = simulate_scheduled(prototype, course, noise_V=noise, seed=seed, limit_m=limit)
+    except ValueError as error:
+        raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
+    samples = found.samples
+    measured = as_measured(samples, scenario, position)
+    record = SimulatedRecord(row.name, measured, True)
+    if found.diverged:
+        record = diverged(row.name, scenario, samples, measured)
+    return replace(record, columns=COLUMNS, changes=found.changes)

@@ -13,23 +13,13 @@ from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, structure_of
 from beamdesign.sampled import digital_law
 from beamdesign.scheduling.estimator import PayloadEstimator
-from beamdesign.scheduling.record import ScheduledRig
 from beamdesign.scheduling.switch import next_stage
+from beamdesign.simulate import COLUMNS as SIMULATED
 from beamdesign.simulate import half_steps, substeps_for
 
-COLUMNS = (
-    "t_s",
-    "disturbance_N",
-    "current_A",
-    "displacement_m",
-    "sensor_V",
-    "outer_end_mass_kg",
-    "stage",
-    "estimate_kg",
-    "estimate_std_kg",
-)
+COLUMNS = (*SIMULATED, "sensor_V", "outer_end_mass_kg", "stage", "estimate_kg", "estimate_std_kg")
 LIMIT_M = 0.02
-"""Displacement at which a loop has diverged."""
+"""Displacement at which a loop has diverged, where nothing else is said."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +44,7 @@ class ScheduledRecord:
     """A record of a scheduled controller.
 
     Attributes:
-        samples: (M, 9) columns as in `COLUMNS`; it ends where the tip passed `LIMIT_M`. Stages are numbered from 1.
+        samples: (M, 12) columns as in `COLUMNS`; it ends where the tip passed its limit. Stages are numbered from 1.
         diverged: whether it did.
         changes: (time in s, number of the new stage from 1) of every change.
     """
@@ -69,34 +59,37 @@ class ScheduledRecord:
 
 
 def simulate_scheduled(
-    rig: ScheduledRig,
+    rig: Prototype,
     course: Course,
     built: Prototype | None = None,
     first_stage: int = 0,
     adaptive: bool = True,
     noise_V: float = 0.0,
     seed: int = 0,
+    limit_m: float = LIMIT_M,
 ) -> ScheduledRecord:
     """Simulate a scheduled controller.
 
     Law and estimator hear the sensor with its noise at sample times; the estimator believes the prototype of `rig`.
 
     Args:
-        rig: the prototype with its schedule.
+        rig: the prototype with a controller that has several laws.
         course: what is done to it.
         built: the rig that really moves, with its effects; that of the prototype where left out.
         first_stage: that acts at first, from 0.
         adaptive: whether the stage follows the estimate; else it stays.
         noise_V: standard deviation of the sensor's noise.
         seed: of the noise.
+        limit_m: displacement at which the loop has diverged.
 
     Raises:
         InputError: for effects that cannot be.
         ValueError: where there is no equilibrium to start from.
     """
     schedule = rig.schedule
+    assert schedule is not None  # the caller has seen that there are several laws
     laws = [stage.law for stage in schedule.stage]
-    plant = (built or rig.prototype).but(controller=laws[0])
+    plant = (built or rig).but(controller=laws[0])
     inner, period = plant.payload.inner_end_mass_kg, schedule.period_s
     kinds, continuous = structure_of(plant, True), assemble(structure_of(plant))
     states = assemble(kinds).states
@@ -120,7 +113,7 @@ def simulate_scheduled(
     error, current = -measured, laws[first_stage].gain_A_per_V * -measured
 
     hop = round(schedule.estimator.update_s / period)
-    estimator = PayloadEstimator(rig.prototype, schedule)
+    estimator = PayloadEstimator(rig, schedule)
     stage, changed = first_stage, -np.inf
     rows: list[np.ndarray] = []
     changes: list[tuple[float, int]] = []
@@ -143,7 +136,7 @@ def simulate_scheduled(
             state,
             figures(mass),
             substeps,
-            LIMIT_M,
+            limit_m,
             law,
         )
         whole = len(y) == end - begin + 1
@@ -154,12 +147,10 @@ def simulate_scheduled(
             current = law[2] * (law[3] * value + law[4] * error) - law[5] * current
             error = value
         estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
-        block = np.empty((len(y), len(COLUMNS)))
-        block[:, 0], block[:, 1] = np.arange(begin, begin + len(y)) * period, course.force_N[here]
-        block[:, 2], block[:, 3] = y[:, OUTPUTS.index("current_A")], y[:, OUTPUTS.index("outer_displacement_m")]
-        block[:, 4], block[:, 5], block[:, 6] = volts, mass, stage + 1
-        block[:, 7], block[:, 8] = estimate.outer_end_mass_kg, estimate.std_kg
-        rows.append(block)
+        told = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
+        times = np.arange(begin, begin + len(y)) * period
+        given = (times, course.force_N[here], command[here])
+        rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(told, (len(y), 1))]))
         if not whole:
             return ScheduledRecord(np.vstack(rows), True, tuple(changes))
         chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage

@@ -2,8 +2,8 @@
 
 from math import inf
 
+from beamdesign.controllers import Scheduled
 from beamdesign.scheduling.estimator import Estimate
-from beamdesign.scheduling.record import Scheduled
 
 
 def next_stage(schedule: Scheduled, stage: int, estimate: Estimate, since_s: float) -> int:

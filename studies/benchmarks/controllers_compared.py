@@ -70,20 +70,11 @@ def tuned(prototype: Prototype, masses: Range, kind: str) -> Design | None:
 
 def read(name: str, path: Path, first: Prototype, masses: Range) -> Design:
     """A design from its file, with the goal and the effects of the first; it has to be for the same rig."""
-    from beamdesign.scheduling.record import is_scheduled, read_scheduled
-
-    goal = first.goal
-    if is_scheduled(path):
-        rig = read_scheduled(path)
-        stages = [
-            (one.but(goal=goal, effects=first.effects), stage.outer_end_mass_kg)
-            for one, stage in zip(rig.stages, rig.schedule.stage, strict=True)
-        ]
-    else:
-        stages = [(read_prototype(path).but(goal=goal, effects=first.effects), masses)]
+    rig = read_prototype(path).but(goal=first.goal, effects=first.effects)
+    stages = rig.stages(rig.schedule.outer_end_mass_kg if rig.schedule is not None else masses)
     if figures(stages[0][0]) != figures(first):
         raise SystemExit(f"{path}: another rig than the first prototype's")
-    return Design(name, tuple(stages))
+    return Design(name, stages)
 
 
 def row(design: Design, rigs: int, force_N: float) -> Row:

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 from delivered_bandwidth import DEVIATIONS, rig_of
 
-from beamdesign.controllers import Lag
+from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.design.tuning import tune
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.scheduling.record import ScheduledRig, Stage, read_scheduled
 from beamdesign.scheduling.simulation import Course, ScheduledRecord, simulate_scheduled
 from beamdesign.study.delivered import MEASURED_WITHIN, drawn
 
@@ -32,9 +31,15 @@ DRAWN = 4
 """One sample in so many is drawn."""
 
 
-def fixed_beside(rig: ScheduledRig) -> ScheduledRig:
+def schedule_of(rig: Prototype) -> Scheduled:
+    """Its several laws."""
+    assert rig.schedule is not None
+    return rig.schedule
+
+
+def fixed_beside(rig: Prototype) -> Prototype:
     """The robust lag over the same payloads, with its own mass inside, as the law of every stage."""
-    tuned = tune(rig.prototype, rig.schedule.outer_end_mass_kg).prototype
+    tuned = tune(rig, schedule_of(rig).outer_end_mass_kg).prototype
     law = tuned.controller
     assert isinstance(law, Lag)
     stages = [
@@ -44,21 +49,21 @@ def fixed_beside(rig: ScheduledRig) -> ScheduledRig:
             pole_Hz=law.pole_Hz,
             zero_Hz=law.zero_Hz,
         )
-        for stage in rig.schedule.stage
+        for stage in schedule_of(rig).stage
     ]
-    return ScheduledRig(tuned.but(controller=None), rig.schedule.but(stage=tuple(stages)))
+    return tuned.but(controller=schedule_of(rig).but(stage=tuple(stages)))
 
 
-def built(rig: ScheduledRig, count: int) -> list[Prototype]:
+def built(rig: Prototype, count: int) -> list[Prototype]:
     """The nonlinear rig as designed, then others off by tolerances."""
-    plain = rig_of(rig.prototype)
+    plain = rig_of(rig)
     deviations = {name: size for name, size in DEVIATIONS.items() if name != "filter_frequency"}
     return [plain, *drawn(plain, deviations, count - 1)] if count > 1 else [plain]
 
 
-def load_step(rig: ScheduledRig, height_N: float, duration_s: float, at: Sequence[tuple[float, float]]) -> np.ndarray:
+def load_step(rig: Prototype, height_N: float, duration_s: float, at: Sequence[tuple[float, float]]) -> np.ndarray:
     """A force (N,) that goes to a share of the height at each of some times."""
-    times = np.arange(round(duration_s / rig.schedule.period_s)) * rig.schedule.period_s
+    times = np.arange(round(duration_s / schedule_of(rig).period_s)) * schedule_of(rig).period_s
     force, before = np.zeros(len(times)), 0.0
     for begins, share in at:
         rise = 0.5 - 0.5 * np.cos(np.pi * np.clip((times - begins) / RISE_S, 0, 1))
@@ -67,11 +72,11 @@ def load_step(rig: ScheduledRig, height_N: float, duration_s: float, at: Sequenc
     return force
 
 
-def random_force(rig: ScheduledRig, height_N: float, duration_s: float, seed: int) -> np.ndarray:
+def random_force(rig: Prototype, height_N: float, duration_s: float, seed: int) -> np.ndarray:
     """A multisine from 1 to 100 Hz, (N,)."""
     signal = Multisine(amplitude_N=height_N, low_Hz=1.0, high_Hz=100.0, seed=seed)
     plan = Scenario(
-        name="force", duration_s=duration_s, sample_s=rig.schedule.period_s, record=(ScenarioRecord(name="force"),)
+        name="force", duration_s=duration_s, sample_s=schedule_of(rig).period_s, record=(ScenarioRecord(name="force"),)
     )
     return inputs_of(ScenarioRecord(name="force", input=(signal,)), plan)[:, 0]
 
@@ -87,7 +92,7 @@ class Guessed:
     count: int
 
 
-def guessed(rig: ScheduledRig, rigs: Sequence[Prototype], kind: str, height_N: float) -> Guessed:
+def guessed(rig: Prototype, rigs: Sequence[Prototype], kind: str, height_N: float) -> Guessed:
     """The estimates at the end of records, each begun with the lightest stage."""
     errors, waits, none, right, count = [], [], 0, 0, 0
     for k, one in enumerate(rigs):
@@ -101,9 +106,9 @@ def guessed(rig: ScheduledRig, rigs: Sequence[Prototype], kind: str, height_N: f
                 command = load_step(rig, COMMAND_V, 0.6, [(LOADED_S, 1.0)])
             course = Course(force, ((0.0, payload),), command_V=command)
             found = simulate_scheduled(rig, course, one, noise_V=NOISE_V, seed=k)
-            counts = found.column("estimate_std_kg") <= rig.schedule.estimator.largest_std_kg
+            counts = found.column("estimate_std_kg") <= schedule_of(rig).estimator.largest_std_kg
             count += 1
-            low, high = rig.schedule.stage[round(found.column("stage")[-1]) - 1].outer_end_mass_kg
+            low, high = schedule_of(rig).stage[round(found.column("stage")[-1]) - 1].outer_end_mass_kg
             right += low <= payload <= high
             if not counts.any():
                 none += 1
@@ -122,7 +127,7 @@ class Step:
     bandwidth_Hz: float
 
 
-def stepped(rig: ScheduledRig, one: Prototype, payload: float, height_N: float, adaptive: bool, seed: int) -> Step:
+def stepped(rig: Prototype, one: Prototype, payload: float, height_N: float, adaptive: bool, seed: int) -> Step:
     """The second of two load steps, and the compliance under a random force after them."""
     force = load_step(rig, height_N, 1.2, [(LOADED_S, 1.0), (0.7, 0.0)])
     course = Course(np.append(force, random_force(rig, height_N, 4.0, seed)), ((0.0, payload),))
@@ -143,29 +148,27 @@ def stepped(rig: ScheduledRig, one: Prototype, payload: float, height_N: float, 
     return Step(peak, settled, _bandwidth(course.force_N[late], difference, rig))
 
 
-def _bandwidth(force: np.ndarray, moved: np.ndarray, rig: ScheduledRig) -> float:
+def _bandwidth(force: np.ndarray, moved: np.ndarray, rig: Prototype) -> float:
     """Up to which the measured compliance keeps to the goal, Hz."""
     from scipy.signal import csd, welch
 
-    rate = 1 / rig.schedule.period_s
+    rate = 1 / schedule_of(rig).period_s
     frequency, across = csd(force, moved, rate, "hann", round(2 * rate), detrend=False)
     _, own = welch(force, rate, "hann", round(2 * rate), detrend=False)
     band = (frequency >= 2) & (frequency <= 90)
-    over = np.nonzero(np.abs(across[band]) / own[band] > (1 + MEASURED_WITHIN) * rig.prototype.goal.compliance_m_per_N)[
-        0
-    ]
+    over = np.nonzero(np.abs(across[band]) / own[band] > (1 + MEASURED_WITHIN) * rig.goal.compliance_m_per_N)[0]
     return float(frequency[band][over[0] - 1]) if len(over) and over[0] else 0.0
 
 
-def gripped(rig: ScheduledRig, one: Prototype, height_N: float, adaptive: bool) -> ScheduledRecord:
+def gripped(rig: Prototype, one: Prototype, height_N: float, adaptive: bool) -> ScheduledRecord:
     """A load comes and goes; then the largest payload is gripped, at rest, and the load comes and goes again."""
-    high = rig.schedule.outer_end_mass_kg[1]
+    high = schedule_of(rig).outer_end_mass_kg[1]
     force = load_step(rig, height_N, 2.4, [(0.2, 1.0), (0.6, 0.0), (1.2, 1.0), (1.6, 0.0), (2.0, 1.0)])
     course = Course(force, ((0.0, 0.0), (0.9, high)), "from_rest")
     return simulate_scheduled(rig, course, one, adaptive=adaptive, noise_V=NOISE_V, seed=1)
 
 
-def draw(fixed: ScheduledRecord, scheduled: ScheduledRecord, rig: ScheduledRig, path: Path) -> Path:
+def draw(fixed: ScheduledRecord, scheduled: ScheduledRecord, rig: Prototype, path: Path) -> Path:
     """The tip with both controllers, and the payload with its estimate and the stage, as SVG."""
     figure = new_figure(190, 120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -175,12 +178,12 @@ def draw(fixed: ScheduledRecord, scheduled: ScheduledRecord, rig: ScheduledRig, 
     above.set_ylabel("tip of the outer beam, µm")
     above.legend(loc="upper left", frameon=False)
     times, stage = scheduled.column("t_s")[::DRAWN], scheduled.column("stage")[::DRAWN]
-    ranges = np.array([one.outer_end_mass_kg for one in rig.schedule.stage])[stage.astype(int) - 1]
+    ranges = np.array([one.outer_end_mass_kg for one in schedule_of(rig).stage])[stage.astype(int) - 1]
     below.fill_between(
         times, ranges[:, 0], ranges[:, 1], color="0.88", lw=0, step="post", label="range of the stage that acts"
     )
     below.plot(times, scheduled.column("outer_end_mass_kg")[::DRAWN], label="payload", **STYLES[3])
-    known = scheduled.column("estimate_std_kg") <= rig.schedule.estimator.largest_std_kg
+    known = scheduled.column("estimate_std_kg") <= schedule_of(rig).estimator.largest_std_kg
     estimate = np.where(known, scheduled.column("estimate_kg"), np.nan)
     below.plot(times, estimate[::DRAWN], label="estimate", lw=1.2, **STYLES[0])
     below.set(ylabel="payload, kg", xlabel="time, s", xlim=(0, times[-1]), ylim=(-0.6, 8.4))
@@ -195,7 +198,7 @@ def main() -> None:
     parser.add_argument("--force-N", type=float, default=40.0)
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args()
-    rig = read_scheduled(SCHEDULED)
+    rig = read_prototype(SCHEDULED)
     rigs = built(rig, given.rigs)
     print(f"estimates of the payload, {len(rigs)} nonlinear rigs with {', '.join(map(str, PAYLOADS_KG))} kg")
     heads = f"{'bias, kg':>9} {'std, kg':>8} {'worst, kg':>9} {'first after':>12} {'none':>9} {'stage right':>12}"

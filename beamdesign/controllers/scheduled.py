@@ -1,22 +1,17 @@
-"""A controller with one law for each part of the payload's range, and the file of a prototype that carries it."""
+"""Several laws, one for each part of the payload's range, chosen by an estimate of the payload."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn, Self
 
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign import records
-from beamdesign.controllers import Lag, Section, Structured
-from beamdesign.files import write_whole
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError, Problem, Record, numbers
-from beamdesign.spelling import shorter
-
-KIND = "scheduled"
+from beamdesign.controllers.cascade import Section
+from beamdesign.controllers.lag import Lag
+from beamdesign.controllers.protocol import Controller, Laws, Need, Row, refuse
+from beamdesign.controllers.structured import Structured
+from beamdesign.records import Problem, Record, numbers
 
 
 class Stage(Record):
@@ -74,8 +69,11 @@ class Estimator(Record):
     )
 
 
-class Scheduled(Record):
-    """Several laws, one for each part of the payload's range, chosen by an estimate of the payload."""
+class Scheduled(Controller):
+    """Several laws, one for each part of the payload's range, chosen by an estimate of the payload.
+
+    What a linear law can be asked for is asked of its `laws`, one at a time; it refuses that itself.
+    """
 
     kind: Annotated[Literal["scheduled"], Field(description="which law, with its own figures")] = "scheduled"
     period_s: Annotated[q.SamplePeriod, Field(description="from sample to sample of the law and the estimator")] = (
@@ -88,9 +86,53 @@ class Scheduled(Record):
     estimator: Estimator = Estimator()
 
     @property
+    def laws(self) -> Laws:
+        """The law of every stage with its payloads."""
+        return tuple((stage.law, stage.outer_end_mass_kg) for stage in self.stage)
+
+    @property
     def outer_end_mass_kg(self) -> tuple[float, float]:
-        """The payloads that the stages cover together."""
+        """The payloads that its stages cover together."""
         return self.stage[0].outer_end_mass_kg[0], self.stage[-1].outer_end_mass_kg[1]
+
+    @property
+    def schedule(self) -> Self:
+        """Itself."""
+        return self
+
+    def lacks(self, need: Need) -> str:
+        """That it is no law by itself."""
+        return f"holds {len(self.stage)} laws, each for a part of the payloads; give one of them"
+
+    def _refused(self, *given: Any) -> NoReturn:
+        refuse(self, "one sensor", "what takes one law", "prototype")
+        raise AssertionError("never here")
+
+    gain_A_per_V = equations = property(_refused)
+    sensed_law = sensor_responses = gain_at_high_frequency = control_model = figures = _refused
+
+    def words(self, digits: int = 3) -> str:
+        """Its kind and how many laws it has."""
+        return f"{self.kind}, {len(self.stage)} laws"
+
+    def summary(self) -> list[tuple[str, str]]:
+        """The law of every stage in one row."""
+        return [
+            (
+                f"stage {k}, {low:g} to {high:g} kg",
+                f"{law.gain_A_per_V:g} A/V, {law.words(6)}"
+                + (f", {len(law.sections)} sections" if law.sections else ""),
+            )
+            for k, (law, (low, high)) in enumerate(self.laws, start=1)
+        ]
+
+    def rows(self) -> list[Row]:
+        """The figures of every stage, one after the other."""
+        return [
+            (f"{name}, {low:g} to {high:g} kg", value, meaning)
+            for law, (low, high) in self.laws
+            for name, value, meaning in law.rows()
+        ]
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -116,93 +158,3 @@ class Scheduled(Record):
 
 def _field(record: Any, name: str) -> Any:
     return record.get(name) if isinstance(record, Mapping) else getattr(record, name, None)
-
-
-class ScheduledController(Record):
-    """The controller of a prototype with several laws; its other tables are those of any prototype."""
-
-    controller: Scheduled
-
-
-@dataclass(frozen=True)
-class ScheduledRig:
-    """A prototype with a scheduled controller.
-
-    Attributes:
-        prototype: everything else of it; its own controller is None.
-        schedule: the controller.
-    """
-
-    prototype: Prototype
-    schedule: Scheduled
-
-    @property
-    def stages(self) -> tuple[Prototype, ...]:
-        """A prototype for every stage, with its law and its payloads."""
-        return tuple(
-            self.prototype.but(
-                name=f"{shorter(self.prototype.name)}, stage {k}",
-                controller=stage.law,
-                payload=self.prototype.payload.but(outer_end_mass_kg=stage.outer_end_mass_kg),
-                guarantee=None,
-            )
-            for k, stage in enumerate(self.schedule.stage, start=1)
-        )
-
-
-def is_scheduled(path: str | Path) -> bool:
-    """Whether a prototype file carries a scheduled controller.
-
-    Raises:
-        InputError: where it cannot be read.
-    """
-    law = records.read_table(path).get("controller")
-    return isinstance(law, dict) and law.get("kind") == KIND
-
-
-def read_scheduled(path: str | Path) -> ScheduledRig:
-    """Read a prototype with a scheduled controller.
-
-    Raises:
-        InputError: naming file, key and reason of everything wrong with it.
-    """
-    table = records.read_table(path)
-    problems: list[Problem] = []
-    found: ScheduledController | None = None
-    rig: Prototype | None = None
-    try:
-        found = records.parse(ScheduledController, {"controller": table.get("controller", {})}, path)
-    except InputError as error:
-        problems += error.problems
-    try:
-        rig = records.parse(Prototype, {key: value for key, value in table.items() if key != "controller"}, path)
-    except InputError as error:
-        problems += error.problems
-    if found is not None and rig is not None:
-        asked, covered = rig.payload.outer_end_mass_kg, found.controller.outer_end_mass_kg
-        if asked is not None and not covered[0] <= asked[0] <= asked[1] <= covered[1]:
-            words = f"[{asked[0]:g}, {asked[1]:g}] is not covered by the stages, {covered[0]:g} to {covered[1]:g} kg"
-            problems.append(Problem("payload.outer_end_mass_kg", words))
-    if problems or found is None or rig is None:
-        raise InputError(path, problems)
-    return ScheduledRig(rig, found.controller)
-
-
-def write_scheduled(rig: ScheduledRig, path: str | Path) -> None:
-    """Write a prototype.toml from which `read_scheduled` gives back an equal record."""
-    write_whole(path, scheduled_toml(rig))
-
-
-def scheduled_toml(rig: ScheduledRig) -> str:
-    """Its text."""
-    head = records.to_toml(rig.prototype.but(controller=None))
-    return head + "\n" + records.to_toml(ScheduledController(controller=rig.schedule))
-
-
-def law_words(stages: Sequence[Stage]) -> list[str]:
-    """The law of every stage in a few words."""
-    words = []
-    for stage in stages:
-        sections = f", {len(stage.section)} sections" if stage.section else ""
-        words.append(f"{stage.gain_A_per_V:g} A/V, {stage.pole_Hz:g}/{stage.zero_Hz:g} Hz{sections}")
-    return words
