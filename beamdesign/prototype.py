@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, FiniteFloat, SerializeAsAny, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -296,20 +296,20 @@ class Prototype(Record):
         stated = self.payload.outer_end_mass_kg
         return self.schedule.outer_end_mass_kg if stated is None and self.schedule is not None else stated
 
-    def stages(self, masses_kg: tuple[float, float]) -> "tuple[tuple[Prototype, tuple[float, float]], ...]":
+    def stages(self, masses_kg: tuple[float, float]) -> "tuple[InStage, ...]":
         """A prototype for each law of its controller, with those of some payloads that it is for.
 
         Args:
             masses_kg: payloads (least, most).
 
         Returns:
-            prototype and payloads of every law that is for some of them; itself with all of them where it has one law.
+            every stage that is for some of them; itself with all of them where it has one law.
 
         Raises:
             InputError: where some payloads are for no law.
         """
         if self.schedule is None:
-            return ((self, masses_kg),)
+            return (InStage(self, masses_kg),)
         if reason := uncovered(self.schedule, masses_kg):
             raise records.InputError(self.name, [("payload.outer_end_mass_kg", reason)])
         found = []
@@ -318,7 +318,7 @@ class Prototype(Record):
             if own[0] <= own[1]:
                 payload = self.payload.but(outer_end_mass_kg=own)
                 name = f"{shorter(self.name)}, stage {k}"
-                found.append((self.but(name=name, controller=law, payload=payload, guarantee=None), own))
+                found.append(InStage(self.but(name=name, controller=law, payload=payload, guarantee=None), own, k))
         return tuple(found)
 
     @classmethod
@@ -334,6 +334,25 @@ class Prototype(Record):
             line = InitErrorDetails(type=kind, loc=("payload", "outer_end_mass_kg"), input=asked)
             raise ValidationError.from_exception_data("Prototype", [line])
         return self
+
+
+class InStage(NamedTuple):
+    """A prototype while one law of its controller acts, which is all there is of a fixed law.
+
+    Attributes:
+        prototype: with this law alone.
+        outer_end_mass_kg: payloads (least, most) that it is for.
+        number: of the stage, from 1; 0 where there is one law.
+    """
+
+    prototype: Prototype
+    outer_end_mass_kg: tuple[float, float]
+    number: int = 0
+
+    @property
+    def suffix(self) -> str:
+        """What tells its files from those of other stages; empty where there is one law."""
+        return f".stage_{self.number}" if self.number else ""
 
 
 def uncovered(schedule: Scheduled, masses_kg: tuple[float, float]) -> str:

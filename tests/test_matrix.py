@@ -325,33 +325,28 @@ COMMANDS = {
 _OBSERVERS = "observer, sensors, compliant"
 _SENSORS = "sensors, compliant"
 _LISTED = (
-    ("certify", "scheduled", "to be closed: every stage by itself, and certify-switching for the changes"),
-    ("certify --replay", "scheduled", "to be closed: a certificate of stages is not compared with its prototype"),
     ("certify-box", f"{_SENSORS}", "to be closed: the polynomial is that of one sensor"),
-    ("certify-box", "scheduled", "to be closed: every stage by itself"),
     ("certify-switching", f"{_SENSORS}", "to be closed: the certificate states one transfer function"),
-    ("tune from", "scheduled", "to be closed: the law is not read, though another is sought"),
     ("tune --robust", "compliant", "to be closed: a stiffness is given for the figures as they stand"),
     ("tune --robust", "scheduled", "to be closed: every stage by itself"),
-    ("stiffness", "scheduled", "to be closed"),
     ("arm", f"{_SENSORS}", "to be closed: the loops are those of the tips alone"),
-    ("arm", "scheduled", "to be closed"),
     ("simulate sampled", f"structured, {_OBSERVERS}", "to be closed: of the lag alone a sampled law is made"),
     ("simulate sampled", "scheduled", "by its kind: it is sampled always, at a period of its own"),
-    ("limits", "scheduled", "to be closed"),
     (
         "spec",
         f"structured, {_OBSERVERS}, scheduled",
         "to be closed: circuit and difference equation are those of a lag",
     ),
     ("code", f"{_SENSORS}", "to be closed: the code reads one voltage"),
-    ("code", "scheduled", "to be closed"),
-    ("gap predict", "scheduled", "to be closed"),
+    (
+        "code",
+        "scheduled",
+        "by its kind: a law takes over the current, and sections of the code have states of their own",
+    ),
     ("gap diagnose", "scheduled", "to be closed: the model of a data set has one law"),
     ("gap diagnose --redesign", "scheduled", "to be closed: the data set is not read"),
     ("run", "compliant", "by its kind: an end stiffness is given to a prototype that stands"),
     ("run", "scheduled", "to be closed: a study asks for one law"),
-    ("study run", "scheduled", "to be closed: a base is a prototype of one law"),
 )
 HOLES = {(command, kind): reason for command, kinds, reason in _LISTED for kind in kinds.split(", ")}
 """What is refused today, by command and kind of controller, and why."""
@@ -445,7 +440,6 @@ MADE: dict[str, tuple[dict[str, Any], str, str]] = {
 """By kind of certificate: tables of a prototype, the command that writes it, and where."""
 NOT_VALID = {
     "beamdesign.box": "to be closed: its text holds ranges of figures, and is compared with the figures as text",
-    "beamdesign.stages": "to be closed: the prototype of several laws is not read",
 }
 
 

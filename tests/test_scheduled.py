@@ -192,7 +192,7 @@ def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: Prototype, prov
     assert [len(stage.section) for stage in schedule_of(structured).stage] == [3, 3, 3]
     bandwidths = [
         min(loop(stage).at(mass).bandwidth_Hz() for mass in stage.payload.outer_end_mass_kg or ())
-        for stage in (stage for stage, _ in structured.stages((0.0, 6.8)))
+        for stage in (each.prototype for each in structured.stages((0.0, 6.8)))
     ]
     assert bandwidths[0] > 16.7
     assert bandwidths[1] > 17.9
@@ -308,7 +308,7 @@ def test_the_stretched_member_is_the_plant_at_the_ends_of_all_payloads(rig: Prot
 
 
 def test_every_shipped_stage_keeps_its_goal_and_is_stable_for_all_payloads(rig: Prototype) -> None:
-    for stage in (stage for stage, _ in rig.stages((0.0, 6.8))):
+    for stage in (each.prototype for each in rig.stages((0.0, 6.8))):
         low, high = stage.payload.outer_end_mass_kg or (0.0, 0.0)
         closed = loop(stage)
         assert all(closed.at(mass).stable for mass in np.linspace(0, 6.8, 18))

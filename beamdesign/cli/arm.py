@@ -14,6 +14,7 @@ from beamdesign.cli.arm_words import (
     say_remedy,
     say_travel,
 )
+from beamdesign.cli.by_stage import by_stage
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import figures_of, mass_range, refuse_implausible
 from beamdesign.cli.output import (
@@ -21,13 +22,12 @@ from beamdesign.cli.output import (
     RangeOption,
     folder_to_write,
     say,
-    write_json,
 )
 
 if TYPE_CHECKING:
     from beamdesign.arm.remaining import Remaining, TwistRemedy, Vector
     from beamdesign.arm.result import ArmResult
-    from beamdesign.prototype import Prototype
+    from beamdesign.prototype import InStage, Prototype
 
 
 def arm(
@@ -77,10 +77,7 @@ def arm(
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
     from beamdesign import quantities as q
-    from beamdesign.arm.anywhere import prove_anywhere
-    from beamdesign.arm.figures import arm_of, sensor_of
-    from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
-    from beamdesign.arm.result import work_out
+    from beamdesign.arm.figures import arm_of
     from beamdesign.prototype import read_prototype
 
     refuse_implausible("arm", {"--allowed-mm": (allowed_mm, q.Millimetres)})
@@ -92,8 +89,26 @@ def arm(
         given = given.but(sensor_m=_three(sensor_m, "--sensor-m", q.Position))
     record = record.but(arm=given)
     within = None if within_m is None else _three(within_m, "--within-m", q.Distance)
-    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    force = _force(record, force_N, masses[1], prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
+
+    def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        force = _force(stage.prototype, force_N, stage.outer_end_mass_kg[1], prototype)
+        folder = out and out / stage.suffix[1:]
+        return _worked_out(stage, force, within, allowed_mm, folder)
+
+    by_stage(record, masses, worked_out, json)
+
+
+def _worked_out(
+    stage: "InStage", force: "Vector", within: "Vector | None", allowed_mm: float | None, out: Path | None
+) -> tuple[dict[str, Any], bool]:
+    """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
+    from beamdesign.arm.anywhere import prove_anywhere
+    from beamdesign.arm.figures import sensor_of
+    from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
+    from beamdesign.arm.result import work_out
+
+    record, masses, _ = stage
     found = work_out(record, masses, force)
     say_figures(record, found)
     say_proof(record, found)
@@ -127,9 +142,8 @@ def arm(
         "within_m": within,
         "anywhere": {name: {"stable": verdict.stable, "reason": verdict.reason} for name, verdict in places.items()},
     }
-    write_json(json, fields | {"files": files})
-    if not found.stable or not all(verdict.stable for verdict in places.values()):
-        raise typer.Exit(1)
+    yes = found.stable and all(verdict.stable is True for verdict in places.values())
+    return fields | {"files": files}, yes
 
 
 def _three(text: str, option: str, quantity: Any) -> "Vector":

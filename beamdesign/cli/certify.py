@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.by_stage import beside, by_stage
 from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import mass_range, refuse_implausible
@@ -12,8 +13,9 @@ from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, say, s
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
+    from beamdesign.design.rig_spread import Shape
     from beamdesign.proof.certificate import Asked, Certificate, Guaranteed
-    from beamdesign.prototype import Goal, Prototype
+    from beamdesign.prototype import Goal, InStage, Prototype
 
 
 def certify(
@@ -100,26 +102,36 @@ def certify(
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    asked = _asked(record, {name: value for name, (value, _) in figures.items()})
-    path = certificate_file(out, f"{prototype.stem}.certificate.toml")
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
+    shape: Shape = "box" if robust_box else "ball"
+    claims, stem = {name: value for name, (value, _) in figures.items()}, prototype.stem
 
+    def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
+        return _proved(stage, _asked(stage.prototype, claims), (robust, shape), path)
+
+    by_stage(record, masses, proved, json)
+
+
+def _proved(
+    stage: "InStage", asked: list["Asked"], sought: tuple[float, "Shape"], path: Path
+) -> tuple[dict[str, Any], bool]:
+    """Prove, say and write of one law; what is known of it, and whether all of it holds."""
     from beamdesign.proof.certifying import certify as prove
 
-    certificate = prove(record, *masses, asked)
+    record, (robust, shape) = stage.prototype, sought
+    certificate = prove(record, *stage.outer_end_mass_kg, asked)
     write_certificate(path, certificate.text)
     _say(record, certificate)
     say(f"certificate: {path}")
-    fields = _between(record, certificate, path) if record.effects else {}
+    fields = _fields(certificate) | (_between(record, certificate, path) if record.effects else {})
     holds = certificate.holds
     if robust > 0:
         from beamdesign.cli.robustness import certified_rigs
 
-        every, told = certified_rigs(record, masses, asked, robust, "box" if robust_box else "ball", path)
+        every, told = certified_rigs(record, stage.outer_end_mass_kg, asked, robust, shape, path)
         holds, fields = holds and every, fields | told
-    write_json(json, _fields(certificate) | fields | {"certificate": path})
-    if not holds:
-        raise typer.Exit(1)
+    return fields | {"certificate": path}, holds
 
 
 def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.by_stage import beside, by_stage
 from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import mass_range, refuse_implausible
@@ -16,13 +17,12 @@ from beamdesign.cli.output import (
     progress,
     say,
     say_table,
-    write_json,
 )
 
 if TYPE_CHECKING:
     from beamdesign.proof.box import Box, BoxVerdict
     from beamdesign.proof.scaling import Scaling
-    from beamdesign.prototype import Prototype
+    from beamdesign.prototype import InStage, Prototype
 
 
 def certify_box(
@@ -65,32 +65,42 @@ def certify_box(
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    refuse(record.controller, "one sensor", "certify-box, whose polynomial is that of one sensor", prototype)
+    for law, _ in record.controller.laws:
+        refuse(law, "one sensor", "certify-box, whose polynomial is that of one sensor", prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    path = certificate_file(out, f"{prototype.stem}.box.toml")
-
-    from beamdesign.proof.box import certify_box as prove
-    from beamdesign.proof.scaling import largest_scaling
     from beamdesign.proof.tolerance_box import tolerance_box
 
-    masses = None
-    if outer_end_mass is not None:
-        masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
-    box = tolerance_box(record, sigmas, only or None, masses, delay_s=(0.0, delay_s) if delay_s else None)
+    def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
+        asked = None if outer_end_mass is None else stage.outer_end_mass_kg
+        delays = (0.0, delay_s) if delay_s else None
+        box = tolerance_box(stage.prototype, sigmas, only or None, asked, delay_s=delays)
+        return _proved(stage.prototype, box, budget, seconds, sigmas if scaling else None, path)
+
+    by_stage(record, masses, proved, json)
+
+
+def _proved(
+    record: "Prototype", box: "Box", budget: int, seconds: float, scaled_sigmas: float | None, path: Path
+) -> tuple[dict[str, Any], bool]:
+    """Prove, say and write of one law; what is known of it, and whether the whole box is stable."""
+    from beamdesign.proof.box import certify_box as prove
+    from beamdesign.proof.scaling import largest_scaling
+
     with progress("branch and bound") as update:
         update(0.1, f"{len(box.names)} figures")
         verdict = prove(record, box, budget, seconds)
-        update(0.5, "scaling the tolerances" if scaling else "")
-        found = largest_scaling(record, box, budget=budget) if scaling else None
+        update(0.5, "" if scaled_sigmas is None else "scaling the tolerances")
+        found = None if scaled_sigmas is None else largest_scaling(record, box, budget=budget)
     _say(record, box, verdict)
     if found is not None:
-        say(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
+        say(f"scaling of the tolerances ({scaled_sigmas:g} standard deviations are 1): {found.reason}")
     if verdict.certificate:
         write_certificate(path, verdict.certificate)
         say(f"certificate: {path}")
-    write_json(json, _fields(record, box, verdict, found) | {"certificate": path if verdict.certificate else None})
-    if not verdict.stable:
-        raise typer.Exit(1)
+    fields = _fields(record, box, verdict, found) | {"certificate": path if verdict.certificate else None}
+    return fields, verdict.stable is True
 
 
 def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:

@@ -1,14 +1,18 @@
 """`beamdesign limits`: how far a prototype, and the linear model of it, can be trusted."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.by_stage import by_stage
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import refuse_implausible
-from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
+from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table
 from beamdesign.files import fresh_folder, settled
+
+if TYPE_CHECKING:
+    from beamdesign.prototype import InStage, Prototype
 
 _SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _LINEAR_HZ = (1.0, 10.0, 50.0)
@@ -35,7 +39,6 @@ def limits(
     gain one bending mode per beam is enough; up to what load, force and air in the oil the linear amplitude holds; at
     what gains the nonlinear loop oscillates by itself, over amplitude. Exit status 1 where the loop is not stable.
     """
-    from beamdesign.operating_limits import envelope, sensor_reach
     from beamdesign.prototype import read_prototype
     from beamdesign.quantities import MassOrNone, SignedForce
     from beamdesign.records import InputError
@@ -49,13 +52,23 @@ def limits(
         wrong.append(problem_without_controller())
     if wrong:
         raise InputError(prototype, wrong)
-    mass = payload if payload is not None else (rig.payload.outer_end_mass_kg or (0.0, 0.0))[1]
+    mass = payload if payload is not None else (rig.outer_end_mass_kg or (0.0, 0.0))[1]
+
+    def stated(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        return _stated(stage.prototype, mass, preload, out and out / stage.suffix[1:])
+
+    by_stage(rig, (mass, mass), stated, json)
+
+
+def _stated(rig: "Prototype", mass: float, preload: float, out: Path | None) -> tuple[dict[str, Any], bool]:
+    """Work out, say and draw of one law; what is known of it, and whether its loop is stable."""
+    from beamdesign.operating_limits import envelope, sensor_reach
+
     found = envelope(rig, mass, preload)
     fields: dict[str, Any] = {"outer_end_mass_kg": mass, "preload_N": preload, "stable": not found.reason}
     if found.reason:
         say(f"{rig.name}: {found.reason}; a loop that is not stable has no operating limits")
-        write_json(json, fields | {"reason": found.reason})
-        raise typer.Exit(1)
+        return fields | {"reason": found.reason}, False
     fields["actuator"] = _actuator(f"{rig.name} with {mass:g} kg outside", found)
     reach = sensor_reach(rig, mass)
     fields["sensor"] = reach
@@ -64,7 +77,7 @@ def limits(
     fields["linear_amplitude"] = _linear(rig, mass)
     fields["limit_cycles"] = _cycles(rig, mass)
     fields["figures"] = [] if out is None else _draw(found, rig.payload.largest_force_N, preload, out)
-    write_json(json, fields)
+    return fields, True
 
 
 def _actuator(title: str, found: Any) -> dict[str, Any]:

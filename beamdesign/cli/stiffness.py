@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.by_stage import by_stage
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import figures_of, mass_range, refuse_implausible
 from beamdesign.cli.output import (
@@ -21,7 +22,7 @@ from beamdesign.files import write_set
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade
     from beamdesign.design.end_stiffness import EndStiffness, Need
-    from beamdesign.prototype import Prototype
+    from beamdesign.prototype import InStage, Prototype
 
 CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
 """Of the option, and what the design calls it."""
@@ -99,9 +100,13 @@ def stiffness(
     damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, q.Damping, "two figures as LO:HI", ":", 2)
     walls = (least, most), (damping[0], damping[1])
     servo = _servo(record, prototype) if keep_controller else None
-    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if end_stiffness_N_per_m is None:
-        _judge(record, prototype, masses, walls, CONTACTS[contact], out, json)
+
+        def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
+            return _judged(stage, prototype, walls, CONTACTS[contact], out and out / stage.suffix[1:])
+
+        by_stage(record, masses, judged, json)
         return
     give_stiffness(record, end_stiffness_N_per_m, masses, walls, CONTACTS[contact], servo, rigs, out, json)
 
@@ -174,16 +179,14 @@ def give_stiffness(
     write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **paths})
 
 
-def _judge(
-    record: "Prototype",
+def _judged(
+    stage: "InStage",
     source: Path,
-    masses: tuple[float, float],
     walls: tuple[tuple[float, float], tuple[float, float]],
     need: "Need",
     out: Path | None,
-    json: Path | None,
-) -> None:
-    """Say what the end of a prototype is like with its own controller; exit status 1 where it is not as asked."""
+) -> tuple[dict[str, Any], bool]:
+    """Say what the end of a prototype is like with one law of its own; what is known, and whether that is as asked."""
     from beamdesign.design.end_stiffness import judge_as_it_is
     from beamdesign.polynomial import exact
     from beamdesign.proof.contact import Wall
@@ -192,7 +195,7 @@ def _judge(
     from beamdesign.study.stiffness_run import CONTACT_NAME, contact_text, in_words
 
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
-    wall = Wall(stiffest, damping)
+    wall, (record, masses, _) = Wall(stiffest, damping), stage
     try:
         found = judge_as_it_is(record, masses, wall)
     except ValueError as error:
@@ -206,9 +209,7 @@ def _judge(
         paths = write_set(out, {"certificate_contact": (CONTACT_NAME, contact_text(record, found, masses, wall))})
         say(f"certificate_contact: {paths['certificate_contact']}")
     met = next((one for one in CONTACTS.values() if found.meets(one)), None)
-    write_json(json, _fields(found, walls[0]) | {"met": met, "reason": "", **paths})
-    if not found.meets(need):
-        raise typer.Exit(1)
+    return _fields(found, walls[0]) | {"met": met, "reason": "", **paths}, found.meets(need)
 
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:

@@ -111,7 +111,7 @@ def tune(
     from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 
     record = read_prototype(prototype)
-    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg, prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if controller not in KINDS:
         raise InputError("--controller", [(controller, f"expected one of {', '.join(KINDS)}")])
     figures = {

@@ -75,8 +75,8 @@ def tune_scheduled(
     proof = replace(proof, dwell_s=schedule.dwell_s)
     words = describe(proof)
     each = [
-        certified(stage, proved, own_kg, f"stage_{k}.certificate.toml")
-        for k, ((stage, own_kg), proved) in enumerate(zip(rig.stages(masses), found.proved, strict=True), start=1)
+        certified(stage.prototype, proved, stage.outer_end_mass_kg, f"stage_{stage.number}.certificate.toml")
+        for stage, proved in zip(rig.stages(masses), found.proved, strict=True)
     ]
     paths: dict[str, Path] = {}
     if out is not None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -93,7 +94,7 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
 
     Args:
         prototype: with its effects. Its sensor gain is what the rig has; its controller counts only where the data set
-            names none.
+            names none, and believes these figures where it estimates the payload.
         given: what was done.
         believed_sensor_gain: V/m, by which volts became the displacement of the data set.
 
@@ -102,6 +103,16 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
             where the record takes too many steps; see `beamdesign.rig.substeps`.
     """
     rig = prototype if given.controller is None else prototype.but(controller=given.controller)
+    moved = _fixed if rig.schedule is None else _stages
+    samples = moved(rig, given, believed_sensor_gain)
+    count = len(samples)
+    at = float(given.times[min(count, len(given.times) - 1)])
+    reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
+    return Predicted(given.name, COLUMNS, samples, "" if count == len(given.times) else reason)
+
+
+def _fixed(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
+    """(M, 3) as `COLUMNS`, with one law."""
     kinds = structure_of(rig)
     assembly = assemble(kinds)
     values = parameters_of(rig, given.outer_end_mass, given.inner_end_mass)
@@ -110,15 +121,35 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
     try:
         start = equilibrium(assembly, np.zeros(3), parameters)
     except ValueError as error:
-        raise InputError(prototype.name, [("(figures)", str(error))]) from error
+        raise InputError(rig.name, [("(figures)", str(error))]) from error
     substeps = substeps_for(assembly, parameters, given.times)
     inputs = half_steps(np.column_stack([without_noise(given.disturbance_N), given.command_V]), substeps)
     y = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
     columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
-    samples = np.column_stack([given.times[: len(y)], y[:, columns]])
-    at = float(given.times[min(len(y), len(given.times) - 1)])
-    reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
-    return Predicted(given.name, COLUMNS, samples, "" if len(y) == len(given.times) else reason)
+    return np.column_stack([given.times[: len(y)], y[:, columns]])
+
+
+def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
+    """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, from the first on, without noise."""
+    from scipy.interpolate import CubicSpline
+
+    from beamdesign.scheduling.simulation import Course, simulate_scheduled
+
+    assert rig.schedule is not None
+    period, times = rig.schedule.period_s, given.times - given.times[0]
+    inside = np.minimum(np.arange(ceil(times[-1] / period) + 2) * period, times[-1])
+    force, command = (CubicSpline(times, x)(inside) for x in (without_noise(given.disturbance_N), given.command_V))
+    built = rig.but(payload=rig.payload.but(inner_end_mass_kg=given.inner_end_mass))
+    course = Course(force, ((0.0, given.outer_end_mass),), command_V=command, before_N=0.0)
+    try:
+        found = simulate_scheduled(rig, course, built, limit_m=FURTHEST_M)
+    except ValueError as error:
+        raise InputError(rig.name, [("(figures)", str(error))]) from error
+    own = found.column("t_s")
+    seen = times[times <= own[-1] + 1e-9 * period]
+    held = found.column("current_A")[np.searchsorted(own, seen + 1e-9 * period, side="right") - 1]
+    heard = CubicSpline(own, found.column("sensor_V"))(seen) / believed_sensor_gain
+    return np.column_stack([given.times[: len(seen)], held, heard])
 
 
 def predict_set(

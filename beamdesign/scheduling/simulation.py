@@ -31,12 +31,14 @@ class Course:
         payload_kg: (time in s, payload) pairs from time 0 on; each lasts until the next.
         joining: whether payload joins with the tip's velocity, or at rest, which takes some of it.
         command_V: (N,) on top of the sensor's noise; none where left out.
+        before_N: force that it rests under before; the first of force_N where left out.
     """
 
     force_N: np.ndarray
     payload_kg: tuple[tuple[float, float], ...]
     joining: Literal["matched", "from_rest"] = "matched"
     command_V: np.ndarray | None = None
+    before_N: float | None = None
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def simulate_scheduled(
     command = np.zeros(count) if course.command_V is None else course.command_V
     inputs = half_steps(np.column_stack([course.force_N, np.zeros(count)]), substeps)
     inputs[:: 2 * substeps, 1] = command - noise  # read at the samples of the law alone
-    before = np.array([course.force_N[0], 0.0, 0.0])
+    before = np.array([course.force_N[0] if course.before_N is None else course.before_N, 0.0, 0.0])
     mass = course.payload_kg[0][1]
     rest = equilibrium(continuous, before, figures(mass))
     measured = float(np.asarray(continuous.function(0.0, rest, before, figures(mass))[1]).ravel()[-1])

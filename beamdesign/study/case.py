@@ -5,16 +5,17 @@ import json
 import time
 import traceback
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from math import isfinite
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from beamdesign import records
 from beamdesign.records import InputError, Problem, Record
+from beamdesign.study.answer import Answer
 from beamdesign.study.code_digest import code_digest, libraries
-from beamdesign.study.tasks import TASKS
+from beamdesign.study.tasks import TASKS, Task
 
 Status = Literal["done", "no", "refused", "failed"]
 """The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
@@ -130,7 +131,7 @@ def compute(found: Case) -> dict[str, Any]:
         if found.problems:
             raise InputError(found.task, found.problems)
         record, options = parsed(found.task, found.document, found.options)
-        answer = import_module(TASKS[found.task].module).compute(record, options)
+        answer = _answer(TASKS[found.task], record, options)
         outputs, details, reason = answer.outputs, answer.details, answer.reason
         status = "no" if reason else "done"
     except InputError as error:
@@ -139,6 +140,21 @@ def compute(found: Case) -> dict[str, Any]:
         status, reason = "failed", f"{type(error).__name__}: {error}"
         details = {"traceback": traceback.format_exc()}
     return kept(found, status, reason, plain(outputs), plain(details), time.perf_counter() - begun)
+
+
+def _answer(task: Task, record: Any, options: Any) -> Answer:
+    """The answer of a task; of a controller with several laws that of the stage that governs, with all in the details.
+
+    That is the first whose answer is no, else the one of the least bandwidth.
+    """
+    compute = import_module(task.module).compute
+    if "controller" not in task.needs or record.schedule is None:
+        return cast("Answer", compute(record, options))
+    mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
+    stages = record.stages(record.outer_end_mass_kg if mass is None else (mass, mass))
+    answers: dict[str, Answer] = {stage.prototype.name: compute(stage.prototype, options) for stage in stages}
+    worst = min(answers.values(), key=lambda one: (not one.reason, one.outputs.get("bandwidth_Hz") or 0.0))
+    return replace(worst, details=worst.details | {"stages": {name: one.outputs for name, one in answers.items()}})
 
 
 def in_words(problems: Iterable[Problem]) -> str:

@@ -72,9 +72,9 @@ def read(name: str, path: Path, first: Prototype, masses: Range) -> Design:
     """A design from its file, with the goal and the effects of the first; it has to be for the same rig."""
     rig = read_prototype(path).but(goal=first.goal, effects=first.effects)
     stages = rig.stages(rig.schedule.outer_end_mass_kg if rig.schedule is not None else masses)
-    if figures(stages[0][0]) != figures(first):
+    if figures(stages[0].prototype) != figures(first):
         raise SystemExit(f"{path}: another rig than the first prototype's")
-    return Design(name, stages)
+    return Design(name, tuple((stage.prototype, stage.outer_end_mass_kg) for stage in stages))
 
 
 def row(design: Design, rigs: int, force_N: float) -> Row:
