@@ -213,7 +213,8 @@ def _judged(
     """Say whether a record is one of a stable loop."""
     times, displacement = samples[:, 0], samples[:, COLUMNS.index("displacement_m")]
     if len(samples) < len(inputs):
-        return diverged(row.name, scenario, samples, measured)
+        found = diverged(row.name, samples, scenario.displacement_limit_m, scenario.sample_s)
+        return replace(found, samples=measured)
     moving = np.nonzero(np.any(np.diff(inputs, axis=0) != 0, axis=1))[0]
     quiet = int(moving[-1]) + 1 if len(moving) else 0
     found = None
@@ -226,15 +227,15 @@ def _judged(
     return SimulatedRecord(row.name, measured, False, reason, None, found)
 
 
-def diverged(name: str, scenario: Scenario, samples: np.ndarray, measured: np.ndarray) -> SimulatedRecord:
-    """A record that ends where the tip passed the scenario's limit."""
+def diverged(name: str, samples: np.ndarray, limit_m: float, sample_s: float) -> SimulatedRecord:
+    """A record whose samples (M, 7 or more) end where the tip passed a limit."""
     found = None
     if len(samples) > 8:
         found = oscillation(samples[:, 0], samples[:, COLUMNS.index("displacement_m")], turns=20)
-    at = len(samples) * scenario.sample_s
+    at = len(samples) * sample_s
     how = "" if found is None else f", oscillating at {found.frequency_Hz:.4g} Hz"
-    reason = f"the outer tip passed {scenario.displacement_limit_m:g} m at {at:.4g} s{how}"
-    return SimulatedRecord(name, measured, False, reason, at, found)
+    reason = f"the outer tip passed {limit_m:g} m at {at:.4g} s{how}"
+    return SimulatedRecord(name, samples, False, reason, at, found)
 
 
 def _depends_on_time(kinds: Structure) -> bool:

@@ -311,7 +311,7 @@ GEOMETRY = "width_m, wall_m, free_length_m, material"
             "controller",
             {"kind": "pid", "gain_A_per_V": 0.1},
             "controller",
-            "kind must be one of 'proportional', 'lag', 'structured', 'observer', is 'pid'",
+            "kind must be one of 'proportional', 'lag', 'structured', 'observer', 'scheduled', is 'pid'",
         ),
         (
             "controller",

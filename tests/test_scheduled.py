@@ -15,6 +15,7 @@ from beamdesign.cli import app
 from beamdesign.cli.tune_scheduled import kept_apart
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
 from beamdesign.design.schedule import stage_members, stage_ranges
+from beamdesign.gap.predict import Inputs, predict
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
@@ -334,7 +335,7 @@ def test_a_stage_that_stays_is_the_sampled_lag(rig: Prototype) -> None:
     row = ScenarioRecord(name="a", input=(Step(amplitude_N=20.0, at_s=0.02, rise_s=0.01),), outer_end_mass_kg=2.0)
     plan = Scenario(name="a", duration_s=0.2, record=(row,), sampled=Sampled(period_s=PERIOD_S))
     usual = simulate(rig.stages((0.0, 6.8))[1][0], plan).records[0]
-    assert not found.diverged
+    assert found.stable
     expected = usual.column("displacement_m")[: len(found.samples)]
     assert np.abs(found.column("displacement_m") - expected).max() < 1e-6 * np.abs(expected).max()
 
@@ -345,7 +346,7 @@ def test_a_payload_that_is_gripped_is_noticed_at_the_next_load_step(rig: Prototy
     force = np.where(times < 0.1, 0.0, 40.0) - np.where(times < 0.45, 0.0, 40.0)
     course = Course(force, ((0.0, 0.0), (0.4, 6.8)), "from_rest")
     found = simulate_scheduled(rig, course, rig.but(effects=effects), noise_V=0.002)
-    assert not found.diverged
+    assert found.stable
     (at, stage), *rest = found.changes
     assert stage == 3
     assert not rest
@@ -386,6 +387,65 @@ def test_commands_say_what_they_cannot_do(tmp_path: Path) -> None:
         done = CliRunner().invoke(app, arguments)
         assert isinstance(done.exception, InputError)
         assert told in str(done.exception)
+
+
+def test_every_law_is_certified_over_its_own_payloads(tmp_path: Path) -> None:
+    out, answer = tmp_path / "c.toml", tmp_path / "answer.json"
+    arguments = ["certify", str(SHIPPED), "--outer-end-mass", "1:4.5", "--out", str(out), "--json", str(answer)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    found = json.loads(answer.read_text())
+    ranges = [stage["outer_end_mass_kg"] for stage in found["stages"]]
+    assert ranges == [[1.0, 2.767], [1.767, 4.5], [4.033, 4.5]]
+    bandwidths = [stage["guaranteed"]["bandwidth_Hz"] for stage in found["stages"]]
+    assert found["guaranteed"]["bandwidth_Hz"] == min(bandwidths)
+    # The loop of each law by itself, in floats, is what is guaranteed.
+    for stage, bandwidth in zip(read_prototype(SHIPPED).stages((1.0, 4.5)), bandwidths, strict=True):
+        closed = loop(stage.prototype)
+        reached = [closed.at(float(mass)).bandwidth_Hz() for mass in np.linspace(*stage.outer_end_mass_kg, 5)]
+        assert bandwidth == pytest.approx(min(reached), rel=1e-3)
+    second = tmp_path / "c.stage_2.toml"
+    assert found["stages"][1]["certificate"] == str(second)
+    for prototype, status in ((SHIPPED, 0), (SHIPPED.with_name("structured.toml"), 1)):
+        assert CliRunner().invoke(app, ["certify", str(prototype), "--replay", str(second)]).exit_code == status
+    beyond = CliRunner().invoke(app, ["certify", str(SHIPPED), "--outer-end-mass", "1:7"])
+    assert isinstance(beyond.exception, InputError)
+    assert [problem.key for problem in beyond.exception.problems] == ["payload.outer_end_mass_kg"]
+
+
+def test_a_payload_that_no_law_is_for_is_refused(rig: Prototype, tmp_path: Path) -> None:
+    path = tmp_path / "wide.toml"
+    write_prototype(rig, path)
+    head, payload, rest = path.read_text(encoding="utf-8").partition("[payload]\n")
+    path.write_text(head + payload + rest.replace("6.8,", "9.0,", 1), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_prototype(path)
+    assert [problem.key for problem in caught.value.problems] == ["payload.outer_end_mass_kg"]
+
+
+def test_what_one_law_has_is_refused_of_several(rig: Prototype) -> None:
+    assert rig.controller is not None
+    for ask in (lambda law: law.gain_A_per_V, lambda law: law.sensed_law(), lambda law: law.equations):
+        with pytest.raises(InputError) as caught:
+            ask(rig.controller)
+        assert [problem.key for problem in caught.value.problems] == ["controller.kind"]
+
+
+@pytest.mark.parametrize("sample_s", [PERIOD_S, 0.8e-3])
+def test_a_record_is_predicted_as_it_is_simulated(rig: Prototype, sample_s: float) -> None:
+    times = np.arange(round(0.2 / sample_s)) * sample_s
+
+    def force(at: np.ndarray) -> np.ndarray:
+        return 20 * (0.5 - 0.5 * np.cos(np.pi * np.clip((at - 0.02) / 0.02, 0, 1)))
+
+    inputs = Inputs("a", times, force(times), 0 * times, 6.0, rig.payload.inner_end_mass_kg, None)
+    found = predict(rig, inputs, rig.sensor.gain_V_per_m)
+    assert found.reason == ""
+    own = np.arange(401) * PERIOD_S
+    expected = simulate_scheduled(rig, Course(force(own), ((0.0, 6.0),)))
+    assert expected.changes[0][1] == 3
+    moved = np.interp(times, expected.column("t_s"), expected.column("displacement_m"))
+    assert np.abs(found.samples[:, 2] - moved).max() < 0.02 * np.abs(moved).max()
 
 
 GRIPPING = """

@@ -6,8 +6,8 @@ from beamdesign.controllers import Scheduled
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
-from beamdesign.scheduling.simulation import COLUMNS, Course, simulate_scheduled
-from beamdesign.simulate import SimulatedRecord, Simulation, as_measured, diverged
+from beamdesign.scheduling.simulation import Course, simulate_scheduled
+from beamdesign.simulate import SimulatedRecord, Simulation, as_measured
 
 
 def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
@@ -59,9 +59,4 @@ def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, po
         found = simulate_scheduled(prototype, course, noise_V=noise, seed=seed, limit_m=limit)
     except ValueError as error:
         raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
-    samples = found.samples
-    measured = as_measured(samples, scenario, position)
-    record = SimulatedRecord(row.name, measured, True)
-    if found.diverged:
-        record = diverged(row.name, scenario, samples, measured)
-    return replace(record, columns=COLUMNS, changes=found.changes)
+    return replace(found, name=row.name, samples=as_measured(found.samples, scenario, position))

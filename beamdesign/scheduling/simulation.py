@@ -1,6 +1,6 @@
 """A scheduled controller in the loop with the nonlinear rig: sampled law, estimator, switch, payload that changes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from beamdesign.sampled import digital_law
 from beamdesign.scheduling.estimator import PayloadEstimator
 from beamdesign.scheduling.switch import next_stage
 from beamdesign.simulate import COLUMNS as SIMULATED
-from beamdesign.simulate import half_steps, substeps_for
+from beamdesign.simulate import SimulatedRecord, diverged, half_steps, substeps_for
 
 COLUMNS = (*SIMULATED, "sensor_V", "outer_end_mass_kg", "stage", "estimate_kg", "estimate_std_kg")
 LIMIT_M = 0.02
@@ -41,25 +41,6 @@ class Course:
     before_N: float | None = None
 
 
-@dataclass(frozen=True)
-class ScheduledRecord:
-    """A record of a scheduled controller.
-
-    Attributes:
-        samples: (M, 12) columns as in `COLUMNS`; it ends where the tip passed its limit. Stages are numbered from 1.
-        diverged: whether it did.
-        changes: (time in s, number of the new stage from 1) of every change.
-    """
-
-    samples: np.ndarray = field(repr=False)
-    diverged: bool
-    changes: tuple[tuple[float, int], ...]
-
-    def column(self, name: str) -> np.ndarray:
-        """(M,) one of `COLUMNS`."""
-        return np.asarray(self.samples[:, COLUMNS.index(name)])
-
-
 def simulate_scheduled(
     rig: Prototype,
     course: Course,
@@ -69,8 +50,8 @@ def simulate_scheduled(
     noise_V: float = 0.0,
     seed: int = 0,
     limit_m: float = LIMIT_M,
-) -> ScheduledRecord:
-    """Simulate a scheduled controller.
+) -> SimulatedRecord:
+    """Simulate a scheduled controller; the record has the `COLUMNS`, and is called stable where it did not diverge.
 
     Law and estimator hear the sensor with its noise at sample times; the estimator believes the prototype of `rig`.
 
@@ -154,9 +135,10 @@ def simulate_scheduled(
         given = (times, course.force_N[here], command[here])
         rows.append(np.column_stack([*given, y[:, :4], volts, np.tile(told, (len(y), 1))]))
         if not whole:
-            return ScheduledRecord(np.vstack(rows), True, tuple(changes))
+            record = diverged(rig.name, np.vstack(rows), limit_m, period)
+            return replace(record, columns=COLUMNS, changes=tuple(changes))
         chosen = next_stage(schedule, stage, estimate, end * period - changed) if adaptive else stage
         if chosen != stage:
             stage, changed = chosen, end * period
             changes.append((end * period, stage + 1))
-    return ScheduledRecord(np.vstack(rows), False, tuple(changes))
+    return SimulatedRecord(rig.name, np.vstack(rows), True, columns=COLUMNS, changes=tuple(changes))

@@ -19,7 +19,8 @@ from beamdesign.design.tuning import tune
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.scheduling.simulation import Course, ScheduledRecord, simulate_scheduled
+from beamdesign.scheduling.simulation import Course, simulate_scheduled
+from beamdesign.simulate import SimulatedRecord
 from beamdesign.study.delivered import MEASURED_WITHIN, drawn
 
 SCHEDULED = Path(__file__).parents[1] / "scheduled" / "prototype.toml"
@@ -135,7 +136,7 @@ def stepped(rig: Prototype, one: Prototype, payload: float, height_N: float, ada
     found, quiet = (
         simulate_scheduled(rig, each, one, adaptive=adaptive, noise_V=NOISE_V, seed=seed) for each in (course, still)
     )
-    if found.diverged or quiet.diverged:
+    if not (found.stable and quiet.stable):
         return Step(np.inf, np.inf, 0.0)
     moved, times = quiet.column("displacement_m"), quiet.column("t_s")
     second = (times >= 0.7) & (times < 1.2)
@@ -160,7 +161,7 @@ def _bandwidth(force: np.ndarray, moved: np.ndarray, rig: Prototype) -> float:
     return float(frequency[band][over[0] - 1]) if len(over) and over[0] else 0.0
 
 
-def gripped(rig: Prototype, one: Prototype, height_N: float, adaptive: bool) -> ScheduledRecord:
+def gripped(rig: Prototype, one: Prototype, height_N: float, adaptive: bool) -> SimulatedRecord:
     """A load comes and goes; then the largest payload is gripped, at rest, and the load comes and goes again."""
     high = schedule_of(rig).outer_end_mass_kg[1]
     force = load_step(rig, height_N, 2.4, [(0.2, 1.0), (0.6, 0.0), (1.2, 1.0), (1.6, 0.0), (2.0, 1.0)])
@@ -168,7 +169,7 @@ def gripped(rig: Prototype, one: Prototype, height_N: float, adaptive: bool) -> 
     return simulate_scheduled(rig, course, one, adaptive=adaptive, noise_V=NOISE_V, seed=1)
 
 
-def draw(fixed: ScheduledRecord, scheduled: ScheduledRecord, rig: Prototype, path: Path) -> Path:
+def draw(fixed: SimulatedRecord, scheduled: SimulatedRecord, rig: Prototype, path: Path) -> Path:
     """The tip with both controllers, and the payload with its estimate and the stage, as SVG."""
     figure = new_figure(190, 120)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
