@@ -331,7 +331,6 @@ _LISTED = (
     ("tune --robust", "scheduled", "to be closed: every stage by itself"),
     ("arm", f"{_SENSORS}", "to be closed: the loops are those of the tips alone"),
     ("simulate sampled", f"structured, {_OBSERVERS}", "to be closed: of the lag alone a sampled law is made"),
-    ("simulate sampled", "scheduled", "by its kind: it is sampled always, at a period of its own"),
     (
         "spec",
         f"structured, {_OBSERVERS}, scheduled",

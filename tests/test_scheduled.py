@@ -28,7 +28,7 @@ from beamdesign.proof.stage_family import stage_families, stage_family
 from beamdesign.proof.switching_document import switching_document
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.scheduling.estimator import NOTHING, Estimate, PayloadEstimator, fitted_payload
 from beamdesign.scheduling.simulation import Course, simulate_scheduled
 from beamdesign.scheduling.switch import next_stage
@@ -192,8 +192,8 @@ def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: Prototype, prov
     structured = read_prototype(SHIPPED.with_name("structured.toml"))
     assert [len(stage.section) for stage in schedule_of(structured).stage] == [3, 3, 3]
     bandwidths = [
-        min(loop(stage).at(mass).bandwidth_Hz() for mass in stage.payload.outer_end_mass_kg or ())
-        for stage in (each.prototype for each in structured.stages((0.0, 6.8)))
+        min(loop(stage.prototype).at(mass).bandwidth_Hz() for mass in stage.outer_end_mass_kg)
+        for stage in structured.stages((0.0, 6.8))
     ]
     assert bandwidths[0] > 16.7
     assert bandwidths[1] > 17.9
@@ -309,9 +309,9 @@ def test_the_stretched_member_is_the_plant_at_the_ends_of_all_payloads(rig: Prot
 
 
 def test_every_shipped_stage_keeps_its_goal_and_is_stable_for_all_payloads(rig: Prototype) -> None:
-    for stage in (each.prototype for each in rig.stages((0.0, 6.8))):
-        low, high = stage.payload.outer_end_mass_kg or (0.0, 0.0)
-        closed = loop(stage)
+    for stage in rig.stages((0.0, 6.8)):
+        low, high = stage.outer_end_mass_kg
+        closed = loop(stage.prototype)
         assert all(closed.at(mass).stable for mass in np.linspace(0, 6.8, 18))
         assert max(closed.at(mass).peak_sensitivity() for mass in np.linspace(low, high, 5)) <= 2.0
         assert min(closed.at(mass).bandwidth_Hz() for mass in np.linspace(low, high, 5)) > 5.05
@@ -338,6 +338,20 @@ def test_a_stage_that_stays_is_the_sampled_lag(rig: Prototype) -> None:
     assert found.stable
     expected = usual.column("displacement_m")[: len(found.samples)]
     assert np.abs(found.column("displacement_m") - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_a_record_starts_at_rest_or_under_its_preload(rig: Prototype) -> None:
+    row, began = ScenarioRecord(name="a", preload_N=50.0), {}
+    for start in ("rest", "loaded"):
+        plan = Scenario(name="a", duration_s=0.02, sample_s=PERIOD_S, start=start, record=(row,))
+        began[start] = simulate(rig, plan).records[0].column("displacement_m")[0]
+    expected = 50 * loop(rig.stages((0.0, 0.0))[0].prototype).at(0.0).static_compliance()
+    assert began["rest"] == 0
+    assert began["loaded"] == pytest.approx(expected, rel=1e-6)
+    wall = WallAhead(at_m=0.0, stiffness_N_per_m=1e6, damping_N_s_per_m=0.0)
+    with pytest.raises(InputError) as caught:
+        simulate(rig, Scenario(name="a", duration_s=0.02, sample_s=PERIOD_S, record=(row.but(wall=wall),)))
+    assert [problem.key for problem in caught.value.problems] == ["record.a.wall"]
 
 
 def test_a_payload_that_is_gripped_is_noticed_at_the_next_load_step(rig: Prototype) -> None:

@@ -70,7 +70,8 @@ def certify(
     """Prove stability and performance over a payload range.
 
     For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
-    Of a prototype with effects, all linear members that stand for them are proved. With --robust, rigs whose figures
+    Of a prototype with effects, all linear members that stand for them are proved, of a scheduled controller each law
+    over its own payloads. With --robust, rigs whose figures
     are off are sought on samples, and each is decided exactly as the nominal one is.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
     """

@@ -52,7 +52,8 @@ def tune_scheduled(
     if record.effects:
         names = ", ".join(record.effects)
         problems.append(("effects", f"changes of stage are proved without effects ({names}); take them out"))
-    if record.controller is not None and record.controller.sections and record.sensor.filter_Hz is None:
+    laws = () if record.controller is None else record.controller.laws
+    if record.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
         problems.append(
             ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
         )

@@ -9,8 +9,9 @@ reach. Then these masses and those halfway between them are tried for all stages
 nearly as much as the best of them, the one with the largest product of bandwidths is taken: the last percent of the
 worst stage may cost another stage a sixth of its bandwidth.
 
-Stages are lags; of a prototype whose own controller is structured they are structured too, each tuned from that
-controller with the prototype's mass inside, which is for them what a search would take hours for.
+Stages are lags. Of a prototype whose own controller is structured, by itself or in its stages, they are structured too:
+each is tuned from the law that acts in its middle, with the prototype's mass inside, which is for them what a search
+would take hours for.
 """
 
 from collections.abc import Callable
@@ -107,7 +108,8 @@ class _Task:
     def tuned(self, stage_kg: tuple[float, float], inner: float | None) -> tuple[Proved | None, str]:
         """The best law of a stage, with a given mass inside or with the best; or why there is none."""
         members = stage_members(self.prototype, stage_kg, self.whole_kg)
-        law = self.prototype.controller
+        own, middle = self.prototype.controller, sum(stage_kg) / 2
+        law = next((law for law, (low, high) in own.laws if low <= middle <= high), None) if own is not None else None
         if law is not None and law.sections and (opened := law.form()) is not None:
             inside = self.prototype.payload.inner_end_mass_kg
             task = Search(members, self.goal, stage_kg, (inside, inside))

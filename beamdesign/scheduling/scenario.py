@@ -5,7 +5,7 @@ from dataclasses import replace
 from beamdesign.controllers import Scheduled
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, inputs_of
 from beamdesign.scheduling.simulation import Course, simulate_scheduled
 from beamdesign.simulate import SimulatedRecord, Simulation, as_measured
 
@@ -14,9 +14,10 @@ def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
     """What a record does to the rig: force, command, and payload with its change."""
     inputs, begun = inputs_of(row, scenario), (0.0, row.outer_end_mass_kg)
     force, command = inputs[:, 0] + row.preload_N, inputs[:, 1]
+    before = row.preload_N if scenario.start == "loaded" else 0.0
     if (change := row.payload_change) is None:
-        return Course(force, (begun,), command_V=command)
-    return Course(force, (begun, (change.at_s, change.outer_end_mass_kg)), change.joining, command)
+        return Course(force, (begun,), command_V=command, before_N=before)
+    return Course(force, (begun, (change.at_s, change.outer_end_mass_kg)), change.joining, command, before)
 
 
 def unfit(scenario: Scenario, schedule: Scheduled) -> list[Problem]:
@@ -25,14 +26,13 @@ def unfit(scenario: Scenario, schedule: Scheduled) -> list[Problem]:
     if abs(scenario.sample_s - schedule.period_s) > 1e-9:
         words = f"must be the period of the scheduled controller, {schedule.period_s:g}, is {scenario.sample_s:g}"
         found.append(Problem("sample_s", words))
-    if scenario.sampled is not None:
-        found.append(Problem("sampled", "a scheduled controller is sampled at its own period; take this out"))
-    if scenario.start != "loaded":
-        found.append(Problem("start", "a scheduled controller starts at rest under the preload, 'loaded'"))
+    if scenario.sampled not in (None, Sampled(period_s=schedule.period_s)):
+        words = f"must be as the scheduled controller is: every {schedule.period_s:g} s, without delay and quantisation"
+        found.append(Problem("sampled", words))
     found += [
         Problem(f"record.{row.name}.{name}", "is not for a scheduled controller")
         for row in scenario.record
-        for name in ("controller", "inner_end_mass_kg")
+        for name in ("controller", "wall")
         if getattr(row, name) is not None
     ]
     return found
@@ -54,9 +54,11 @@ def simulate_stages(prototype: Prototype, scenario: Scenario, schedule: Schedule
 
 def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     noise, seed = prototype.sensor.noise_V or 0.0, scenario.measurement.seed + position
-    course, limit = course_of(row, scenario), scenario.displacement_limit_m
+    course, limit, built = course_of(row, scenario), scenario.displacement_limit_m, prototype
+    if row.inner_end_mass_kg is not None:
+        built = prototype.but(payload=prototype.payload.but(inner_end_mass_kg=row.inner_end_mass_kg))
     try:
-        found = simulate_scheduled(prototype, course, noise_V=noise, seed=seed, limit_m=limit)
+        found = simulate_scheduled(prototype, course, built, noise_V=noise, seed=seed, limit_m=limit)
     except ValueError as error:
         raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
     return replace(found, name=row.name, samples=as_measured(found.samples, scenario, position))
