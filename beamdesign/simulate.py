@@ -213,8 +213,8 @@ def _judged(
     """Say whether a record is one of a stable loop."""
     times, displacement = samples[:, 0], samples[:, COLUMNS.index("displacement_m")]
     if len(samples) < len(inputs):
-        found = diverged(row.name, samples, scenario.displacement_limit_m, scenario.sample_s)
-        return replace(found, samples=measured)
+        ended = diverged(row.name, samples, scenario.displacement_limit_m, scenario.sample_s)
+        return replace(ended, samples=measured)
     moving = np.nonzero(np.any(np.diff(inputs, axis=0) != 0, axis=1))[0]
     quiet = int(moving[-1]) + 1 if len(moving) else 0
     found = None

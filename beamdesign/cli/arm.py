@@ -142,7 +142,7 @@ def _worked_out(
         "within_m": within,
         "anywhere": {name: {"stable": verdict.stable, "reason": verdict.reason} for name, verdict in places.items()},
     }
-    yes = found.stable and all(verdict.stable is True for verdict in places.values())
+    yes = found.stable is True and all(verdict.stable is True for verdict in places.values())
     return fields | {"files": files}, yes
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Annotated, Any, Literal, NoReturn, Self
+from typing import Annotated, Any, ClassVar, Literal, NoReturn, Self
 
 from pydantic import Field
 
@@ -108,8 +108,13 @@ class Scheduled(Controller):
         refuse(self, "one sensor", "what takes one law", "prototype")
         raise AssertionError("never here")
 
-    gain_A_per_V = equations = property(_refused)
-    sensed_law = sensor_responses = gain_at_high_frequency = control_model = figures = _refused
+    gain_A_per_V: ClassVar[Any] = property(_refused)
+    equations: ClassVar[Any] = property(_refused)
+    sensed_law: ClassVar[Any] = _refused
+    sensor_responses: ClassVar[Any] = _refused
+    gain_at_high_frequency: ClassVar[Any] = _refused
+    control_model: ClassVar[Any] = _refused
+    figures: ClassVar[Any] = _refused
 
     def words(self, digits: int = 3) -> str:
         """Its kind and how many laws it has."""
