@@ -1,7 +1,7 @@
 """Laws of the displacement alone that are factors of first and second order in series."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 from itertools import chain
@@ -302,17 +302,7 @@ class Cascade(Controller):
 
     def matrices(self) -> Matrices:
         """State space of C(s), its factors in series, of unit static gain."""
-        import numpy as np
-
-        a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
-        for factor in self.factors:
-            a_next, b_next, c_next, d_next = factor.matrices()
-            n, m = len(b), len(b_next)
-            joined = np.zeros((n + m, n + m))
-            joined[:n, :n], joined[n:, :n], joined[n:, n:] = a, np.outer(b_next, c), a_next
-            a, b = joined, np.concatenate([b, b_next * d])
-            c, d = np.concatenate([d_next * c, c_next]), d * d_next
-        return a, b, c, d
+        return in_series(factor.matrices() for factor in self.factors)
 
     def control_model(self) -> "control.StateSpace":
         """Its factors in series: one polynomial of their product would lose digits."""
@@ -352,6 +342,20 @@ class Cascade(Controller):
         """The gain, then the figures of each factor."""
         own = (self.gain_A_per_V, *chain.from_iterable(factor.figures() for factor in self.factors))
         return dict(zip(self.equations.parameters, own, strict=True))
+
+
+def in_series(parts: Iterable[Matrices]) -> Matrices:
+    """State space of parts behind each other, in their order."""
+    import numpy as np
+
+    a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+    for a_next, b_next, c_next, d_next in parts:
+        n, m = len(b), len(b_next)
+        joined = np.zeros((n + m, n + m))
+        joined[:n, :n], joined[n:, :n], joined[n:, n:] = a, np.outer(b_next, c), a_next
+        a, b = joined, np.concatenate([b, b_next * d])
+        c, d = np.concatenate([d_next * c, c_next]), d * d_next
+    return a, b, c, d
 
 
 def _state_space(exact_form: TransferFunction) -> "control.StateSpace":

@@ -14,10 +14,11 @@ section's input.
 """
 
 from dataclasses import dataclass
-from math import log, pi, sqrt, tan
+from itertools import combinations
+from math import log, pi, prod, sqrt, tan
 from typing import Literal
 
-from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.controllers import TransferFunction
 from beamdesign.polynomial import roots
 
 _FARTHEST = -2.0 + 0j
@@ -54,36 +55,53 @@ class Cascade:
     sections: tuple[Section, ...]
 
 
-def cascade(controller: Controller | TransferFunction, rate_Hz: float, prewarped: bool = True) -> Cascade:
-    """Discretise a controller by Tustin's rule, root by root.
+def factored(law: TransferFunction) -> tuple[float, list[tuple[list[complex], list[complex]]]]:
+    """The gain at rest of a law, and its poles in ones and twos with the zeros that stand best over them, in rad/s.
 
     Args:
-        controller: any law of the project, or any transfer function from error (V) to current (A), with a gain at zero
-            frequency that is finite and not zero.
-        rate_Hz: sampling rate.
-        prewarped: whether every root keeps its own natural frequency; otherwise they all move as the plain rule has it.
+        law: with a gain at zero frequency that is finite and not zero.
+
+    Returns:
+        A per unit of what it hears, and (poles, zeros) of each factor of unit static gain, by rising frequency; no
+        factor has more zeros than poles.
 
     Raises:
-        ValueError: for a law that is not stable and proper, has a root at zero, or, where prewarped, one at or above
-            half the rate.
+        ValueError: for a law that is not stable and proper, or has a root at zero.
     """
-    law = controller if isinstance(controller, TransferFunction) else controller.transfer_function()
-    zeros, poles = (_groups([complex(r) for r in roots(p)]) for p in (law.numerator, law.denominator))
     if law.numerator.is_zero() or law.numerator.degree() > law.denominator.degree():
-        raise ValueError("only a controller that is proper can be coded")
-    every = [root for group in (*zeros, *poles) for root in group]
-    if any(root == 0 for root in every):
+        raise ValueError("only a controller that is proper can be realised")
+    common = law.numerator.gcd(law.denominator)
+    numerator, denominator = law.numerator // common, law.denominator // common
+    zeros, poles = (_groups([complex(r) for r in roots(p)]) for p in (numerator, denominator))
+    if any(root == 0 for group in (*zeros, *poles) for root in group):
         raise ValueError("a controller with a pole or zero at zero frequency has no sections of unit static gain")
     if any(root.real >= 0 for group in poles for root in group):
         raise ValueError("the controller itself is not stable")
-    highest = max((abs(root) / (2 * pi) for root in every), default=0.0)
+    static = numerator(0) / denominator(0)
+    return float(static.p) / float(static.q), _paired(poles, zeros)
+
+
+def cascade(law: TransferFunction, rate_Hz: float, prewarped: bool = True) -> tuple[float, tuple[Section, ...]]:
+    """Discretise a law by Tustin's rule, root by root.
+
+    Args:
+        law: as of `factored`.
+        rate_Hz: sampling rate.
+        prewarped: whether every root keeps its own natural frequency; otherwise they all move as the plain rule has it.
+
+    Returns:
+        Its gain at rest, and sections of unit static gain, in the order in which a signal passes them.
+
+    Raises:
+        ValueError: as of `factored`, and where prewarped for a root at or above half the rate.
+    """
+    gain, factors = factored(law)
+    highest = max((abs(root) / (2 * pi) for factor in factors for group in factor for root in group), default=0.0)
     if prewarped and 2 * highest >= rate_Hz:
         raise ValueError(
             f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
         )
-    static = law.numerator(0) / law.denominator(0)
-    sections = [_section(own, partners, rate_Hz, prewarped) for own, partners in _paired(poles, zeros)]
-    return Cascade(rate_Hz, float(static.p) / float(static.q), tuple(sections))
+    return gain, tuple(_section(own, partners, rate_Hz, prewarped) for own, partners in factors)
 
 
 def _groups(found: list[complex]) -> list[list[complex]]:
@@ -97,8 +115,10 @@ def _paired(poles: list[list[complex]], zeros: list[list[complex]]) -> list[tupl
     double = sorted((g for g in poles if len(g) == 2), key=lambda g: abs(g[0].real) / abs(g[0]))
     single = sorted((g for g in poles if len(g) == 1), key=lambda g: abs(g[0]))
     waiting = sum(len(g) == 2 for g in free) - len(double)
-    for _ in range(max(waiting, 0)):  # pairs of zeros that no pair of poles is left for
-        double.append(single.pop(0) + single.pop(0))
+    for _ in range(max(waiting, 0)):  # pairs of zeros that no pair of poles is left for get the two real ones about them
+        two = min(combinations(single, 2), key=lambda two: min(apart(sum(two, []), g) for g in free if len(g) == 2))
+        single = [g for g in single if g is not two[0] and g is not two[1]]
+        double.append(sum(two, []))
     made = []
     for groups, size in ((double, 2), (single, 1)):
         left = list(groups)
@@ -113,18 +133,25 @@ def _paired(poles: list[list[complex]], zeros: list[list[complex]]) -> list[tupl
             free.remove(more)
             partners = partners + more
         made[k] = (own, partners)
-    return sorted(made, key=lambda pair: abs(pair[0][0]))
+    return sorted(made, key=lambda pair: _frequency(pair[0]))
 
 
 def _nearest(owners: list[list[complex]], groups: list[list[complex]]) -> tuple[list[complex], list[complex]]:
     """The owner and the group whose frequencies are nearest to each other; an empty group where there is none."""
-    pairs = [
-        (abs(log(abs(own[0]) / abs(group[0]))), k, j) for k, own in enumerate(owners) for j, group in enumerate(groups)
-    ]
+    pairs = [(apart(own, group), k, j) for k, own in enumerate(owners) for j, group in enumerate(groups)]
     if not pairs:
         return owners[0], []
     _, k, j = min(pairs)
     return owners[k], groups[j]
+
+
+def apart(one: list[complex], other: list[complex]) -> float:
+    """Between the frequencies of two groups, geometric means of their roots', as a logarithm."""
+    return abs(log(_frequency(one) / _frequency(other)))
+
+
+def _frequency(group: list[complex]) -> float:
+    return prod(abs(root) for root in group) ** (1 / len(group))
 
 
 def _delta(root: complex, rate_Hz: float, prewarped: bool) -> complex:

@@ -1,7 +1,7 @@
 """Analogue controllers of preferred values, proved again as they are realised."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from flint import fmpq
@@ -10,8 +10,11 @@ from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certifying import certify
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.rig_family import Family, rig_family
 from beamdesign.prototype import Prototype
-from beamdesign.specification.lag_amplifier import LagAmplifier, lag_amplifier
+from beamdesign.specification.circuit import Circuit
+from beamdesign.specification.circuit_values import circuit_of, deviation
 from beamdesign.specification.preferred_values import Series
 
 SERIES: tuple[tuple[Series, Series], ...] = (("E24", "E6"), ("E96", "E6"), ("E96", "E12"))
@@ -27,9 +30,9 @@ class ComponentTolerance:
 
     Attributes:
         resistors: relative tolerance of every resistor.
-        capacitor: relative tolerance of the capacitor.
-        verdict: "proved" for the box of gain, pole and zero that holds all components; "refuted" by components at ends
-            of their tolerances; "not proved" otherwise.
+        capacitor: relative tolerance of every capacitor.
+        verdict: "proved" for the box of gain and time constants that holds all components; "refuted" by components at
+            ends of their tolerances; "not proved" otherwise.
         reason: in words, why it is not proved.
         certificate: text that `beamdesign certify --replay` proves again; empty unless proved.
     """
@@ -46,16 +49,17 @@ class AnalogueController:
     """One realisation.
 
     Attributes:
-        amplifier: its components.
+        circuit: its components.
         controller: what they realise.
-        errors: relative deviation of gain, pole and zero from the controller that was asked for.
+        errors: relative deviation from the controller that was asked for: of `gain_A_per_V`, and the largest of the
+            `response` over its gain, about its breaks.
         stable: whether the nominal realisation is proved stable over the range of outer end masses.
         bandwidth_Hz: proved for the nominal realisation; None where not stable.
         peak_sensitivity: proved likewise.
         tolerances: verdicts for usual tolerances of components.
     """
 
-    amplifier: LagAmplifier
+    circuit: Circuit
     controller: Controller
     errors: dict[str, float]
     stable: bool
@@ -75,35 +79,36 @@ def analogue_controllers(
         told: what is being done.
 
     Raises:
-        ValueError: for a controller that the circuit cannot give; see `lag_amplifier`.
+        ValueError: for a controller that no circuit gives; see `circuit_of`.
     """
     asked = prototype.controller
     if asked is None:
         raise ValueError("the prototype has no [controller]")
-    if reason := asked.lacks("lag"):
-        raise ValueError(f"the circuit is that of a lag, and {asked.kind!r} {reason}")
-    found: dict[tuple[float | None, ...], AnalogueController] = {}
+    found: dict[tuple[float, ...], AnalogueController] = {}
     for resistors, capacitors in SERIES:
         told(f"analogue controller, {resistors}")
-        one = lag_amplifier(asked, resistors, capacitors)
-        values = (one.input_ohm, one.feedback_ohm, one.sense_ohm, one.shunt_ohm, one.capacitance_F)
+        one = circuit_of(asked, resistors, capacitors)
+        values = tuple(one.parts.values())
         if values not in found:
             found[values] = _certified(prototype, asked, masses_kg, one)
     return tuple(found.values())
 
 
 def _certified(
-    prototype: Prototype, asked: Controller, masses_kg: tuple[float, float], amplifier: LagAmplifier
+    prototype: Prototype, asked: Controller, masses_kg: tuple[float, float], circuit: Circuit
 ) -> AnalogueController:
-    realised = amplifier.controller
-    wanted, given = asked.model_dump(), realised.model_dump()
-    errors = {key: given[key] / wanted[key] - 1 for key in wanted if key != "kind"}
+    realised, wanted = circuit.law, asked.transfer_function()
+    static = wanted.numerator(0) / wanted.denominator(0)
+    errors = {
+        "gain_A_per_V": nearest(circuit.gain_A_per_V / static - 1),
+        "response": deviation(circuit, asked),
+    }
     certificate = certify(prototype.but(controller=realised), *masses_kg)
     reached = certificate.guaranteed
-    capacitors = CAPACITORS if realised.lag else CAPACITORS[:1]
-    verdicts = tuple(with_tolerance(prototype, masses_kg, amplifier, r, c) for r in RESISTORS for c in capacitors)
+    capacitors = CAPACITORS if circuit.has_capacitors else CAPACITORS[:1]
+    verdicts = tuple(with_tolerance(prototype, masses_kg, circuit, r, c) for r in RESISTORS for c in capacitors)
     return AnalogueController(
-        amplifier,
+        circuit,
         realised,
         errors,
         certificate.stable,
@@ -114,27 +119,47 @@ def _certified(
 
 
 def with_tolerance(
-    prototype: Prototype, masses_kg: tuple[float, float], amplifier: LagAmplifier, resistors: float, capacitor: float
+    prototype: Prototype, masses_kg: tuple[float, float], circuit: Circuit, resistors: float, capacitor: float
 ) -> ComponentTolerance:
     """Prove stability for all components within their tolerances and every outer end mass at once, or refute it."""
-    realised = prototype.but(controller=amplifier.controller)
-    ranges: dict[str, tuple[float | fmpq, float | fmpq]] = {
-        **amplifier.spans(resistors, capacitor),
-        "outer_end_mass": (exact(masses_kg[0]), exact(masses_kg[1])),
-    }
-    verdict = certify_box(realised, box_of(ranges), _BUDGET, volumes=False)
-    if verdict.stable:
-        return ComponentTolerance(resistors, capacitor, "proved", "", verdict.certificate)
-    for corner in amplifier.corners(resistors, capacitor):
-        at_corner = certify(prototype.but(controller=corner.controller), *masses_kg)
+
+    def found(verdict: Verdict, reason: str = "", certificate: str = "") -> ComponentTolerance:
+        return ComponentTolerance(resistors, capacitor, verdict, reason, certificate)
+
+    for corner in circuit.corners(resistors, capacitor):
+        at_corner = certify(prototype.but(controller=corner.law), *masses_kg)
         if not at_corner.stable:
-            values = (corner.input_ohm, corner.feedback_ohm, corner.sense_ohm, corner.shunt_ohm, corner.capacitance_F)
-            shown = ", ".join(f"{v:.4g}" for v in values if v is not None)
-            reason = f"with R1, Rf, Rs, R2, C of {shown} (SI): {at_corner.reason}"
-            return ComponentTolerance(resistors, capacitor, "refuted", reason, "")
-    reason = (
-        "no combination of components at the ends of their tolerances is unstable, but the box of independent"
-        " gain, pole"
-        " and zero that encloses them is not proved"
+            shown = ", ".join(f"{name} {value:.4g}" for name, value in corner.parts.items())
+            return found("refuted", f"with {shown} (SI): {at_corner.reason}")
+    family, ranges = _spanned(prototype, circuit, resistors, capacitor)
+    box = box_of(ranges | {"outer_end_mass": (exact(masses_kg[0]), exact(masses_kg[1]))})
+    verdict = certify_box(family, box, _BUDGET, volumes=False)
+    if verdict.stable:
+        return found("proved", certificate=verdict.certificate)
+    return found(
+        "not proved",
+        "no combination that was looked at of components at the ends of their tolerances is unstable, but the box of"
+        " independent gain and time constants that encloses them is not proved",
     )
-    return ComponentTolerance(resistors, capacitor, "not proved", reason, "")
+
+
+def _spanned(
+    prototype: Prototype, circuit: Circuit, resistors: float, capacitor: float
+) -> tuple[Family, dict[str, tuple[float | fmpq, float | fmpq]]]:
+    """The loop over gain and coefficients of every stage, s and s^2, and what these can be within the tolerances."""
+    family = rig_family(prototype.but(controller=circuit.law))
+    ranges: dict[str, tuple[float | fmpq, float | fmpq]] = {"controller_gain": circuit.gain_span(resistors, capacitor)}
+    values, sides = dict(family.values), {"n": "1", "d": "1"}
+    for k, stage in enumerate(circuit.stages, 1):
+        nominal, spans = stage.exact._asdict(), stage.spans(resistors, capacitor)._asdict()
+        for side in sides:
+            terms = ["1"]
+            for power in (1, 2):
+                if nominal[f"{side}{power}"]:
+                    name = f"stage_{k}_{side}{power}"
+                    values[name], ranges[name] = nominal[f"{side}{power}"], spans[f"{side}{power}"]
+                    terms.append(f"{name}*s**{power}")
+            if len(terms) > 1:
+                sides[side] += f"*({' + '.join(terms)})"
+    leaves = {**(family.leaves or {}), "numerator": sides["n"], "denominator": sides["d"]}
+    return replace(family, values=values, leaves=leaves, positive=False), ranges

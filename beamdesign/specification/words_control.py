@@ -2,6 +2,7 @@
 
 from decimal import ROUND_CEILING, ROUND_FLOOR
 
+from beamdesign.proof.rational import nearest
 from beamdesign.report.foundations import proved_statements
 from beamdesign.report.quantity import decimal, mass_range_text, quantity
 from beamdesign.specification.analogue import AnalogueController
@@ -33,70 +34,76 @@ def guaranteed(spec: Specification) -> Part:
 
 
 def controller(spec: Specification) -> Part:
-    """Gain and breaks."""
+    """The law, figure by figure."""
     law = spec.prototype.controller
     assert law is not None
-    rows = [("gain at zero frequency", quantity(law.gain_A_per_V, "A/V", 6))]
-    words = "Valve current = gain × (command − sensor voltage)."
-    if lag := law.lag:
-        rows += [("pole", quantity(lag.pole_Hz, "Hz", 6)), ("zero", quantity(lag.zero_Hz, "Hz", 6))]
-        words = (
-            "Valve current = gain × C(s) × (command − sensor voltage), C(s) = (1 + s/(2π zero)) / (1 + s/(2π"
-            " pole)). Build it"
-            " as a circuit or as code."
-        )
-    return Part("Controller", (Paragraph(words), Table(("figure", "value"), tuple(rows))))
+    words = f"Valve current from command − sensor voltage: {law.words()}."
+    if law.added:
+        words = f"{words[:-1]}, and from {', '.join(law.added)}, each with its sign turned."
+    return Part("Controller", (Paragraph(words), Table(("figure", "value", "means"), tuple(law.rows()))))
+
+
+_STAGES = {
+    "amplifier": "inverting amplifier: R1 to its inverting input, Rf from its output back to it; gain = Rf/R1",
+    "lag": "inverting amplifier: R1 to its inverting input, Rf from its output back to it, with the other parts in"
+    " series parallel to Rf; gain = Rf/R1, zero = 1/(2π R2 C), pole = 1/(2π (R2 + Rf) C)",
+    "lead": "inverting amplifier: R1 to its inverting input, with R2 and C in series parallel to it, Rf from its output"
+    " back; zero = 1/(2π (R1 + R2) C), pole = 1/(2π R2 C)",
+    "biquad": "inverting biquad of three amplifiers (Fleischer and Tow, Proceedings of the IEEE 61 (1973) 662-663). A,"
+    " with C2 back: R2 from the output of C and R5 from the input. B, with C1 and R1 parallel back: R3 from A and R4"
+    " from the input. C, with R8 back: R7 from B and R6 from the input; its output is the stage's. (1 + n1 s + n2 s²)/"
+    "(1 + d1 s + d2 s²) with d1 = R2 R3 R7 C2/(R1 R8), d2 = R2 R3 R7 C1 C2/R8, n1 = R3 R5 C2 (R7/(R1 R6) − 1/R4),"
+    " n2 = R3 R5 R7 C1 C2/R6. A part that is not listed is left out",
+}
 
 
 def circuit(spec: Specification) -> Part:
     """The analogue realisation."""
     if not spec.analogue:
         return Part("Analogue controller", (Paragraph(f"None: {spec.analogue_reason}."),))
-    law = spec.prototype.controller
-    lag = law is not None and law.lag is not None
-    network = ", parallel to R2 and C in series," if lag else ""
+    found = spec.analogue
+    first = found[0].circuit
+    items = []
+    for k, stage in enumerate(first.stages, 1):
+        words = f"U{k}, {_STAGES[stage.kind]}."
+        if stage.turned:
+            words += f" {' and '.join(stage.turned)} from the input inverted by a fourth amplifier, Ri into it, Rb back;"
+            words += " the formulas have it times −Ri/Rb."
+        items.append(words)
+    items[0] += " Its R1 stands there twice, from the command and from the inverted sensor voltage −F x."
+    which = "the inverted output" if first.inverted else "the output"
+    items.append(
+        f"U{len(first.stages) + 1}, power amplifier with current feedback: it drives the valve's coil so that the"
+        f" voltage over the sense resistor Rs in series with the coil equals {which} of U{len(first.stages)}."
+    )
     blocks: list[Block] = [
-        Items(
-            (
-                "U1, inverting amplifier: R1 from the inverted sensor voltage −F x and a second R1 from the"
-                " command to its"
-                f" inverting input; Rf{network} from its output back to that input.",
-                "U2, power amplifier with current feedback: it drives the valve's coil so that the voltage over"
-                " the sense"
-                " resistor Rs in series with the coil equals the inverted output of U1.",
-                "Realised: i/e = Rf/(R1 Rs)"
-                + (
-                    " × (1 + s R2 C)/(1 + s (R2 + Rf) C): zero = 1/(2π R2 C), pole = 1/(2π (R2 + Rf) C)."
-                    if lag
-                    else "."
-                ),
-            )
-        ),
+        Items(tuple(items)),
         Table(
-            ("", *(_name(one) for one in spec.analogue)),
-            tuple(_component_rows(spec.analogue)),
+            ("", *(_name(one) for one in found)),
+            tuple(_component_rows(found)),
             "Component values and what they realise; bandwidth and peak sensitivity are proved for the nominal values",
         ),
         Table(
-            ("tolerances of all components", *(_name(one) for one in spec.analogue)),
+            ("tolerances of all components", *(_name(one) for one in found)),
             tuple(
                 (
-                    f"resistors {100 * at.resistors:g} %" + (f", capacitor {100 * at.capacitor:g} %" if lag else ""),
-                    *(one.tolerances[k].verdict for one in spec.analogue),
+                    f"resistors {100 * at.resistors:g} %"
+                    + (f", capacitors {100 * at.capacitor:g} %" if first.has_capacitors else ""),
+                    *(one.tolerances[k].verdict for one in found),
                 )
-                for k, at in enumerate(spec.analogue[0].tolerances)
+                for k, at in enumerate(found[0].tolerances)
             ),
             "Stable with every component anywhere within its tolerance and every payload of the range, all else"
             " nominal",
         ),
         Paragraph(
-            "Proved is the box of gain, pole and zero that encloses all components, which is more than they can do. The"
-            " amplifiers count as ideal. Performance within the tolerances of components is not proved."
+            "Proved is the box of gain and time constants that encloses all components, which is more than they can"
+            " do. The amplifiers count as ideal. Performance within the tolerances of components is not proved."
         ),
     ]
     reasons = dict.fromkeys(
         f"{_name(one)}, {100 * at.resistors:g} % / {100 * at.capacitor:g} %: {at.verdict}, {at.reason}."
-        for one in spec.analogue
+        for one in found
         for at in one.tolerances
         if at.reason
     )
@@ -106,39 +113,38 @@ def circuit(spec: Specification) -> Part:
 
 
 def _name(one: AnalogueController) -> str:
-    capacitors = f", C of {one.amplifier.capacitors}" if one.amplifier.capacitance_F is not None else ""
-    return f"R of {one.amplifier.resistors}{capacitors}"
+    capacitors = f", C of {one.circuit.capacitors}" if one.circuit.has_capacitors else ""
+    return f"R of {one.circuit.resistors}{capacitors}"
 
 
 def _component_rows(found: tuple[AnalogueController, ...]) -> list[tuple[str, ...]]:
-    def row(words: str, *cells: str) -> tuple[str, ...]:
-        return (words, *cells)
-
-    parts = [one.amplifier for one in found]
+    parts = [one.circuit.parts for one in found]
+    names = sorted({name for one in parts for name in one}, key=lambda n: (not n[0].isdigit(), n.partition(".")[0], n))
     rows = [
-        row("R1 (two)", *(f"{decimal(p.input_ohm / 1e3)} kΩ" for p in parts)),
-        row("Rf", *(f"{decimal(p.feedback_ohm / 1e3)} kΩ" for p in parts)),
-        row("Rs", *(f"{decimal(p.sense_ohm)} Ω" for p in parts)),
+        (name if name == "Rs" else f"U{name.replace('.', ' ')}", *(_value(name, one.get(name)) for one in parts))
+        for name in names
     ]
-    if parts[0].shunt_ohm is not None:
-        rows += [
-            row("R2", *(f"{decimal((p.shunt_ohm or 0) / 1e3)} kΩ" for p in parts)),
-            row("C", *(f"{decimal((p.capacitance_F or 0) * 1e9)} nF" for p in parts)),
-        ]
-    for key, unit in (("gain_A_per_V", "A/V"), ("pole_Hz", "Hz"), ("zero_Hz", "Hz")):
-        if key in found[0].errors:
-            rows.append(
-                row(
-                    f"{key.partition('_')[0]} realised (error)",
-                    *(f"{quantity(getattr(o.controller, key), unit)} ({100 * o.errors[key]:+.2f} %)" for o in found),
-                )
-            )
-    rows += [
-        row("stable over the range", *("proved" if o.stable else "refuted" for o in found)),
-        row("bandwidth", *(optional(o.bandwidth_Hz, "Hz", ROUND_FLOOR) for o in found)),
-        row("peak sensitivity", *(optional(o.peak_sensitivity, "1", ROUND_CEILING) for o in found)),
-    ]
-    return rows
+    return [
+        *rows,
+        (
+            "gain realised (error)",
+            *(f"{quantity(nearest(o.circuit.gain_A_per_V), 'A/V')} ({100 * o.errors['gain_A_per_V']:+.2f} %)"
+              for o in found),
+        ),
+        ("response, largest error (sampled)", *(f"{100 * o.errors['response']:.2f} %" for o in found)),
+        ("stable over the range", *("proved" if o.stable else "refuted" for o in found)),
+        ("bandwidth", *(optional(o.bandwidth_Hz, "Hz", ROUND_FLOOR) for o in found)),
+        ("peak sensitivity", *(optional(o.peak_sensitivity, "1", ROUND_CEILING) for o in found)),
+    ]  # fmt: skip
+
+
+def _value(name: str, value: float | None) -> str:
+    """A part's value as it is printed on it."""
+    if value is None:
+        return "left out"
+    if ".C" in name:
+        return f"{decimal(value * 1e9)} nF"
+    return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"
 
 
 def code(spec: Specification) -> Part:

@@ -1,0 +1,218 @@
+"""A controller as a chain of op-amp stages, and a last one that turns volts into current: what its parts realise.
+
+Every amplifier is ideal and every stage inverts, so that its volts are -gain (1 + n1 s + n2 s^2) / (1 + d1 s + d2 s^2)
+times those that it is given:
+
+- `amplifier`: R1 to the inverting input, Rf from the output back to it. gain = Rf / R1.
+- `lag`: the same with R2 and C in series parallel to Rf. n1 = R2 C, d1 = (R2 + Rf) C; without R2 there is no zero.
+- `lead`: with R2 and C in series parallel to R1 instead. n1 = (R1 + R2) C, d1 = R2 C.
+- `biquad`, of three amplifiers (P. E. Fleischer and J. Tow, Design formulas for biquad active filters using three
+  operational amplifiers, Proceedings of the IEEE 61 (1973) 662-663). An integrator with C2 sums the stage's output
+  through R2 and its input through R5. A second one with C1, damped by R1 parallel to it, sums the first through R3 and
+  the input through R4. The last, with R8 back, sums the second through R7 and the input through R6; its output is the
+  stage's. With R7 = R8 and R2 = R5 the static gain is one,
+
+      gain = R2 / R5,   d1 = R2 R3 R7 C2 / (R1 R8),          d2 = R2 R3 R7 C1 C2 / R8,
+      n1 = R3 R5 C2 (R7 / (R1 R6) - 1 / R4),                  n2 = R3 R5 R7 C1 C2 / R6.
+
+  Where R4 or R6 has to count with the other sign, it leads from the input inverted by a fourth amplifier, Ri into it
+  and Rb back, and the formulas have R4 or R6 times -Ri / Rb. A resistor that would be infinite is left out.
+
+The first stage sums: it has R1 twice, from the command and from the inverted volts of the sensor. The last, a power
+amplifier, drives the valve's coil so that the voltage over the sense resistor Rs in series with it is the last
+stage's output, or that inverted.
+"""
+
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from math import prod
+from typing import Any, Literal, NamedTuple
+
+from flint import fmpq
+
+from beamdesign.controllers import Observer
+from beamdesign.controllers.cascade import Matrices, in_series
+from beamdesign.polynomial import exact
+from beamdesign.specification.preferred_values import Series
+
+Kind = Literal["amplifier", "lag", "lead", "biquad"]
+_MOST_CORNERS = 32
+"""Of all components together, beyond which so many are drawn."""
+
+
+class Ratio(NamedTuple):
+    """gain (1 + n1 s + n2 s^2) / (1 + d1 s + d2 s^2), of floats or of rationals; s in rad/s."""
+
+    gain: Any
+    n1: Any = 0
+    n2: Any = 0
+    d1: Any = 0
+    d2: Any = 0
+
+    def at(self, s: Any) -> Any:
+        """Its value at s (rad/s), of any shape."""
+        return self.gain * (1 + s * (self.n1 + s * self.n2)) / (1 + s * (self.d1 + s * self.d2))
+
+    @property
+    def order(self) -> int:
+        """Of its denominator."""
+        return 2 if self.d2 else 1 if self.d1 else 0
+
+    def matrices(self) -> Matrices:
+        """State space of it over its gain, in floats."""
+        import numpy as np
+
+        if self.order == 0:
+            return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+        if self.order == 1:
+            pole, through = 1 / self.d1, self.n1 / self.d1
+            return np.array([[-pole]]), np.array([pole]), np.array([1 - through]), through
+        natural, through = self.d2**-0.5, self.n2 / self.d2
+        a = np.array([[0.0, natural], [-natural, -self.d1 / self.d2]])
+        return a, np.array([0.0, natural]), np.array([1 - through, natural * (self.n1 - self.d1 * through)]), through
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the schematic above.
+
+    Attributes:
+        kind: which.
+        parts: by name, those with R in ohm, those with C in F.
+        turned: which of R4 and R6 lead from the inverted input.
+    """
+
+    kind: Kind
+    parts: Mapping[str, float]
+    turned: tuple[str, ...] = ()
+
+    @property
+    def exact(self) -> Ratio:
+        """What the parts as they stand realise, in rationals; the sign is left out."""
+        return self.of({name: exact(value) for name, value in self.parts.items()})
+
+    def of(self, parts: Mapping[str, Any]) -> Ratio:
+        """What other parts in the same places would realise: floats, arrays or rationals."""
+        if self.kind != "biquad":
+            gain, first, shunt = parts["Rf"] / parts["R1"], parts["R1"], parts.get("R2", 0)
+            if self.kind == "amplifier":
+                return Ratio(gain)
+            short = shunt * parts["C"]
+            long = ((parts["Rf"] if self.kind == "lag" else first) + shunt) * parts["C"]
+            return Ratio(gain, short, 0, long, 0) if self.kind == "lag" else Ratio(gain, long, 0, short, 0)
+
+        def conductance(name: str) -> Any:
+            if name not in parts:
+                return 0
+            return -parts["Rb"] / (parts["Ri"] * parts[name]) if name in self.turned else 1 / parts[name]
+
+        loop, given = (parts["R3"] * parts["C2"] * parts[name] for name in ("R2", "R5"))
+        damping, direct = parts["R7"] / parts["R1"], parts["R7"] * conductance("R6")
+        return Ratio(
+            parts["R2"] / parts["R5"],
+            given * (direct / parts["R1"] - conductance("R4")),
+            given * direct * parts["C1"],
+            loop * damping / parts["R8"],
+            loop * parts["R7"] * parts["C1"] / parts["R8"],
+        )
+
+    def within(self, resistors: float, capacitor: float) -> Iterator[dict[str, fmpq]]:
+        """Every combination of its parts at the ends of their relative tolerances, in rationals."""
+        ends = [
+            [exact(value) * (1 + side * exact(resistors if name[0] == "R" else capacitor)) for side in (-1, 1)]
+            for name, value in self.parts.items()
+        ]
+        return (dict(zip(self.parts, corner, strict=True)) for corner in product(*ends))
+
+    def spans(self, resistors: float, capacitor: float) -> Ratio:
+        """What each coefficient can be with its parts within their tolerances: pairs of rationals, both attained.
+
+        Each coefficient rises or falls with every one of its parts while the others stay, so that its ends are at
+        corners. That the coefficients vary independently of each other is more than the parts can do.
+        """
+        found = [self.of(parts) for parts in self.within(resistors, capacitor)]
+        return Ratio(*((min(values), max(values)) for values in zip(*found, strict=True)))
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """Stages in series and the last one.
+
+    Attributes:
+        stages: the first sums command and sensor.
+        sense_ohm: Rs.
+        falling: whether the current falls where the error rises, as for a law of negative gain.
+        resistors: series that the resistors are taken from.
+        capacitors: series that the capacitors are taken from.
+    """
+
+    stages: tuple[Stage, ...]
+    sense_ohm: float
+    falling: bool = False
+    resistors: Series = "E96"
+    capacitors: Series = "E6"
+
+    @property
+    def inverted(self) -> bool:
+        """Whether the power amplifier inverts the last stage's volts."""
+        return (len(self.stages) % 2 == 1) != self.falling
+
+    @property
+    def has_capacitors(self) -> bool:
+        """Whether there are any."""
+        return any(stage.kind != "amplifier" for stage in self.stages)
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Every part by the number of its stage and its name, such as "1.R1"; the sense resistor is "Rs"."""
+        named = {f"{k}.{name}": v for k, stage in enumerate(self.stages, 1) for name, v in stage.parts.items()}
+        return named | {"Rs": self.sense_ohm}
+
+    @property
+    def gain_A_per_V(self) -> fmpq:
+        """Of current over error at rest, exact, with its sign."""
+        gain = prod((stage.exact.gain for stage in self.stages), start=1 / exact(self.sense_ohm))
+        return -gain if self.falling else gain
+
+    @property
+    def law(self) -> Observer:
+        """What the parts realise, as a prototype writes it; its gain is that at rest."""
+        a, b, c, d = in_series(Ratio(*map(_float, stage.exact)).matrices() for stage in self.stages)
+        return Observer.of(_float(self.gain_A_per_V), ("displacement_m",), a, b.reshape(-1, 1), c, [d])
+
+    def made_of(self, parts: Mapping[str, float]) -> "Circuit":
+        """The same circuit of other parts, named as in `parts`."""
+        stages = tuple(
+            replace(stage, parts={name: parts[f"{k}.{name}"] for name in stage.parts})
+            for k, stage in enumerate(self.stages, 1)
+        )
+        return replace(self, stages=stages, sense_ohm=parts["Rs"])
+
+    def corners(self, resistors: float, capacitor: float, seed: int = 0) -> Iterator["Circuit"]:
+        """Combinations of all parts at the ends of their tolerances: each, or some drawn where they are many."""
+        parts, n = self.parts, len(self.parts)
+        if 2**n <= _MOST_CORNERS * 2:
+            sides: Any = product((-1, 1), repeat=n)
+        else:
+            drawn = random.Random(seed)
+            sides = [[drawn.choice((-1, 1)) for _ in range(n)] for _ in range(_MOST_CORNERS)]
+        for ends in sides:
+            yield self.made_of(
+                {
+                    name: value * (1 + side * (capacitor if ".C" in name else resistors))
+                    for (name, value), side in zip(parts.items(), ends, strict=True)
+                }
+            )
+
+    def gain_span(self, resistors: float, capacitor: float) -> tuple[fmpq, fmpq]:
+        """What the size of the gain can be with all parts within their tolerances."""
+        r, sense = exact(resistors), exact(self.sense_ohm)
+        spans = [stage.spans(resistors, capacitor).gain for stage in self.stages]
+        low, high = (prod((span[end] for span in spans), start=fmpq(1)) for end in (0, 1))
+        return low / (sense * (1 + r)), high / (sense * (1 - r))
+
+
+def _float(value: Any) -> float:
+    return float(value.p) / float(value.q) if isinstance(value, fmpq) else float(value)
