@@ -61,7 +61,7 @@ def code(
     ] = False,
     json: JsonOption = None,
 ) -> None:
-    """Write the controller as C99, as it is proved.
+    """Write the controller as C99, as it is proved, with one argument for each of its readings.
 
     Sections in incremental form, coefficients and words of the length asked for, limits with anti-windup, a self-test
     to the last bit. The loop is proved with the rounded coefficients, its current held, at once and one period late;
@@ -69,7 +69,6 @@ def code(
     the range; a higher rate or a longer word may be.
     """
     from beamdesign import quantities as q
-    from beamdesign.controllers import refuse
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
@@ -93,12 +92,11 @@ def code(
     if faults:
         raise InputError(prototype, faults)
     assert record.controller is not None
-    refuse(record.controller, "one sensor", "code, which reads one voltage", prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.realisation.folder import write_code
     from beamdesign.realisation.machine import compiler
-    from beamdesign.realisation.realise import realise
+    from beamdesign.realisation.realise import full_scales_of, realise
     from beamdesign.realisation.verdict import judge
 
     if compile_here and compiler() is None:
@@ -106,7 +104,8 @@ def code(
     bits = None if in_floats else word_length or 32
     limit = largest_current_A or record.servovalve.rated_current_A
     try:
-        made = realise(record.controller, rate_Hz, bits, full_scale_V, limit)
+        scales = full_scales_of(record, full_scale_V)
+        made = realise(record.controller, rate_Hz, bits, full_scale_V, limit, full_scales=scales)
     except ValueError as error:
         raise InputError(prototype, [("controller", str(error))]) from error
     found = judge(record, made, masses)
@@ -178,6 +177,10 @@ def json_fields(made: "Realisation", found: "Judgement", masses_kg: tuple[float,
         "current_places": made.current_places,
         "full_scale_V": made.full_scale_V,
         "largest_current_A": made.largest_current_A,
+        "readings": [
+            {"heard": one.heard, "unit": one.unit, "full_scale": scale, "places": places, "sections": len(one.sections)}
+            for one, scale, places in zip(made.channels, made.full_scales, made.places, strict=True)
+        ],
         "sections": made.sections,
         "coefficients": {
             name: {"asked": one.asked, "integer": one.integer, "places": one.places, "error": one.error}

@@ -54,11 +54,11 @@ def spec(
     `beamdesign gap diagnose`. Exit status 1 if the loop is not stable over the range, with the reason.
     """
     from beamdesign import quantities as q
-    from beamdesign.controllers import refuse
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
     from beamdesign.rig.parameters import problem_without_controller
+    from beamdesign.specification.difference_equation import upper_break_Hz
 
     figures = {
         "--sampling-rate-Hz": (sampling_rate_Hz, q.SamplingRate),
@@ -73,8 +73,10 @@ def spec(
     if faults:
         raise InputError(prototype, faults)
     assert record.controller is not None
-    refuse(record.controller, "lag", "a specification, whose circuit and code are those of a lag", prototype)
-    upper = max(lag.pole_Hz, lag.zero_Hz) if (lag := record.controller.lag) else 0.0
+    try:
+        upper = upper_break_Hz(record.controller)
+    except ValueError as error:
+        raise InputError(prototype, [("controller", str(error))]) from error
     if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * upper:
         reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz"
         raise InputError("--sampling-rate-Hz", [("rate", reason)])
@@ -120,7 +122,7 @@ def _say(found: "Specification") -> None:
     ]
     for one in found.analogue:
         verdicts = [f"{100 * t.resistors:g}/{100 * t.capacitor:g} % {t.verdict}" for t in one.tolerances]
-        rows.append((f"circuit of {one.amplifier.resistors}, {one.amplifier.capacitors}", "; ".join(verdicts), ""))
+        rows.append((f"circuit of {one.circuit.resistors}, {one.circuit.capacitors}", "; ".join(verdicts), ""))
     late = digital.one_period_late
     basis = "not worked out" if late is None else {True: "proved", False: "refuted", None: "undecided"}[late.stable]
     rows += [

@@ -2,18 +2,18 @@
 
 from beamdesign.realisation.c_code import c_files
 from beamdesign.realisation.realise import Realisation, realise
-from beamdesign.realisation.sections import Cascade, Section, cascade
+from beamdesign.realisation.sections import DiscreteLaw, Section, discretised
 from beamdesign.realisation.trade import RateAndWord, sufficient, trade
 from beamdesign.realisation.verdict import Judgement, judge
 
 __all__ = [
-    "Cascade",
+    "DiscreteLaw",
     "Judgement",
     "RateAndWord",
     "Realisation",
     "Section",
     "c_files",
-    "cascade",
+    "discretised",
     "judge",
     "realise",
     "sufficient",

@@ -22,22 +22,23 @@ HEADER, LAW, SELF_TEST = "controller.h", "controller.c", "controller_self_test.c
 
 @dataclass(frozen=True)
 class Vectors:
-    """Errors and the currents that follow them from reset at zero, as words or as floats of 32 bits."""
+    """Readings by name and the currents that follow them from reset at zero, as words or as floats of 32 bits."""
 
-    errors: tuple[float, ...]
+    readings: dict[str, tuple[float, ...]]
     currents: tuple[float, ...]
 
 
 def vectors(realisation: Realisation) -> Vectors:
-    """What the self-test runs: steps beyond the limit both ways, tones, and small errors that only rounding sees."""
-    volts = [_test_error(k) * realisation.full_scale_V for k in range(VECTORS)]
-    if realisation.word_length is None:
-        single = Float32(realisation)
-        errors = [np.float32(v) for v in volts]
-        return Vectors(tuple(float(e) for e in errors), tuple(float(single.step(float(e))) for e in errors))
-    machine = FixedPoint(realisation)
-    words = [to_word(realisation, v) for v in volts]
-    return Vectors(tuple(words), tuple(machine.step(word) for word in words))
+    """What the self-test runs: steps beyond the limit both ways, tones, and small readings that only rounding sees."""
+    names = [channel.name for channel in realisation.channels]
+    given: list[list[float]] = []
+    for place, scale in enumerate(realisation.full_scales):
+        values = [_test_error((k + 11 * place) % VECTORS) * scale for k in range(VECTORS)]
+        single = realisation.word_length is None
+        given.append([float(np.float32(v)) if single else to_word(realisation, v, place) for v in values])
+    machine: FixedPoint | Float32 = (Float32 if realisation.word_length is None else FixedPoint)(realisation)
+    currents = tuple(float(machine.step(*sample)) for sample in zip(*given, strict=True))  # type: ignore[arg-type]
+    return Vectors({name: tuple(values) for name, values in zip(names, given, strict=True)}, currents)
 
 
 def _test_error(k: int) -> float:
@@ -74,11 +75,17 @@ def _header(realisation: Realisation, name: str, notes: tuple[str, ...]) -> str:
     fixed = realisation.word_length is not None
     limit, scale = realisation.largest_current_A, realisation.full_scale_V
     unit = "words" if fixed else "floats"
+    others = realisation.channels[1:]
+    more = "".join(f", {one.name.replace('_', ' ')} ({one.unit})" for one in others)
     about = [
-        f"Controller of {name}: from error (command minus sensor voltage, V) to valve current (A).",
+        f"Controller of {name}: from error (command minus sensor voltage, V){more} to valve current (A).",
         "",
         f"Call controller_step once per sample at {realisation.rate_Hz:g} Hz and hold its current until the next.",
         f"Call controller_reset before the first sample. Both take and give {unit}, in the units below.",
+        *(
+            f"The {one.name.replace('_', ' ')} is taken as it is read, up to {most:g} {one.unit}, zero in the middle."
+            for one, most in zip(others, realisation.full_scales[1:], strict=True)
+        ),
         f"Made for errors up to {scale:g} V" + (_OVERFLOW[realisation.scaling] if fixed else "."),
         f"The current is limited to {limit:g} A. While it is, lag sections do not move further in its direction",
         "(anti-windup); all other sections are stable filters of unit static gain and run on.",
@@ -97,44 +104,61 @@ def _header(realisation: Realisation, name: str, notes: tuple[str, ...]) -> str:
             "#include <stdint.h>", "",
             f"#define CONTROLLER_RATE_HZ {realisation.rate_Hz!r}",
             f"#define CONTROLLER_WORD_LENGTH {realisation.word_length} /* bits, with the sign */",
-            f"#define CONTROLLER_ERROR_PLACES ({realisation.signal_places}) /* error in V = word / 2^places */",
+            *(
+                f"#define CONTROLLER_{one.name.upper()}_PLACES ({places})"
+                f" /* {one.name.replace('_', ' ')} in {one.unit} = word / 2^places */"
+                for one, places in zip(realisation.channels, realisation.places, strict=True)
+            ),
             f"#define CONTROLLER_CURRENT_PLACES ({realisation.current_places}) /* current in A = word / 2^places */",
             "",
             f"typedef {'int16_t' if short else 'int32_t'} controller_word;",
             f"typedef {'int32_t' if short else 'int64_t'} controller_wide;",
         ]  # fmt: skip
         kind, state = "controller_word", "controller_wide"
-        unit_of_states = f"V / 2^{realisation.state_places}"
+        units = [
+            f"{one.unit} / 2^{places + realisation.state_extra}"
+            for one, places in zip(realisation.channels, realisation.places, strict=True)
+        ]
     else:
         lines += [f"#define CONTROLLER_RATE_HZ {realisation.rate_Hz!r}"]
         kind = state = "float"
-        unit_of_states = "V"
+        units = [one.unit for one in realisation.channels]
     meaning = {"x": "what the section has followed of its input", "w": "how fast it follows"}
     lines += ["", "typedef struct {"]
-    lines += [f"    {state} {x}; /* {unit_of_states}: section {x[1:]}, {meaning[x[0]]} */" for x in realisation.states]
+    for x, place in realisation.state_channels.items():
+        lines.append(f"    {state} {x}; /* {units[place]}: section {x[1:]}, {meaning[x[0]]} */")
+    given = _arguments(realisation)
     lines += [
         "    int limited; /* 1 or -1 while the current is at its upper or lower limit, else 0 */",
         "} controller_state;", "", *linkage[0],
-        "/* At rest under a constant error: the next current is that of the static gain. */",
-        f"void controller_reset(controller_state *state, {kind} error);", "",
-        "/* One sample: current from error. */",
-        f"{kind} controller_step(controller_state *state, {kind} error);", "",
+        f"/* At rest under {'constant readings' if others else 'a constant error'}: the next current is that of the"
+        " static gain. */",
+        f"void controller_reset(controller_state *state, {given});", "",
+        f"/* One sample: current from {'readings' if others else 'error'}. */",
+        f"{kind} controller_step(controller_state *state, {given});", "",
         "/* 0 where this machine computes as it should, else the number of the first sample that differs. */",
         "int controller_self_test(void);", "", *linkage[1], "#endif", "",
     ]  # fmt: skip
     return "\n".join(lines)
 
 
+def _arguments(realisation: Realisation) -> str:
+    """Of step and reset, in C."""
+    kind = "float" if realisation.word_length is None else "controller_word"
+    return ", ".join(f"{kind} {channel.name}" for channel in realisation.channels)
+
+
 def _law(realisation: Realisation, name: str) -> str:
     fixed = realisation.word_length is not None
     lines = [*_comment([f"Controller of {name}; see {HEADER}."]), f'#include "{HEADER}"', ""]
+    gains = {channel.gain_name: channel.unit for channel in realisation.channels}
     for key, one in realisation.coefficients.items():
-        unit = " A/V" if key == "gain" else ""
+        unit = f" A/{gains[key]}" if key in gains else ""
         if fixed:
             lines.append(
                 f"#define {key.upper()} ((controller_wide){one.integer}) /* / 2^places: {one.asked:.9g}{unit} */"
             )
-            if key != "gain":
+            if key not in gains:
                 lines.append(f"#define {key.upper()}_PLACES {one.places}")
         else:
             lines.append(f"#define {key.upper()} {_literal(one.asked)} /* {one.asked:.9g}{unit} */")
@@ -142,14 +166,14 @@ def _law(realisation: Realisation, name: str) -> str:
     if fixed:
         most = 2 ** ((realisation.word_length or 0) - 1) - 1
         lines += [
-            f"#define CURRENT_SHIFT {realisation.current_shift}",
+            *(f"#define CURRENT_SHIFT{n[4:].upper()} {places}" for n, places in realisation.current_shifts.items()),
             f"#define CURRENT_LIMIT ((controller_wide){realisation.current_limit})"
             f" /* {realisation.largest_current_A:g} A */",
             f"#define WORD_MOST ((controller_wide){most})",
         ]
         if realisation.states:
             lines += [
-                f"#define STATE_EXTRA {(realisation.word_length or 0) - 2} /* places beyond those of a word */",
+                f"#define STATE_EXTRA {realisation.state_extra} /* places beyond those of a word */",
                 "#define STATE_MOST (WORD_MOST << STATE_EXTRA)",
             ]
         lines += [
@@ -168,13 +192,18 @@ def _law(realisation: Realisation, name: str) -> str:
         ]
     else:
         lines += [f"#define CURRENT_LIMIT {_literal(realisation.largest_current_A)} /* A */"]
-    lines += ["", f"void controller_reset(controller_state *state, {kind} error)", "{"]
-    given = "limited(error, WORD_MOST) * ((controller_wide)1 << STATE_EXTRA)" if fixed else "error"
-    if not realisation.states:
-        lines.append("    (void)error;")
+    given = _arguments(realisation)
+    lines += ["", f"void controller_reset(controller_state *state, {given})", "{"]
+    names = [channel.name for channel in realisation.channels]
+    heard = {names[place] for place in realisation.state_channels.values()}
+    lines += [f"    (void){n};" for n in names if n not in heard]
     zero = "0" if fixed else "0.0f"
-    lines += [f"    state->{x} = {given if x[0] == 'x' else zero};" for x in realisation.states]
-    lines += ["    state->limited = 0;", "}", "", f"{kind} controller_step(controller_state *state, {kind} error)", "{"]
+    for x, place in realisation.state_channels.items():
+        value = names[place]
+        if fixed:
+            value = f"limited({value}, WORD_MOST) * ((controller_wide)1 << STATE_EXTRA)"
+        lines.append(f"    state->{x} = {value if x[0] == 'x' else zero};")
+    lines += ["    state->limited = 0;", "}", "", f"{kind} controller_step(controller_state *state, {given})", "{"]
     lines += [f"    {line}".rstrip() for line in c_lines(realisation)]
     result = "state->limited == 0 ? current : state->limited > 0 ? CURRENT_LIMIT : -CURRENT_LIMIT"
     lines += ["", f"    return {f'(controller_word)({result})' if fixed else result};", "}", ""]
@@ -192,7 +221,8 @@ def _self_test(realisation: Realisation, name: str) -> str:
         ]
     )
     lines += [f'#include "{HEADER}"', ""]
-    for title, values in (("errors", made.errors), ("currents", made.currents)):
+    readings = {f"{name}s": values for name, values in made.readings.items()}
+    for title, values in (readings | {"currents": made.currents}).items():
         texts = [str(int(v)) if fixed else _literal(v) for v in values]
         lines.append(f"static const {kind} {title}[{VECTORS}] = {{")
         lines += [f"    {', '.join(texts[k : k + _PER_LINE])}," for k in range(0, VECTORS, _PER_LINE)]
@@ -203,9 +233,9 @@ def _self_test(realisation: Realisation, name: str) -> str:
         "    controller_state state;",
         "    int k;",
         "",
-        "    controller_reset(&state, 0);",
+        f"    controller_reset(&state, {', '.join('0' for _ in readings)});",
         f"    for (k = 0; k < {VECTORS}; k++) {{",
-        "        if (controller_step(&state, errors[k]) != currents[k]) {",
+        f"        if (controller_step(&state, {', '.join(f'{title}[k]' for title in readings)}) != currents[k]) {{",
         "            return k + 1;",
         "        }",
         "    }",

@@ -1,5 +1,8 @@
 """The law as lines of C: one statement per operation, in the order in which `law.one_period` asks for them."""
 
+from collections.abc import Sequence
+from functools import reduce
+
 from beamdesign.realisation.law import one_period
 from beamdesign.realisation.realise import Realisation
 
@@ -9,8 +12,14 @@ def c_lines(realisation: Realisation) -> list[str]:
     lines = _FloatLines() if realisation.word_length is None else _FixedLines(realisation)
     titles = {f"x{k}": f"section {k}: {section.words}" for k, section in enumerate(realisation.sections, 1)}
     lines.titles = titles
-    one_period(realisation.sections, lines.signal("e", "error"), lines)
+    names = [channel.name for channel in realisation.channels]
+    one_period(realisation.channels, [lines.signal(_short(name), name) for name in names], lines)
     return lines.written
+
+
+def _short(name: str) -> str:
+    """Of a reading, once it is limited."""
+    return "e" if name == "error" else f"{name}_read"
 
 
 class _Lines:
@@ -28,6 +37,9 @@ class _Lines:
         self.written.append(f"const {self.kind} {name} = {expression};")
         return name
 
+    def begin(self, channel: int) -> None:
+        pass
+
     def _title(self, state: str) -> None:
         if state in self.titles:
             self.written += ["", f"/* {self.titles[state]} */"]
@@ -42,7 +54,10 @@ class _Lines:
     def subtract(self, one: str, other: str) -> str:
         return self._sum(f"{one} - {other}")
 
-    def _limit_current(self, product: str) -> str:
+    def _limit_current(self, products: Sequence[str]) -> str:
+        self.written += ["", "/* current */"]
+        named = [self._let(f"part{k}", text) for k, text in enumerate(products, 1)] if len(products) > 1 else products
+        product = self._let("current", reduce("{} + {}".format, named))
         self.written += [
             "",
             "/* limit, remembered for the states below */",
@@ -79,10 +94,9 @@ class _FixedLines(_Lines):
     def signal(self, name: str, value: str) -> str:
         return self._let(name, f"limited({value}, WORD_MOST)")
 
-    def current(self, value: str) -> str:
-        self.written += ["", "/* current */"]
-        product = self._let("current", f"shifted(GAIN * {value}, CURRENT_SHIFT)")
-        return self._limit_current(product)
+    def current(self, terms: Sequence[tuple[str, str]]) -> str:
+        products = [f"shifted({gain.upper()} * {value}, CURRENT_SHIFT{gain[4:].upper()})" for gain, value in terms]
+        return self._limit_current(products)
 
     def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
         step = f"shifted({coefficient.upper()} * {value}, {coefficient.upper()}_PLACES - STATE_EXTRA)"
@@ -102,9 +116,8 @@ class _FloatLines(_Lines):
     def signal(self, name: str, value: str) -> str:
         return self._let(name, value)
 
-    def current(self, value: str) -> str:
-        self.written += ["", "/* current */"]
-        return self._limit_current(self._let("current", f"GAIN * {value}"))
+    def current(self, terms: Sequence[tuple[str, str]]) -> str:
+        return self._limit_current([f"{gain.upper()} * {value}" for gain, value in terms])
 
     def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
         step = f"{coefficient}_{value}"

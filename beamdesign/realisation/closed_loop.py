@@ -18,12 +18,12 @@ _ENDLESS_M = 1e3
 
 
 class Machine(Protocol):
-    """What is called once per sample: with words in fixed point, otherwise with V, for A."""
+    """What is called once per sample: with words in fixed point, otherwise with V, m and Pa, for A."""
 
-    def reset(self, error):  # type: ignore[no-untyped-def]
-        """At rest under a constant error."""
+    def reset(self, *readings):  # type: ignore[no-untyped-def]
+        """At rest under constant readings."""
 
-    def step(self, error):  # type: ignore[no-untyped-def]
+    def step(self, *readings):  # type: ignore[no-untyped-def]
         """The current of one sample."""
 
 
@@ -74,9 +74,18 @@ def run_closed(
     parameters = np.array(list(parameters_of(prototype, outer_end_mass_kg, inner).values()))
     still = np.zeros(3)
     rest = equilibrium(continuous, still, parameters)
-    measured = float(
-        np.asarray(continuous.function(0.0, rest, still, parameters)[1]).ravel()[OUTPUTS.index("measured_V")]
-    )
+    channels = realisation.channels
+
+    def readings(outputs: np.ndarray) -> list[float]:
+        """What the law hears of a row of outputs, without command."""
+        heard = []
+        for channel in channels:
+            name = "measured_V" if channel.name == "error" else channel.heard
+            value = float(outputs[OUTPUTS.index(name)]) if name in OUTPUTS else 0.0
+            heard.append(-value if channel.name == "error" else value)
+        return heard
+
+    heard = readings(np.asarray(continuous.function(0.0, rest, still, parameters)[1]).ravel())
     x = np.array([rest[continuous.states.index(name)] for name in assembly.states], dtype=float)
 
     count, period = len(force_N), 1 / realisation.rate_Hz
@@ -87,16 +96,15 @@ def run_closed(
     fixed = realisation.word_length is not None
     unit = 2.0**-realisation.current_places if fixed else 1.0
 
-    def given(error: float) -> float:
-        return to_word(realisation, error) if fixed else error
+    def given(values: list[float]) -> list[float]:
+        return [to_word(realisation, value, k) for k, value in enumerate(values)] if fixed else values
 
-    machine.reset(given(-measured))
-    held = realisation.asked.gain_A_per_V * -measured
+    machine.reset(*given(heard))
+    held = sum(channel.gain * value for channel, value in zip(channels, heard, strict=True))
     found = np.zeros((3, count))
     for k in range(count):
-        error = -measured
-        current = float(machine.step(given(error))) * unit
-        found[1:, k] = error, current
+        current = float(machine.step(*given(heard))) * unit
+        found[1:, k] = heard[0], current
         out = held if delayed else current
         held = current
         last = k + 1 == count
@@ -111,5 +119,5 @@ def run_closed(
         if kept < 2:
             raise ValueError(f"the rig left the numbers at {times[0]:.4g} s")
         found[0, k] = y[0, OUTPUTS.index("outer_displacement_m")]
-        measured = float(y[1, OUTPUTS.index("measured_V")])
+        heard = readings(y[1])
     return ClosedRecord(np.arange(count) * period, *found)

@@ -56,3 +56,9 @@ def fixed_point(value: float, word_length: int) -> Coefficient:
 def float32(value: float) -> Coefficient:
     """Round to the nearest float of 32 bits."""
     return Coefficient(value, None, 0)
+
+
+def float64(value: float) -> Coefficient:
+    """A float of 64 bits as it is: an integer over a power of two."""
+    integer, below = value.as_integer_ratio()
+    return Coefficient(value, integer, below.bit_length() - 1)

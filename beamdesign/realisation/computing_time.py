@@ -10,6 +10,7 @@ Systems, 3rd ed. (1997), section 3.2). Intervals are halved where the proof over
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, fmpq
@@ -33,26 +34,24 @@ class ComputedLate:
         first, last: ends of the interval, as shares of the period.
     """
 
-    loop: RealisedLoop
+    loop: RealisedLoop[Any]
     first: fmpq
     last: fmpq
 
     def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
         """The closed loop's matrix from sample to sample, for all masses from `low` to `high` and all times."""
-        law, plant = self.loop.realisation.linear, self.loop.plant
-        n, m = plant.c.ncols(), len(law.states)
+        plant = self.loop.plant
         period = arb(1) / arb(exact(self.loop.realisation.rate_Hz))
         moved = plant.moved_for(low, high, period)
         rest = plant.moved_for(low, high, period * arb(1 - self.first).union(arb(1 - self.last)))
-        volts, direct = [arb(plant.c[0, j]) for j in range(n)], arb(law.d[0, 0])
-        current = [*(-direct * v for v in volts), arb(0), *(arb(law.c[0, j]) for j in range(m))]
-        memory = [
-            [*(-arb(law.b[i, 0]) * v for v in volts), arb(0), *(arb(law.a[i, j]) for j in range(m))] for i in range(m)
-        ]
+        seen, kept, now, own = self.loop.parts()
+        n, m = len(now), len(own)
+        current = [*now, arb(0), *own]
+        memory = [[*seen[i], arb(0), *kept[i]] for i in range(m)]
         rows = []
         for i in range(n):
             before = [*(moved[i, j] for j in range(n)), moved[i, n] - rest[i, n], *[arb(0)] * m]
-            rows.append([value + rest[i, n] * now for value, now in zip(before, current, strict=True)])
+            rows.append([value + rest[i, n] * added for value, added in zip(before, current, strict=True)])
         return arb_mat([*rows, current, *memory])
 
     def matrix(self, mass: fmpq) -> np.ndarray:
@@ -61,7 +60,7 @@ class ComputedLate:
 
 
 def prove_any_computing_time(
-    loop: RealisedLoop,
+    loop: RealisedLoop[Any],
     low_kg: float,
     high_kg: float,
     progress: Callable[[float, str], None] = lambda share, words: None,

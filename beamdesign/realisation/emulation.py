@@ -1,7 +1,9 @@
 """The controller step by step, in the same integers (or floats of 32 bits) as the C code: equal to the last bit."""
 
 from collections.abc import Sequence
+from functools import reduce
 from math import ceil, floor
+from operator import add
 
 import numpy as np
 
@@ -29,18 +31,23 @@ class FixedPoint:
         self.realisation = realisation
         self._given = {name: (one.integer or 0, one.places) for name, one in realisation.coefficients.items()}
         self._most = 2 ** (realisation.word_length - 1) - 1
-        self._extra = realisation.word_length - 2
+        self._extra = realisation.state_extra
+        self._shifts = realisation.current_shifts
         self.limited = 0
-        self.reset(0)
+        self.reset(*(0 for _ in realisation.channels))
 
-    def reset(self, error: int) -> None:
-        """At rest under a constant error, so that the first current is that of the static gain."""
-        error = max(-self._most, min(self._most, error))
-        self.states = {name: error << self._extra if name[0] == "x" else 0 for name in self.realisation.states}
+    def reset(self, *readings: int) -> None:
+        """At rest under constant readings, so that the first current is that of the static gains."""
+        given = [self.signal("", reading) << self._extra for reading in readings]
+        self.states = {n: given[k] if n[0] == "x" else 0 for n, k in self.realisation.state_channels.items()}
 
-    def step(self, error: int) -> int:
-        """The current of one sample, both as words."""
-        return one_period(self.realisation.sections, self.signal("error", error), self)
+    def step(self, *readings: int) -> int:
+        """The current of one sample, all as words; the error first."""
+        given = [self.signal("", reading) for reading in readings]
+        return one_period(self.realisation.channels, given, self)
+
+    def begin(self, channel: int) -> None:  # noqa: D102
+        pass
 
     def read(self, state: str) -> int:  # noqa: D102
         return shifted(self.states[state], self._extra)
@@ -58,8 +65,8 @@ class FixedPoint:
     def signal(self, name: str, value: int) -> int:  # noqa: D102
         return max(-self._most, min(self._most, value))
 
-    def current(self, value: int) -> int:  # noqa: D102
-        product = shifted(self._given["gain"][0] * value, self.realisation.current_shift)
+    def current(self, terms: Sequence[tuple[str, int]]) -> int:  # noqa: D102
+        product = sum(shifted(self._given[gain][0] * value, self._shifts[gain]) for gain, value in terms)
         most = self.realisation.current_limit
         self.limited = (product > most) - (product < -most)
         return max(-most, min(most, product))
@@ -83,15 +90,19 @@ class Float32:
         self._given = {name: np.float32(one.asked) for name, one in realisation.coefficients.items()}
         self._largest = np.float32(realisation.largest_current_A)
         self.limited = 0
-        self.reset(0.0)
+        self.reset(*(0.0 for _ in realisation.channels))
 
-    def reset(self, error: float) -> None:
-        """At rest under a constant error (V)."""
-        self.states = {name: np.float32(error if name[0] == "x" else 0) for name in self.realisation.states}
+    def reset(self, *readings: float) -> None:
+        """At rest under constant readings (V, m, Pa)."""
+        places = self.realisation.state_channels
+        self.states = {n: np.float32(readings[k] if n[0] == "x" else 0) for n, k in places.items()}
 
-    def step(self, error: float) -> np.float32:
-        """The current (A) of one sample (V)."""
-        return one_period(self.realisation.sections, np.float32(error), self)
+    def step(self, *readings: float) -> np.float32:
+        """The current (A) of one sample (V, m, Pa); the error first."""
+        return one_period(self.realisation.channels, [np.float32(reading) for reading in readings], self)
+
+    def begin(self, channel: int) -> None:  # noqa: D102
+        pass
 
     def read(self, state: str) -> np.float32:  # noqa: D102
         return self.states[state]
@@ -108,8 +119,8 @@ class Float32:
     def signal(self, name: str, value: np.float32) -> np.float32:  # noqa: D102
         return value
 
-    def current(self, value: np.float32) -> np.float32:  # noqa: D102
-        product = self._given["gain"] * value
+    def current(self, terms: Sequence[tuple[str, np.float32]]) -> np.float32:  # noqa: D102
+        product = reduce(add, (self._given[gain] * value for gain, value in terms))
         self.limited = int(product > self._largest) - int(product < -self._largest)
         return product if self.limited == 0 else np.float32(self.limited) * self._largest
 
@@ -119,17 +130,20 @@ class Float32:
         self.states[state] = self.states[state] + self._given[coefficient] * value
 
 
-def to_word(realisation: Realisation, error_V: float) -> int:
-    """A voltage as a word: the nearest, halves away from zero."""
-    scaled = error_V * 2.0**realisation.signal_places
+def to_word(realisation: Realisation, reading: float, channel: int = 0) -> int:
+    """A reading (V, m, Pa) as a word: the nearest, halves away from zero."""
+    scaled = reading * 2.0 ** realisation.places[channel]
     return floor(scaled + 0.5) if scaled >= 0 else ceil(scaled - 0.5)
 
 
-def in_volts_and_amperes(realisation: Realisation, errors_V: Sequence[float]) -> list[float]:
-    """Currents (A) of a series of errors (V), from rest."""
+def in_volts_and_amperes(realisation: Realisation, *readings: Sequence[float]) -> list[float]:
+    """Currents (A) of series of readings (V, m, Pa), the errors first, from rest."""
     if realisation.word_length is None:
         float_machine = Float32(realisation)
-        return [float(float_machine.step(e)) for e in errors_V]
+        return [float(float_machine.step(*sample)) for sample in zip(*readings, strict=True)]
     machine = FixedPoint(realisation)
     unit = 2.0**-realisation.current_places
-    return [machine.step(to_word(realisation, e)) * unit for e in errors_V]
+    return [
+        machine.step(*(to_word(realisation, value, k) for k, value in enumerate(sample))) * unit
+        for sample in zip(*readings, strict=True)
+    ]

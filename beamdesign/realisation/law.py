@@ -6,7 +6,7 @@ Integers, floats of 32 bits, exact linear forms and C text are made from the sam
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
-from beamdesign.realisation.sections import Section
+from beamdesign.realisation.sections import Channel, DiscreteLaw, Section
 
 V = TypeVar("V")
 
@@ -29,39 +29,48 @@ class Arithmetic(Protocol[V]):
     def signal(self, name: str, value: V) -> V:
         """A named signal: limited to what a word holds."""
 
-    def current(self, value: V) -> V:
-        """The gain times a word, limited to the largest current."""
+    def begin(self, channel: int) -> None:
+        """What follows belongs to a channel, by its place."""
+
+    def current(self, terms: Sequence[tuple[str, V]]) -> V:
+        """The sum of gains, by name, times words, limited to the largest current."""
 
     def advance(self, state: str, coefficient: str, value: V, held: bool) -> None:
         """Add a coefficient times a word to a state; `held`: not while that drives a limited current further."""
 
 
-def one_period(sections: Sequence[Section], error: V, arithmetic: Arithmetic[V]) -> V:
+def one_period(channels: Sequence[Channel], readings: Sequence[V], arithmetic: Arithmetic[V]) -> V:
     """The current of one sample; all states are advanced after it is known.
 
-    Anti-windup: while the current is at its limit, sections of first order whose output follows the state more than
-    the input (direct term below one, a lag) do not move further in that direction. The other sections are stable
-    filters of unit static gain and run on.
+    Anti-windup: while the current is at its limit, sections of first order that the error passes and whose output
+    follows the state more than the input (direct term below one, a lag) do not move further in that direction. The
+    other sections are stable filters of unit static gain and run on.
     """
-    value, advances = error, []
-    for number, section in enumerate(sections, 1):
-        x = arithmetic.read(f"x{number}")
-        missing = arithmetic.subtract(value, x)
-        if section.order == 1:
-            d = arithmetic.signal(f"d{number}", missing)
-            value = arithmetic.add(x, arithmetic.multiply(f"direct{number}", d))
-            advances.append((f"x{number}", f"follow{number}", d, section.direct < 1))
-        else:
-            w = arithmetic.read(f"w{number}")
-            missing = arithmetic.subtract(missing, arithmetic.multiply(f"damping{number}", w))
-            d = arithmetic.signal(f"d{number}", missing)
-            value = arithmetic.add(x, arithmetic.multiply(f"slope{number}", w))
-            value = arithmetic.add(value, arithmetic.multiply(f"direct{number}", d))
-            advances.append((f"x{number}", f"follow{number}", w, False))
-            advances.append((f"w{number}", f"follow{number}", d, False))
-        value = arithmetic.signal(f"y{number}", value)
-    current = arithmetic.current(value)
-    for state, coefficient, given, held in advances:
+    number, terms, advances = 0, [], []
+    for place, (channel, value) in enumerate(zip(channels, readings, strict=True)):
+        arithmetic.begin(place)
+        for section in channel.sections:
+            number += 1
+            x = arithmetic.read(f"x{number}")
+            missing = arithmetic.subtract(value, x)
+            if section.order == 1:
+                d = arithmetic.signal(f"d{number}", missing)
+                value = arithmetic.add(x, arithmetic.multiply(f"direct{number}", d))
+                held = place == 0 and channel.gain > 0 and section.direct < 1
+                advances.append((place, f"x{number}", f"follow{number}", d, held))
+            else:
+                w = arithmetic.read(f"w{number}")
+                missing = arithmetic.subtract(missing, arithmetic.multiply(f"damping{number}", w))
+                d = arithmetic.signal(f"d{number}", missing)
+                value = arithmetic.add(x, arithmetic.multiply(f"slope{number}", w))
+                value = arithmetic.add(value, arithmetic.multiply(f"direct{number}", d))
+                advances.append((place, f"x{number}", f"follow{number}", w, False))
+                advances.append((place, f"w{number}", f"follow{number}", d, False))
+            value = arithmetic.signal(f"y{number}", value)
+        terms.append((channel.gain_name, value))
+    current = arithmetic.current(terms)
+    for place, state, coefficient, given, held in advances:
+        arithmetic.begin(place)
         arithmetic.advance(state, coefficient, given, held)
     return current
 
@@ -71,13 +80,13 @@ def states_of(sections: Sequence[Section]) -> tuple[str, ...]:
     return tuple(f"{letter}{number}" for number, section in enumerate(sections, 1) for letter in "xw"[: section.order])
 
 
-def coefficients_of(sections: Sequence[Section]) -> dict[str, float]:
-    """Values of all coefficients of the sections by name; the gain is not among them."""
+def coefficients_of(law: DiscreteLaw) -> dict[str, float]:
+    """Values of all its coefficients by name, the gains last."""
     named: dict[str, float] = {}
-    for number, section in enumerate(sections, 1):
+    for number, section in enumerate(law.sections, 1):
         named[f"follow{number}"] = section.follow
         if section.order == 2:
             named[f"damping{number}"] = section.damping
             named[f"slope{number}"] = section.slope
         named[f"direct{number}"] = section.direct
-    return named
+    return named | {channel.gain_name: channel.gain for channel in law.channels}

@@ -1,6 +1,6 @@
-"""The law as exact matrices: states, error and every rounding in it, by running it on linear forms.
+"""The law as exact matrices: states, readings and every rounding in it, by running it on linear forms.
 
-A form is what a value depends on: a coefficient per state, the error, and one per rounding made so far. Roundings count
+A form is what a value depends on: a coefficient per state, per reading, and per rounding made so far. Roundings count
 as bounded inputs of the linear law, which is no approximation: a rounded value is the value plus something that is at
 most half a step.
 """
@@ -13,7 +13,7 @@ from flint import fmpq, fmpq_mat
 
 from beamdesign.realisation.coefficient import Coefficient
 from beamdesign.realisation.law import one_period, states_of
-from beamdesign.realisation.sections import Section
+from beamdesign.realisation.sections import DiscreteLaw
 
 Form = dict[str, fmpq]
 Step = Literal["signal", "state", "current", "relative"]
@@ -22,20 +22,22 @@ Step = Literal["signal", "state", "current", "relative"]
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """x+ = A x + B e + F v, i = C x + D e + G v with the bounded roundings v; exact.
+    """x+ = A x + B e + F v, i = C x + D e + G v with the readings e and the bounded roundings v; exact.
 
     Attributes:
         states: names of x.
-        roundings: kind and form (in x, e and earlier roundings) of what is rounded, by name.
-        a, b, c, d: (n, n), (n, 1), (1, n), (1, 1).
+        heard: what e holds, as of `Channel`: k of them, the error first.
+        roundings: name, kind and place of the channel of each.
+        a, b, c, d: (n, n), (n, k), (1, n), (1, k).
         f, g: (n, m), (1, m).
-        signals: (p, n + 1 + m) forms of what words must hold: columns x, e, v.
-        signal_names: of these rows.
-        rounded: (m, n + 1 + m) forms of what is rounded.
+        signals: (p, n + k + m) forms of what words must hold: columns x, e, v.
+        signal_channels: place of the channel of each of these rows.
+        rounded: (m, n + k + m) forms of what is rounded.
     """
 
     states: tuple[str, ...]
-    roundings: tuple[tuple[str, Step], ...]
+    heard: tuple[str, ...]
+    roundings: tuple[tuple[str, Step, int], ...]
     a: fmpq_mat
     b: fmpq_mat
     c: fmpq_mat
@@ -43,42 +45,44 @@ class LinearLaw:
     f: fmpq_mat
     g: fmpq_mat
     signals: fmpq_mat
-    signal_names: tuple[str, ...]
+    signal_channels: tuple[int, ...]
     rounded: fmpq_mat
 
 
-def linear_law(sections: Sequence[Section], coefficients: Mapping[str, Coefficient], in_floats: bool) -> LinearLaw:
+def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_floats: bool) -> LinearLaw:
     """Run the law of realised coefficients on linear forms.
 
     Args:
-        sections: of the cascade.
-        coefficients: realised, `gain` among them.
-        in_floats: whether every operation rounds, relative to its result; else products, states read and the error do.
+        law: what was discretised.
+        coefficients: realised, the gains among them.
+        in_floats: whether every operation rounds, relative to its result; else products, states read and readings do.
     """
-    states = states_of(sections)
-    forms = _Forms(coefficients, in_floats)
-    error = forms.word({"error": fmpq(1)}, "error", "relative" if in_floats else "signal")
-    forms.signals["error"] = error
-    current = one_period(sections, error, forms)
+    states, given = states_of(law.sections), tuple(channel.name for channel in law.channels)
+    forms, readings = _Forms(coefficients, in_floats), []
+    for place, name in enumerate(given):
+        forms.begin(place)
+        readings.append(forms.signal(name, forms.word({name: fmpq(1)}, name, "relative" if in_floats else "signal")))
+    current = one_period(law.channels, readings, forms)
     names = tuple(forms.roundings)
 
     def matrix(rows: Sequence[Form], columns: Sequence[str]) -> fmpq_mat:
         return fmpq_mat(len(rows), len(columns), [row.get(name, fmpq(0)) for row in rows for name in columns])
 
     after = [forms.after[name] for name in states]
-    whole = (*states, "error", *names)
+    whole = (*states, *given, *names)
     return LinearLaw(
         states,
-        tuple((name, kind) for name, (kind, _) in forms.roundings.items()),
+        tuple(channel.heard for channel in law.channels),
+        tuple((name, kind, place) for name, (kind, place, _) in forms.roundings.items()),
         matrix(after, states),
-        matrix(after, ("error",)),
+        matrix(after, given),
         matrix([current], states),
-        matrix([current], ("error",)),
+        matrix([current], given),
         matrix(after, names),
         matrix([current], names),
-        matrix(list(forms.signals.values()), whole),
-        tuple(forms.signals),
-        matrix([form for _, form in forms.roundings.values()], whole),
+        matrix([form for _, form in forms.signals.values()], whole),
+        tuple(place for place, _ in forms.signals.values()),
+        matrix([form for _, _, form in forms.roundings.values()], whole),
     )
 
 
@@ -88,13 +92,17 @@ class _Forms:
 
     coefficients: Mapping[str, Coefficient]
     in_floats: bool
-    signals: dict[str, Form] = field(default_factory=dict)
-    roundings: dict[str, tuple[Step, Form]] = field(default_factory=dict)
+    signals: dict[str, tuple[int, Form]] = field(default_factory=dict)
+    roundings: dict[str, tuple[Step, int, Form]] = field(default_factory=dict)
     after: dict[str, Form] = field(default_factory=dict)
+    place: int = 0
+
+    def begin(self, channel: int) -> None:
+        self.place = channel
 
     def word(self, form: Form, name: str, kind: Step) -> Form:
         label = f"{name} #{len(self.roundings) + 1}"
-        self.roundings[label] = (kind, form)
+        self.roundings[label] = (kind, self.place, form)
         return form | {label: fmpq(1)}
 
     def _each(self, form: Form, name: str) -> Form:
@@ -115,12 +123,16 @@ class _Forms:
         return self._each(_sum(one, _times(fmpq(-1), other)), "difference")
 
     def signal(self, name: str, value: Form) -> Form:
-        self.signals[name] = value
+        self.signals[name] = (self.place, value)
         return value
 
-    def current(self, value: Form) -> Form:
-        product = _times(self.coefficients["gain"].value, value)
-        return self.word(product, "current", "relative" if self.in_floats else "current")
+    def current(self, terms: Sequence[tuple[str, Form]]) -> Form:
+        kind: Step = "relative" if self.in_floats else "current"
+        total: Form = {}
+        for k, (gain, value) in enumerate(terms):
+            product = self.word(_times(self.coefficients[gain].value, value), "current", kind)
+            total = product if k == 0 else self._each(_sum(total, product), "sum")
+        return total
 
     def advance(self, state: str, coefficient: str, value: Form, held: bool) -> None:
         step = _times(self.coefficients[coefficient].value, value)
@@ -130,7 +142,7 @@ class _Forms:
             self.after[state] = self.word(_sum(before, step), state, "relative")
         else:
             self.after[state] = _sum(before, self.word(step, coefficient, "state"))
-        self.signals[state] = before
+        self.signals[state] = (self.place, before)
 
 
 def _times(factor: fmpq, form: Form) -> Form:

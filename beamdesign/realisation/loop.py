@@ -1,20 +1,37 @@
 """The sampled-data loop of a controller as realised: hold, word by word, and one period for computing."""
 
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from flint import arb, arb_mat, ctx, fmpq
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
+from beamdesign.realisation.linear_forms import LinearLaw
 from beamdesign.realisation.realise import Realisation, floats
 from beamdesign.specification.sampled_loop import HeldPlant, held_plant
 
 _BITS = 128
 
 
+class Sampled(Protocol):
+    """A law at a rate."""
+
+    @property
+    def rate_Hz(self) -> float:
+        """Sampling rate."""
+
+    @property
+    def linear(self) -> LinearLaw:
+        """With the coefficients that it has."""
+
+
+L = TypeVar("L", bound=Sampled)
+
+
 @dataclass(frozen=True)
-class RealisedLoop:
+class RealisedLoop(Generic[L]):
     """The loop over the outer end mass, without command; roundings and limits left out, which are bounded elsewhere.
 
     States are those of the plant, the current being put out where it is late, and those of the law.
@@ -26,23 +43,31 @@ class RealisedLoop:
     """
 
     plant: HeldPlant
-    realisation: Realisation
+    realisation: L
     delayed: bool
+
+    def parts(self) -> tuple[list[list[arb]], list[list[arb]], list[arb], list[arb]]:
+        """Of the law's states after a sample what that of the plant's and their own adds; of its current likewise."""
+        law = self.realisation.linear
+        given = self.plant.readings(law.heard)
+
+        def balls(matrix: fmpq_mat) -> list[list[arb]]:
+            return [[arb(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
+
+        return balls(law.b * given), balls(law.a), balls(law.d * given)[0], balls(law.c)[0]
 
     def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
         """The closed loop's matrix from sample to sample, enclosed for all masses from `low` to `high`."""
-        law, c = self.realisation.linear, self.plant.c
-        n, m = c.ncols(), len(law.states)
+        n = self.plant.a.nrows()
         moved = self.plant.moved(low, high, self.realisation.rate_Hz)
         phi = [[moved[i, j] for j in range(n)] for i in range(n)]
         gamma = [moved[i, n] for i in range(n)]
-        volts = [arb(c[0, j]) for j in range(n)]
-        memory = [[-arb(law.b[i, 0]) * v for v in volts] + [arb(law.a[i, j]) for j in range(m)] for i in range(m)]
-        direct = arb(law.d[0, 0])
-        current = [-direct * v for v in volts] + [arb(law.c[0, j]) for j in range(m)]
+        seen, kept, now, own = self.parts()
+        m = len(own)
+        current, memory = [*now, *own], [[*seen[i], *kept[i]] for i in range(m)]
         if not self.delayed:
             rows = [
-                [phi[i][j] + gamma[i] * current[j] for j in range(n)] + [gamma[i] * value for value in current[n:]]
+                [phi[i][j] + gamma[i] * current[j] for j in range(n)] + [gamma[i] * value for value in own]
                 for i in range(n)
             ]
             return arb_mat([*rows, *memory])
@@ -70,7 +95,7 @@ class RoundedLoop:
     d: np.ndarray
 
 
-def realised_loop(prototype: Prototype, realisation: Realisation, delayed: bool = True) -> RealisedLoop:
+def realised_loop(prototype: Prototype, realisation: L, delayed: bool = True) -> RealisedLoop[L]:
     """The loop of a prototype's plant and a realised controller.
 
     Raises:
@@ -79,7 +104,7 @@ def realised_loop(prototype: Prototype, realisation: Realisation, delayed: bool 
     return RealisedLoop(held_plant(prototype), realisation, delayed)
 
 
-def rounded_loop(loop: RealisedLoop, mass_kg: float) -> RoundedLoop:
+def rounded_loop(loop: RealisedLoop[Realisation], mass_kg: float) -> RoundedLoop:
     """The loop at one outer end mass with its roundings as inputs."""
     mass, law, plant = exact(mass_kg), loop.realisation.linear, loop.plant
     with ctx.workprec(_BITS):
@@ -88,7 +113,7 @@ def rounded_loop(loop: RealisedLoop, mass_kg: float) -> RoundedLoop:
         moved = middle(plant.moved(mass, mass, loop.realisation.rate_Hz))
     n, m, late = plant.a.nrows(), len(law.states), int(loop.delayed)
     inputs = 1 + len(law.roundings)
-    volts, tip = floats(plant.c), floats(plant.tip)
+    tip, seen = floats(plant.tip), floats(plant.readings(law.heard))
     b = np.zeros((n + late + m, inputs))
     b[:n, 0] = pushed[:n, n]
     given = floats(law.g)
@@ -98,8 +123,8 @@ def rounded_loop(loop: RealisedLoop, mass_kg: float) -> RoundedLoop:
         b[:n, 1:] = moved[:n, n : n + 1] @ given
     b[n + late :, 1:] = floats(law.f)
     c, d = np.zeros((3, n + late + m)), np.zeros((3, inputs))
-    c[0, :n], c[2, :n] = tip[0], -volts[0]
-    c[1, :n], c[1, n + late :] = -floats(law.d)[0, 0] * volts[0], floats(law.c)[0]
+    c[0, :n], c[2, :n] = tip[0], seen[0]
+    c[1, :n], c[1, n + late :] = (floats(law.d) @ seen)[0], floats(law.c)[0]
     d[1, 1:] = given
     return RoundedLoop(a, b, c, d)
 

@@ -61,9 +61,10 @@ class CompiledController:
             loaded.controller_reset, loaded.controller_step, loaded.controller_self_test,
         )  # fmt: skip
         pointer = ctypes.POINTER(type(self._state))
-        self._reset.argtypes, self._reset.restype = [pointer, word], None
-        self._step.argtypes, self._step.restype = [pointer, word], word
-        self.reset(0)
+        given = [word] * len(realisation.channels)
+        self._reset.argtypes, self._reset.restype = [pointer, *given], None
+        self._step.argtypes, self._step.restype = [pointer, *given], word
+        self.reset(*(0 for _ in given))
 
     @property
     def states(self) -> dict[str, float]:
@@ -75,11 +76,11 @@ class CompiledController:
         """Whether the last current was at its limit: -1, 0 or 1."""
         return int(self._state.limited)
 
-    def reset(self, error: float) -> None:
-        """At rest under a constant error."""
-        self._reset(ctypes.byref(self._state), error)
+    def reset(self, *readings: float) -> None:
+        """At rest under constant readings."""
+        self._reset(ctypes.byref(self._state), *readings)
 
-    def step(self, error: float) -> float:
+    def step(self, *readings: float) -> float:
         """The current of one sample."""
-        current = self._step(ctypes.byref(self._state), error)
+        current = self._step(ctypes.byref(self._state), *readings)
         return float(current) if self.realisation.word_length is None else int(current)

@@ -42,7 +42,7 @@ def continuous_figures(loop: LoopAtMass) -> LoopFigures:
     return _figures(loop, lambda frequency_Hz: frequency_Hz)
 
 
-def sampled_figures(loop: RealisedLoop, mass_kg: float) -> LoopFigures:
+def sampled_figures(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopFigures:
     """Of the sampled-data loop at one outer end mass, at its sample times."""
     rate = loop.realisation.rate_Hz
     return _figures(image(loop, mass_kg), lambda frequency_Hz: rate / pi * atan(pi * frequency_Hz / rate))
@@ -56,39 +56,46 @@ def _figures(at: LoopAtMass, true_Hz: Callable[[float], float]) -> LoopFigures:
     return LoopFigures(at.peak_sensitivity(), margins.gain_up, margins.phase_deg, crossover)
 
 
-def image(loop: RealisedLoop, mass_kg: float) -> LoopAtMass:
+def image(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopAtMass:
     """The loop in p; of its three polynomials that of the disturbance stands empty.
 
     The plant's polynomials are those of matrices within 2^-200 of the true ones; coefficients keep 80 bits.
     """
-    top, bottom = law_polynomials(loop.realisation)
+    laws = law_polynomials(loop.realisation)
     with ctx.workprec(_BITS):
         mass = exact(mass_kg)
         moved = loop.plant.moved(mass, mass, loop.realisation.rate_Hz)
         n = loop.plant.a.nrows()
         phi = fmpq_mat(n, n, [_middle(moved, i, j) for i in range(n) for j in range(n)])
         gamma = fmpq_mat(n, 1, [_middle(moved, i, n) for i in range(n)])
-        free, fed = (m.charpoly() for m in (phi, phi - gamma * loop.plant.c))
+        free, seen = phi.charpoly(), loop.plant.readings(loop.realisation.linear.heard)
+        bottom, returned = fmpq_poly([1]), fmpq_poly([0])
+        for k, (above, below) in enumerate(laws):
+            row = fmpq_mat(1, n, [seen[k, j] for j in range(n)])
+            fed = (phi + gamma * row).charpoly() - free
+            bottom, returned = bottom * below, returned * below + above * fed * bottom
         opened = bottom * free * (fmpq_poly([0, 1]) if loop.delayed else fmpq_poly([1]))
-        returned = top * (fed - free)
         below, above = _in_p([opened, returned], loop.realisation.rate_Hz)
         return LoopAtMass(below, above, fmpq_poly([0]))
 
 
-def law_polynomials(realisation: Realisation) -> tuple[fmpq_poly, fmpq_poly]:
-    """Numerator and denominator in z of the law with its coefficients as realised, exact, i / e in A/V."""
+def law_polynomials(realisation: Realisation) -> list[tuple[fmpq_poly, fmpq_poly]]:
+    """Numerator and denominator in z of what is made of each reading, coefficients as realised, exact."""
     given = {name: one.value for name, one in realisation.coefficients.items()}
-    delta = fmpq_poly([-1, 1])
-    top, bottom = fmpq_poly([given["gain"]]), fmpq_poly([1])
-    for number, section in enumerate(realisation.sections, 1):
-        f, h = given[f"follow{number}"], given[f"direct{number}"]
-        if section.order == 1:
-            top, bottom = top * (h * delta + f), bottom * (delta + f)
-        else:
-            r, k = given[f"damping{number}"], given[f"slope{number}"]
-            top = top * (h * delta**2 + k * f * delta + f**2)
-            bottom = bottom * (delta**2 + r * f * delta + f**2)
-    return top, bottom
+    delta, number, laws = fmpq_poly([-1, 1]), 0, []
+    for channel in realisation.channels:
+        top, bottom = fmpq_poly([given[channel.gain_name]]), fmpq_poly([1])
+        for section in channel.sections:
+            number += 1
+            f, h = given[f"follow{number}"], given[f"direct{number}"]
+            if section.order == 1:
+                top, bottom = top * (h * delta + f), bottom * (delta + f)
+            else:
+                r, k = given[f"damping{number}"], given[f"slope{number}"]
+                top = top * (h * delta**2 + k * f * delta + f**2)
+                bottom = bottom * (delta**2 + r * f * delta + f**2)
+        laws.append((top, bottom))
+    return laws
 
 
 def _middle(balls: arb_mat, i: int, j: int) -> fmpq:

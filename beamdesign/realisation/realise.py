@@ -10,14 +10,17 @@ import numpy as np
 from flint import fmpq_mat
 
 from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.prototype import Prototype
 from beamdesign.realisation.coefficient import Coefficient, fixed_point, float32
 from beamdesign.realisation.law import coefficients_of, states_of
 from beamdesign.realisation.linear_forms import LinearLaw, linear_law
 from beamdesign.realisation.peaks import l1_norms, l2_norms
-from beamdesign.realisation.sections import Cascade, Section, cascade
+from beamdesign.realisation.sections import Channel, DiscreteLaw, Section, discretised
 
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0
+FULL_SCALES = {"inner_displacement_m": 0.01, "load_pressure_Pa": 2.1e7}
+"""Of the other readings where nothing says better: a beam's tip and an industrial supply."""
 FLOAT_STEP = 2.0**-23
 """Largest distance of neighbouring floats of 32 bits, relative."""
 Scaling = Literal["l1", "l2"]
@@ -25,25 +28,25 @@ Scaling = Literal["l1", "l2"]
 
 @dataclass(frozen=True)
 class Realisation:
-    """A controller at a rate in given words. Signals are in V, the current in A.
+    """A controller at a rate in given words. Readings are in V, m or Pa, the current in A.
 
     Attributes:
-        asked: the sections before rounding.
+        asked: what was discretised, before rounding.
         word_length: bits of a word with its sign; None for floats of 32 bits.
-        coefficients: as realised; `gain` is in A/V.
-        signal_places: binary places of words in V: a word n stands for n / 2^places; 0 in floats.
+        coefficients: as realised; gains are in A per unit of their reading.
+        places: binary places of words of each channel: a word n stands for n / 2^places; 0 in floats.
         current_places: of words in A; 0 in floats.
-        full_scale_V: largest error that it is scaled for; larger ones are limited.
+        full_scales: largest value of each reading that it is scaled for; larger ones are limited.
         largest_current_A: limit of the current.
         scaling: by which the words were chosen, see `realise`.
     """
 
-    asked: Cascade
+    asked: DiscreteLaw
     word_length: int | None
     coefficients: Mapping[str, Coefficient]
-    signal_places: int
+    places: tuple[int, ...]
     current_places: int
-    full_scale_V: float
+    full_scales: tuple[float, ...]
     largest_current_A: float
     scaling: Scaling = "l1"
 
@@ -53,8 +56,13 @@ class Realisation:
         return self.asked.rate_Hz
 
     @property
+    def channels(self) -> tuple[Channel, ...]:
+        """By reading."""
+        return self.asked.channels
+
+    @property
     def sections(self) -> tuple[Section, ...]:
-        """In the order that the error passes them."""
+        """Of all channels, as they are numbered."""
         return self.asked.sections
 
     @property
@@ -62,15 +70,31 @@ class Realisation:
         """Names of the states."""
         return states_of(self.sections)
 
+    @property
+    def state_channels(self) -> dict[str, int]:
+        """Place of the channel of each state."""
+        places = [k for k, channel in enumerate(self.channels) for section in channel.sections for _ in "xw"[: section.order]]
+        return dict(zip(self.states, places, strict=True))
+
     @cached_property
     def linear(self) -> LinearLaw:
         """The law as realised, exact, with its roundings."""
-        return linear_law(self.sections, self.coefficients, self.word_length is None)
+        return linear_law(self.asked, self.coefficients, self.word_length is None)
 
     @property
-    def state_places(self) -> int:
-        """Binary places of a state: words with word_length - 2 places more, so that no small step is lost."""
-        return self.signal_places + (self.word_length or 2) - 2
+    def signal_places(self) -> int:
+        """Binary places of the error's words."""
+        return self.places[0]
+
+    @property
+    def full_scale_V(self) -> float:
+        """Of the error."""
+        return self.full_scales[0]
+
+    @property
+    def state_extra(self) -> int:
+        """Places that a state has beyond those of its channel's words, so that no small step is lost."""
+        return (self.word_length or 2) - 2
 
     @property
     def current_limit(self) -> int:
@@ -78,9 +102,12 @@ class Realisation:
         return int(self.largest_current_A * 2.0**self.current_places)
 
     @property
-    def current_shift(self) -> int:
-        """Places dropped from gain times word, which makes a word of current; fixed point only."""
-        return self.coefficients["gain"].places + self.signal_places - self.current_places
+    def current_shifts(self) -> dict[str, int]:
+        """By gain, places dropped from it times a word, which makes a word of current; fixed point only."""
+        return {
+            channel.gain_name: self.coefficients[channel.gain_name].places + places - self.current_places
+            for channel, places in zip(self.channels, self.places, strict=True)
+        }
 
 
 def realise(
@@ -91,6 +118,7 @@ def realise(
     largest_current_A: float | None = None,
     scaling: Scaling = "l1",
     prewarped: bool = True,
+    full_scales: Mapping[str, float] = FULL_SCALES,
 ) -> Realisation:
     """Discretise and round a controller.
 
@@ -98,57 +126,73 @@ def realise(
         controller: any law of the project, or a transfer function.
         rate_Hz: sampling rate.
         word_length: of fixed-point words; None for floats of 32 bits.
-        full_scale_V: largest error.
-        largest_current_A: limit; none: what the gain makes of the full scale at rest.
-        scaling: `l1`: no signal can overflow, whatever the error does within full scale; `l2`: none does for errors of
-            the energy of one sample at full scale, others are limited, for some bits more of resolution.
-        prewarped: see `sections.cascade`.
+        full_scale_V: largest error, and largest command where that is read by itself.
+        largest_current_A: limit; none: what the gains make of the full scales at rest.
+        scaling: `l1`: no signal can overflow, whatever the readings do within full scale; `l2`: none does for readings
+            of the energy of one sample at full scale, others are limited, for some bits more of resolution.
+        prewarped: see `sections.discretised`.
+        full_scales: largest value (m, Pa) of each further reading.
 
     Raises:
         ValueError: where the law cannot be realised; in words.
     """
     if word_length is not None and not LEAST_WORD <= word_length <= LARGEST_WORD:
         raise ValueError(f"a word of {word_length} bits; {LEAST_WORD} to {LARGEST_WORD} can be used")
-    asked = cascade(controller, rate_Hz, prewarped)
-    largest = asked.gain_A_per_V * full_scale_V if largest_current_A is None else largest_current_A
+    asked = discretised(controller, rate_Hz, prewarped)
+    scales = tuple(full_scale_V if one.unit == "V" else full_scales[one.heard] for one in asked.channels)
+    at_rest = sum(abs(one.gain) * scale for one, scale in zip(asked.channels, scales, strict=True))
+    largest = at_rest if largest_current_A is None else largest_current_A
 
     def rounded(value: float) -> Coefficient:
         return float32(value) if word_length is None else fixed_point(value, word_length)
 
-    named = coefficients_of(asked.sections) | {"gain": asked.gain_A_per_V}
-    coefficients = {name: rounded(value) for name, value in named.items()}
+    coefficients = {name: rounded(value) for name, value in coefficients_of(asked).items()}
     lost = [name for name, one in coefficients.items() if one.asked and one.value == 0]
     if lost:
         raise ValueError(f"words of {word_length} bits are too short: nothing is left of {', '.join(lost)}")
-    linear = linear_law(asked.sections, coefficients, word_length is None)
+    linear = linear_law(asked, coefficients, word_length is None)
     if len(linear.states) and np.abs(np.linalg.eigvals(floats(linear.a))).max() >= 1:
         raise ValueError(f"words of {word_length} bits are too short: the rounded controller itself is not stable")
     if word_length is None:
-        return Realisation(asked, None, coefficients, 0, 0, full_scale_V, largest, scaling)
-    signal_places = _places(linear, word_length, full_scale_V, scaling)
-    # Never more places than a product has: the last operation drops places, it cannot make any.
-    current_places = min(word_length - 1 - frexp(largest)[1], coefficients["gain"].places + signal_places)
-    made = Realisation(asked, word_length, coefficients, signal_places, current_places, full_scale_V, largest, scaling)
-    if made.current_limit < 1 or made.current_shift > 2 * word_length - 2:
+        return Realisation(asked, None, coefficients, (0,) * len(scales), 0, scales, largest, scaling)
+    places = tuple(_places(linear, word_length, place, scale, scaling) for place, scale in enumerate(scales))
+    # Never more places than a product has: the last operation drops places, it cannot make any. The sum of up to four
+    # products has to fit two words, so that each drops two of them at least.
+    spare = 2 if len(places) > 1 else 0
+    products = [
+        coefficients[one.gain_name].places + own - spare for one, own in zip(asked.channels, places, strict=True)
+    ]
+    current_places = min(word_length - 1 - frexp(largest)[1], *products)
+    made = Realisation(asked, word_length, coefficients, places, current_places, scales, largest, scaling)
+    if made.current_limit < 1 or max(made.current_shifts.values()) > 2 * word_length - 2:
         raise ValueError(
-            f"a largest current of {largest:g} A and what the gain makes of {full_scale_V:g} V, "
-            f"{asked.gain_A_per_V * full_scale_V:g} A, lie too far apart for words of {word_length} bits"
+            f"a largest current of {largest:g} A and what the gain makes of full scale, {at_rest:g} A, lie too far"
+            f" apart for words of {word_length} bits"
         )
     return made
 
 
-def _places(linear: LinearLaw, word_length: int, full_scale_V: float, scaling: Scaling) -> int:
-    """The most binary places with which every signal of an error within full scale, roundings included, fits a word."""
-    n = len(linear.states)
-    a, rows = floats(linear.a), floats(linear.signals)
+def full_scales_of(prototype: Prototype, full_scale_V: float) -> dict[str, float]:
+    """Largest values of the readings beside the error: what the displacement's volts reach, and the supply pressure."""
+    return FULL_SCALES | {
+        "inner_displacement_m": full_scale_V / prototype.sensor.gain_V_per_m,
+        "load_pressure_Pa": prototype.supply.pressure_Pa or FULL_SCALES["load_pressure_Pa"],
+    }
+
+
+def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float, scaling: Scaling) -> int:
+    """The most binary places with which every signal of a channel, roundings included, fits a word."""
+    n, k = len(linear.states), len(linear.heard)
+    a, rows = floats(linear.a), floats(linear.signals)[np.array(linear.signal_channels) == place]
     norms = l1_norms if scaling == "l1" else l2_norms
-    peaks = norms(a, floats(linear.b), rows[:, :n], rows[:, n : n + 1])[:, 0]
-    halves = [0.5 if kind == "signal" else 0.5 * 2.0 ** (2 - word_length) for _, kind in linear.roundings]
-    rounded = l1_norms(a, floats(linear.f), rows[:, :n], rows[:, n + 1 :]) @ np.array(halves)
+    given = slice(place, place + 1)
+    peaks = norms(a, floats(linear.b)[:, given], rows[:, :n], rows[:, n : n + k][:, given])[:, 0]
+    halves = [0.5 if kind == "signal" else 0.5 * 2.0 ** (2 - word_length) for _, kind, _ in linear.roundings]
+    rounded = l1_norms(a, floats(linear.f), rows[:, :n], rows[:, n + k :]) @ np.array(halves)
     room = 2 ** (word_length - 1) - 1 - rounded
     if room.min() <= 0:
         raise ValueError(f"words of {word_length} bits are too short: rounding alone fills them")
-    return floor(log2(float((room / (full_scale_V * peaks)).min())))
+    return floor(log2(float((room / (full_scale * peaks)).min())))
 
 
 def floats(matrix: fmpq_mat) -> np.ndarray:

@@ -34,22 +34,22 @@ class RoundingEffect:
 
 
 def half_steps(realisation: Realisation) -> np.ndarray:
-    """(m,) bound of every rounding of a realised law, V or A, for errors within full scale."""
+    """(m,) bound of every rounding of a realised law, V, m, Pa or A, for readings within full scale."""
     law = realisation.linear
-    sizes = {
-        "signal": 2.0**-realisation.signal_places / 2,
-        "state": 2.0**-realisation.state_places / 2,
-        "current": 2.0**-realisation.current_places / 2,
-    }
     if realisation.word_length is not None:
-        return np.array([sizes[kind] for _, kind in law.roundings])
+        finer = {"signal": 0, "state": realisation.state_extra}
+        places = [
+            realisation.current_places if kind == "current" else realisation.places[k] + finer[kind]
+            for _, kind, k in law.roundings
+        ]
+        return 2.0 ** -np.array(places, dtype=float) / 2
     # Floats round by a share of what they hold, which the roundings add to: v = u (|R_e| full scale + |R_v| v).
-    n, m = len(law.states), len(law.roundings)
+    n, m, k = len(law.states), len(law.roundings), len(law.heard)
     rounded = floats(law.rounded)
     inputs = np.hstack([floats(law.b), floats(law.f)])
     norms = l1_norms(floats(law.a), inputs, rounded[:, :n], rounded[:, n:])
     share = FLOAT_STEP / 2
-    found = np.linalg.solve(np.eye(m) - share * norms[:, 1:], share * norms[:, 0] * realisation.full_scale_V)
+    found = np.linalg.solve(np.eye(m) - share * norms[:, k:], share * norms[:, :k] @ np.array(realisation.full_scales))
     return np.asarray(found)
 
 

@@ -1,4 +1,4 @@
-"""A controller as a cascade of discrete sections of unit static gain, in incremental (delta operator) form.
+"""A controller as cascades of discrete sections of unit static gain, in incremental (delta operator) form.
 
 With e the section's input, d what it has yet to follow, and T the period,
 
@@ -13,13 +13,17 @@ Middleton and G. C. Goodwin, Digital Control and Estimation (1990), chapter 3). 
 section's input.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import log, pi, prod, sqrt, tan
 from typing import Literal
 
-from beamdesign.controllers import TransferFunction
+from beamdesign.controllers import SENSED, Controller, TransferFunction
 from beamdesign.polynomial import roots
+
+Factor = tuple[list[complex], list[complex]]
+"""Poles and zeros of a factor, rad/s."""
 
 _FARTHEST = -2.0 + 0j
 """Of delta: z = -1, where the bilinear rule puts a zero at infinity."""
@@ -47,15 +51,50 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Cascade:
-    """A gain in A/V and sections of unit static gain, in the order in which the error (V) passes them."""
+class Channel:
+    """What the law makes of one reading: a gain and sections of unit static gain, in the order in which it passes them.
 
-    rate_Hz: float
-    gain_A_per_V: float
+    Attributes:
+        heard: `displacement_m` for the error in V, else what is read, of `beamdesign.controllers.SENSED`, or
+            `command_V`.
+        gain: A per V, m or Pa of the reading, sign included.
+        sections: none for a mere gain.
+    """
+
+    heard: str
+    gain: float
     sections: tuple[Section, ...]
 
+    @property
+    def name(self) -> str:
+        """Of the reading, without its unit."""
+        return "error" if self.heard == SENSED[0] else self.heard.rpartition("_")[0]
 
-def factored(law: TransferFunction) -> tuple[float, list[tuple[list[complex], list[complex]]]]:
+    @property
+    def gain_name(self) -> str:
+        """Of its coefficient."""
+        return "gain" if self.heard == SENSED[0] else f"gain_{self.name}"
+
+    @property
+    def unit(self) -> str:
+        """Of the reading."""
+        return "V" if self.heard == SENSED[0] else self.heard.rpartition("_")[2]
+
+
+@dataclass(frozen=True)
+class DiscreteLaw:
+    """A controller at a rate: what its channels make of their readings, added up. The error comes first."""
+
+    rate_Hz: float
+    channels: tuple[Channel, ...]
+
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """Of all channels; they are numbered in this order, from 1."""
+        return tuple(section for channel in self.channels for section in channel.sections)
+
+
+def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
     """The gain at rest of a law, and its poles in ones and twos with the zeros that stand best over them, in rad/s.
 
     Args:
@@ -81,27 +120,45 @@ def factored(law: TransferFunction) -> tuple[float, list[tuple[list[complex], li
     return float(static.p) / float(static.q), _paired(poles, zeros)
 
 
-def cascade(law: TransferFunction, rate_Hz: float, prewarped: bool = True) -> tuple[float, tuple[Section, ...]]:
-    """Discretise a law by Tustin's rule, root by root.
+def discretised(controller: Controller | TransferFunction, rate_Hz: float, prewarped: bool = True) -> DiscreteLaw:
+    """Discretise a controller by Tustin's rule, root by root, for each of its sensors and its command by itself.
 
     Args:
-        law: as of `factored`.
+        controller: any law of the project, or any transfer function from error (V) to current (A), as of `factored`.
         rate_Hz: sampling rate.
         prewarped: whether every root keeps its own natural frequency; otherwise they all move as the plain rule has it.
-
-    Returns:
-        Its gain at rest, and sections of unit static gain, in the order in which a signal passes them.
 
     Raises:
         ValueError: as of `factored`, and where prewarped for a root at or above half the rate.
     """
-    gain, factors = factored(law)
-    highest = max((abs(root) / (2 * pi) for factor in factors for group in factor for root in group), default=0.0)
-    if prewarped and 2 * highest >= rate_Hz:
-        raise ValueError(
-            f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
-        )
-    return gain, tuple(_section(own, partners, rate_Hz, prewarped) for own, partners in factors)
+    channels = []
+    for heard, law in laws_of(controller):
+        gain, factors = factored(law)
+        highest = highest_Hz(factors)
+        if prewarped and 2 * highest >= rate_Hz:
+            raise ValueError(
+                f"a rate of {rate_Hz:g} Hz is not more than twice the controller's upper break, {highest:.6g} Hz"
+            )
+        sections = (_section(own, partners, rate_Hz, prewarped) for own, partners in factors)
+        channels.append(Channel(heard, gain, tuple(sections)))
+    return DiscreteLaw(rate_Hz, tuple(channels))
+
+
+def highest_Hz(factors: Sequence[Factor]) -> float:
+    """The highest natural frequency of any root of these factors, 0 without any."""
+    return max((abs(root) / (2 * pi) for factor in factors for group in factor for root in group), default=0.0)
+
+
+def laws_of(controller: Controller | TransferFunction) -> Iterator[tuple[str, TransferFunction]]:
+    """From each reading that has a part in the current, with its own sign, to it."""
+    if isinstance(controller, TransferFunction):
+        yield SENSED[0], controller
+        return
+    law = controller.sensed_law()
+    yield SENSED[0], TransferFunction(law.numerators[0], law.denominator)
+    others = [(name, -numerator) for name, numerator in zip(law.sensors, law.numerators, strict=True)][1:]
+    others.append(("command_V", controller.command_numerator() - law.numerators[0]))
+    yield from ((name, TransferFunction(numerator, law.denominator)) for name, numerator in others if numerator != 0)
 
 
 def _groups(found: list[complex]) -> list[list[complex]]:
@@ -109,7 +166,7 @@ def _groups(found: list[complex]) -> list[list[complex]]:
     return [[r] if r.imag == 0 else [r, r.conjugate()] for r in found if r.imag >= 0]
 
 
-def _paired(poles: list[list[complex]], zeros: list[list[complex]]) -> list[tuple[list[complex], list[complex]]]:
+def _paired(poles: list[list[complex]], zeros: list[list[complex]]) -> list[Factor]:
     """Give every group of poles the nearest zeros it can hold; sections by rising frequency of their poles."""
     free = list(zeros)
     double = sorted((g for g in poles if len(g) == 2), key=lambda g: abs(g[0].real) / abs(g[0]))

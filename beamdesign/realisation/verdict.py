@@ -14,6 +14,7 @@ from beamdesign.realisation.loop import realised_loop
 from beamdesign.realisation.margins import LoopFigures, continuous_figures, law_polynomials, sampled_figures
 from beamdesign.realisation.realise import Realisation
 from beamdesign.realisation.roundings import RoundingEffect, rounding_effect
+from beamdesign.realisation.sections import laws_of
 from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled
 
 MASSES_LOOKED_AT = 5
@@ -134,16 +135,18 @@ def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -
 
 
 def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -> LawErrors:
-    """Errors of the law as realised against the continuous one."""
-    law = controller.transfer_function()
-    top, bottom = law_polynomials(realisation)
+    """Errors of the law as realised against the continuous one, of the reading where gain and phase err most."""
     z, s = np.exp(2j * pi * at_Hz / realisation.rate_Hz), 2j * pi * at_Hz
-    ratio = _at(top, z) / _at(bottom, z) * _at(law.denominator, s) / _at(law.numerator, s)
+    ratios = [
+        _at(top, z) / _at(bottom, z) * _at(law.denominator, s) / _at(law.numerator, s)
+        for (top, bottom), (_, law) in zip(law_polynomials(realisation), laws_of(controller), strict=True)
+    ]
+    ratio = max(ratios, key=lambda ratio: abs(np.log(ratio)))
     turn = 360 * at_Hz / realisation.rate_Hz
     return LawErrors(
         max(abs(one.error) for one in realisation.coefficients.values()),
         max(_pole_errors(realisation), default=0.0),
-        realisation.coefficients["gain"].error,
+        max((realisation.coefficients[one.gain_name].error for one in realisation.channels), key=abs),
         at_Hz,
         20 * log10(abs(ratio)),
         -degrees(float(np.angle(ratio))),

@@ -6,7 +6,7 @@ from math import inf, log, prod, sqrt
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.realisation.sections import apart, factored
+from beamdesign.realisation.sections import Factor, apart, factored
 from beamdesign.specification.circuit import Circuit, Kind, Ratio, Stage
 from beamdesign.specification.preferred_values import Series, neighbours, values_between
 
@@ -21,9 +21,6 @@ _PLAIN_OHM = (2e4, 3e4)
 _INVERTER_OHM = (1e4, 3e4)
 _KEPT = 6
 _BESIDE = np.geomspace(0.1, 10.0, 21)
-
-Root = complex
-Factor = tuple[list[Root], list[Root]]
 
 
 def circuit_of(controller: Controller, resistors: Series, capacitors: Series) -> Circuit:
@@ -55,7 +52,7 @@ def deviation(realised: Circuit, controller: Controller) -> float:
     return float(np.abs(prod(r.at(s) for r in made) / prod(r.at(s) for r in asked) - 1).max())
 
 
-def _about(roots: list[Root]) -> np.ndarray:
+def _about(roots: list[complex]) -> np.ndarray:
     """Points of the imaginary axis about roots, rad/s."""
     return 1j * np.unique(np.concatenate([abs(root) * _BESIDE for root in roots] or [np.ones(1)]))
 
@@ -74,10 +71,10 @@ def _joined(factors: list[Factor]) -> list[Factor]:
     return left
 
 
-def _ratio(poles: list[Root], zeros: list[Root]) -> Ratio:
+def _ratio(poles: list[complex], zeros: list[complex]) -> Ratio:
     """The factor of unit static gain with these roots."""
 
-    def coefficients(roots: list[Root]) -> tuple[float, float]:
+    def coefficients(roots: list[complex]) -> tuple[float, float]:
         return float(-sum(1 / r for r in roots).real), float((1 / prod(roots)).real) if len(roots) == 2 else 0.0
 
     return Ratio(1.0, *(coefficients(zeros) if zeros else (0.0, 0.0)), *coefficients(poles))

@@ -1,10 +1,14 @@
-"""The controller as a difference equation at a sampling rate, ready to be coded."""
+"""The controller as difference equations at a sampling rate, ready to be coded: what is specified and simulated."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi, tan
+from functools import cached_property
 
-from beamdesign.controllers import Break, Controller
-from beamdesign.sampled import tustin
+from beamdesign.controllers import Controller
+from beamdesign.realisation.coefficient import float64
+from beamdesign.realisation.law import coefficients_of, one_period
+from beamdesign.realisation.linear_forms import LinearLaw, linear_law
+from beamdesign.realisation.sections import DiscreteLaw, discretised, factored, highest_Hz, laws_of
 
 DIGITS = 12
 _PER_CROSSOVER = 40.0
@@ -12,43 +16,97 @@ _PER_CROSSOVER = 40.0
 
 @dataclass(frozen=True)
 class DifferenceEquation:
-    """i[k] = b0 e[k] + b1 e[k-1] - a1 i[k-1], with e the error in volts and i the current in A.
+    """The sections of `beamdesign.realisation.sections`, their coefficients as they are printed.
 
     Attributes:
-        rate_Hz: sampling rate.
-        b0, b1: A/V, to `DIGITS` significant digits: what is printed is what is proved.
-        a1: pure number.
+        asked: what was discretised, before it was rounded.
+        coefficients: by name, to `DIGITS` significant digits: what is printed is what is proved. Gains are in A per
+            unit of their reading.
     """
 
-    rate_Hz: float
-    b0: float
-    b1: float
-    a1: float
+    asked: DiscreteLaw
+    coefficients: dict[str, float]
+
+    @property
+    def rate_Hz(self) -> float:
+        """Sampling rate."""
+        return self.asked.rate_Hz
 
     @property
     def period_s(self) -> float:
         """Between two samples."""
         return 1 / self.rate_Hz
 
+    @cached_property
+    def linear(self) -> LinearLaw:
+        """As matrices, exact."""
+        return linear_law(self.asked, {name: float64(value) for name, value in self.coefficients.items()}, False)
+
+    def lines(self) -> list[str]:
+        """The statements of one period, in the order in which they are carried out."""
+        written = _Lines()
+        one_period(self.asked.channels, [_LETTERS.get(c.name, c.name) for c in self.asked.channels], written)
+        return written.statements
+
+
+_LETTERS = {"error": "e"}
+
+
+class _Lines:
+    """Arithmetic on names and expressions."""
+
+    def __init__(self) -> None:
+        self.statements: list[str] = []
+
+    def begin(self, channel: int) -> None:
+        pass
+
+    def read(self, state: str) -> str:
+        return state
+
+    def multiply(self, coefficient: str, value: str) -> str:
+        return f"{coefficient}*{value}"
+
+    def add(self, one: str, other: str) -> str:
+        return f"{one} + {other}"
+
+    def subtract(self, one: str, other: str) -> str:
+        return f"{one} - {other}"
+
+    def signal(self, name: str, value: str) -> str:
+        self.statements.append(f"{name} = {value}")
+        return name
+
+    def current(self, terms: Sequence[tuple[str, str]]) -> str:
+        self.statements.append(f"i = {' + '.join(f'{gain}*{value}' for gain, value in terms)}")
+        return "i"
+
+    def advance(self, state: str, coefficient: str, value: str, held: bool) -> None:
+        self.statements.append(f"{state} = {state} + {coefficient}*{value}")
+
 
 def difference_equation(controller: Controller, rate_Hz: float) -> DifferenceEquation:
-    """Tustin's rule with each break prewarped: pole and zero lie at their own frequencies, the static gain is kept.
+    """Tustin's rule with each break prewarped: poles and zeros lie at their own frequencies, the static gain is kept.
 
     Args:
         controller: continuous law.
         rate_Hz: more than twice the upper break.
 
     Raises:
-        ValueError: where a break lies at or above half the rate.
+        ValueError: as of `beamdesign.realisation.sections.discretised`.
     """
-    lag = controller.lag
-    if lag is not None:
-        if rate_Hz <= 2 * max(lag.pole_Hz, lag.zero_Hz):
-            raise ValueError(f"a rate of {rate_Hz:g} Hz is not more than twice the upper break of the controller")
-        lag = Break(*(rate_Hz / pi * tan(pi * frequency / rate_Hz) for frequency in (lag.pole_Hz, lag.zero_Hz)))
-    b0, b1, a1 = tustin(lag, 1 / rate_Hz)
-    gain = controller.gain_A_per_V
-    return DifferenceEquation(rate_Hz, *(float(f"{c:.{DIGITS - 1}e}") for c in (gain * b0, gain * b1, a1)))
+    asked = discretised(controller, rate_Hz)
+    named = coefficients_of(asked)
+    return DifferenceEquation(asked, {name: float(f"{value:.{DIGITS - 1}e}") for name, value in named.items()})
+
+
+def upper_break_Hz(controller: Controller) -> float:
+    """The highest natural frequency of its poles and zeros, from any of its readings.
+
+    Raises:
+        ValueError: as of `beamdesign.realisation.sections.factored`.
+    """
+    return max(highest_Hz(factored(law)[1]) for _, law in laws_of(controller))
 
 
 def sensible_rate_Hz(crossover_Hz: float, upper_break_Hz: float = 0.0) -> float:

@@ -128,7 +128,7 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
         texts["delay"] = ("delay.toml", spec.digital.delay_certificate)
     for one in spec.analogue:
         for at in one.tolerances:
-            name = f"{one.amplifier.resistors}_{one.amplifier.capacitors}_{100 * at.resistors:g}_{100 * at.capacitor:g}"
+            name = f"{one.circuit.resistors}_{one.circuit.capacitors}_{100 * at.resistors:g}_{100 * at.capacitor:g}"
             texts[f"components_{name}"] = (f"components/{name}.toml", at.certificate)
     texts["prototype"] = ("prototype.toml", to_toml(spec.prototype))
     names = {kind: name for kind, (name, text) in texts.items() if text}

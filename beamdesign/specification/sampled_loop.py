@@ -13,16 +13,18 @@ fails, the piece is halved.
 """
 
 from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
+from beamdesign.controllers import SENSED
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Prototype
-from beamdesign.specification.difference_equation import DifferenceEquation
+from beamdesign.rig.linearised import SEEN
 
 _BITS = 128
 _PIECES = 4000
@@ -64,7 +66,8 @@ class HeldPlant:
     """The plant over the outer end mass, exact; the rows of the outer tip's velocity are divided by the total mass.
 
     Attributes:
-        a: (n, n) of the plant in balanced states; b: (n, 1) from the current; c: (1, n) to the sensor's volts.
+        a: (n, n) of the plant in balanced states; b: (n, 1) from the current.
+        seen: (1, n) to the sensor's volts, and to what else may be sensed (m, Pa), by the names of `SENSED`.
         velocity: index of the row that the total mass divides.
         bare_mass: kg.
         force: (n, 1) from the disturbance on the outer tip, N.
@@ -73,7 +76,7 @@ class HeldPlant:
 
     a: fmpq_mat
     b: fmpq_mat
-    c: fmpq_mat
+    seen: Mapping[str, fmpq_mat]
     velocity: int
     bare_mass: fmpq
     force: fmpq_mat
@@ -91,6 +94,17 @@ class HeldPlant:
         """The same with the force, held between samples, in place of the current."""
         return self._exponential(self.force, mass, mass, arb(1) / arb(exact(rate_Hz)))
 
+    def readings(self, heard: Sequence[str]) -> fmpq_mat:
+        """(k, n) to what a law hears without command: minus the volts as its error, others as they are."""
+        n, rows = self.a.nrows(), []
+        for name in heard:
+            if name in self.seen:
+                sign = -1 if name == SENSED[0] else 1
+                rows.append([sign * self.seen[name][0, j] for j in range(n)])
+            else:
+                rows.append([fmpq(0)] * n)
+        return fmpq_mat(len(rows), n, [value for row in rows for value in row])
+
     def _exponential(self, held: fmpq_mat, low: fmpq, high: fmpq, step: arb) -> arb_mat:
         n = self.a.nrows()
         share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
@@ -99,51 +113,6 @@ class HeldPlant:
             scale = step * share if i == self.velocity else step
             whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(held[i, 0]) * scale]
         return arb_mat(whole).exp()
-
-
-@dataclass(frozen=True)
-class SampledLoop:
-    """The loop of a difference equation over the outer end mass.
-
-    Attributes:
-        plant: between samples.
-        law: the difference equation.
-        delayed: whether the current is put out one period after its sample.
-    """
-
-    plant: HeldPlant
-    law: DifferenceEquation
-    delayed: bool
-
-    def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
-        """The closed loop's matrix from sample to sample, enclosed for all masses from `low` to `high`."""
-        n = self.plant.a.nrows()
-        moved = self.plant.moved(low, high, self.law.rate_Hz)
-        b0, b1, a1 = (arb(exact(v)) for v in (self.law.b0, self.law.b1, self.law.a1))
-        c = [arb(self.plant.c[0, j]) for j in range(n)]
-        phi = [[moved[i, j] for j in range(n)] for i in range(n)]
-        gamma = [moved[i, n] for i in range(n)]
-        memory = [-(b1 - a1 * b0) * cj for cj in c] + [-a1]  # what the law keeps of this sample for the next
-        current = [-b0 * cj for cj in c] + [arb(1)]
-        if not self.delayed:
-            rows = [[phi[i][j] + gamma[i] * current[j] for j in range(n)] + [gamma[i]] for i in range(n)]
-            return arb_mat([*rows, memory])
-        rows = [[*phi[i], arb(0), gamma[i]] for i in range(n)]
-        return arb_mat([*rows, [*memory, arb(0)], [*current, arb(0)]])
-
-    def matrix(self, mass: fmpq) -> np.ndarray:
-        """The same at one mass, in floats."""
-        balls = self.enclosed(mass, mass)
-        return np.array([[float(balls[i, j].mid()) for j in range(balls.ncols())] for i in range(balls.nrows())])
-
-
-def sampled_loop(prototype: Prototype, law: DifferenceEquation, delayed: bool) -> SampledLoop:
-    """The sampled-data loop of a prototype with a difference equation.
-
-    Raises:
-        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
-    """
-    return SampledLoop(held_plant(prototype), law, delayed)
 
 
 def held_plant(prototype: Prototype) -> HeldPlant:
@@ -158,10 +127,13 @@ def held_plant(prototype: Prototype) -> HeldPlant:
     scales = _balance(a, velocity, mass)
     balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
     current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
-    volts = fmpq_mat(1, n, [c[1, j] * scales[j] for j in range(n)])
+    seen = {
+        name: fmpq_mat(1, n, [c[SEEN.index(as_seen), j] * scales[j] for j in range(n)])
+        for name, as_seen in zip(SENSED, ("measured_V", *SENSED[1:]), strict=True)
+    }
     force = fmpq_mat(n, 1, [b[i, 0] / scales[i] for i in range(n)])
     tip = fmpq_mat(1, n, [c[0, j] * scales[j] for j in range(n)])
-    return HeldPlant(balanced, current, volts, velocity, mass, force, tip)
+    return HeldPlant(balanced, current, seen, velocity, mass, force, tip)
 
 
 def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:

@@ -3,18 +3,23 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from beamdesign.controllers import refuse
 from beamdesign.loop import loop
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import Certificate
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
+from beamdesign.realisation.loop import realised_loop
 from beamdesign.specification.acceptance_bands import AcceptanceAtMass, acceptance_bands
 from beamdesign.specification.analogue import AnalogueController, analogue_controllers
 from beamdesign.specification.data_folder import DURATION_S, AcceptancePlan, acceptance_plan
-from beamdesign.specification.difference_equation import DifferenceEquation, difference_equation, sensible_rate_Hz
+from beamdesign.specification.difference_equation import (
+    DifferenceEquation,
+    difference_equation,
+    sensible_rate_Hz,
+    upper_break_Hz,
+)
 from beamdesign.specification.ratings import Ratings, ratings
-from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled, sampled_loop
+from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.specification.sensor_need import SensorNeed, sensor_need
 from beamdesign.specification.stock_choice import StockChoice, stock_choices
 from beamdesign.specification.tolerances import Tolerances, tolerances
@@ -147,17 +152,14 @@ def digital_controller(
     """The difference equation; where no rate is asked for, it is raised until the sampled-data loop is proved."""
     assert prototype.controller is not None
     controller = prototype.controller
-    refuse(controller, "lag", "a difference equation", prototype.name)
     closed = loop(prototype)
     crossover = max(max(closed.at(mass).crossovers_Hz(), default=0.0) for mass in looked_at)
-    lag = controller.lag
-    upper = max(lag.pole_Hz, lag.zero_Hz) if lag else 0.0
-    rate = rate_Hz or sensible_rate_Hz(crossover, upper)
+    rate = rate_Hz or sensible_rate_Hz(crossover, upper_break_Hz(controller))
     for _ in range(1 if rate_Hz else _TRIES):
         equation = difference_equation(controller, rate)
         verdicts: list[SampledVerdict] = []
         if not prototype.effects:
-            verdicts = [prove_sampled(sampled_loop(prototype, equation, late), *masses_kg) for late in (False, True)]
+            verdicts = [prove_sampled(realised_loop(prototype, equation, late), *masses_kg) for late in (False, True)]
         if all(verdict.stable for verdict in verdicts):
             break
         rate = sensible_rate_Hz(1.01 * rate / 40)

@@ -152,13 +152,18 @@ def code(spec: Specification) -> Part:
     found = spec.digital
     assert found is not None
     law = found.equation
-    text = (
-        f"rate: {law.rate_Hz:g} Hz\n"
-        f"b0 = {law.b0!r}   # A/V\nb1 = {law.b1!r}   # A/V\na1 = {law.a1!r}\n"
-        "at every sample k:\n"
-        "    e = command_V - sensor_V\n"
-        "    i = b0*e + b1*e_before - a1*i_before   # A\n"
-        "    e_before, i_before = e, i              # limit i to the rated current before it is kept"
+    units = {channel.gain_name: f"   # A/{channel.unit}" for channel in law.asked.channels}
+    others = [f"    read {channel.name} in {channel.unit}" for channel in law.asked.channels[1:]]
+    text = "\n".join(
+        [
+            f"rate: {law.rate_Hz:g} Hz",
+            *(f"{name} = {value!r}{units.get(name, '')}" for name, value in law.coefficients.items()),
+            "at every sample k:",
+            "    e = command_V - sensor_V",
+            *others,
+            *(f"    {line}" for line in law.lines()),
+            "    # limit i to the rated current before it is put out",
+        ]
     )
     rows = [
         _sampled_row("current put out at the sample", found.at_once, found.reason),
@@ -173,7 +178,7 @@ def code(spec: Specification) -> Part:
         "Digital controller",
         (
             Paragraph(
-                f"Tustin's rule with pole and zero prewarped each to its own frequency, at {law.rate_Hz:g} Hz,"
+                f"Tustin's rule with poles and zeros prewarped each to its own frequency, at {law.rate_Hz:g} Hz,"
                 f" {decimal(law.rate_Hz / found.crossover_Hz if found.crossover_Hz else 0.0, 3)} times the highest"
                 " crossover of"
                 f" the loop, {decimal(found.crossover_Hz)} Hz (computed). The static gain is kept."
