@@ -1,37 +1,79 @@
 """A controller that works at sample times: held current, quantised volts, whole periods of delay."""
 
-from math import pi
+from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.controllers import Break, Controller, refuse
+from beamdesign.controllers import SENSED, Controller
+from beamdesign.rig.assembly import OUTPUTS
+from beamdesign.rig.stepper import COMMAND, ERROR
 
 
-def tustin(lag: Break | None, period_s: float) -> tuple[float, float, float]:
-    """b0, b1, a1 of i = K (b0 e + b1 e_old) - a1 i_old, by the trapezoidal rule; K C(0) is kept exactly."""
-    if lag is None:
-        return 1.0, 0.0, 0.0
-    pole, zero = (2 / (2 * pi * frequency * period_s) for frequency in (lag.pole_Hz, lag.zero_Hz))
-    return (1 + zero) / (1 + pole), (1 - zero) / (1 + pole), (1 - pole) / (1 + pole)
+@dataclass(frozen=True)
+class SampledLaw:
+    """z+ = A z + B e, i = C z + D e at every sample: the difference equation that a specification states.
+
+    Attributes:
+        matrix: (n + 1, n + k), A and B above C and D.
+        heard: what each of the k readings is: `ERROR`, `COMMAND` or a place among the rig's outputs.
+    """
+
+    matrix: np.ndarray
+    heard: tuple[int, ...]
+
+    @property
+    def order(self) -> int:
+        """n."""
+        return len(self.matrix) - 1
+
+    def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:
+        """State (n,) after, and current (A) of, one sample."""
+        after = self.matrix @ np.concatenate([state, readings])
+        return after[:-1], float(after[-1])
+
+    def readings(self, outputs: np.ndarray) -> np.ndarray:
+        """(k,) what it hears of a row of the rig's outputs, without command."""
+        known = {ERROR: -outputs[OUTPUTS.index("measured_V")], COMMAND: 0.0}
+        return np.array([known[place] if place < 0 else outputs[place] for place in self.heard])
+
+    def at_rest(self, readings: np.ndarray) -> np.ndarray:
+        """State (n,) under constant readings."""
+        n = self.order
+        return np.asarray(np.linalg.solve(np.eye(n) - self.matrix[:n, :n], self.matrix[:n, n:] @ readings))
+
+    def after(self, readings: np.ndarray, current: float) -> np.ndarray:
+        """State (n,) after a sample of these readings that gave this current: of first order at most there is one."""
+        n = self.order
+        own, through = self.matrix[n, :n], self.matrix[n, n:]
+        before = np.linalg.pinv(own.reshape(1, n)) @ np.array([current - through @ readings])
+        return self.step(before, readings)[0]
+
+    def packed(
+        self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
+    ) -> np.ndarray:
+        """As `beamdesign.rig.compiled.integrate` takes it.
+
+        Args:
+            period_steps: integration steps per period.
+            delay_periods: whole periods between reading a sample and giving its current.
+            least_volt: step of the converter that reads the sensor, V; 0 for none.
+            state: (n,) at the first sample.
+            current: before the record, A.
+        """
+        head = [period_steps, delay_periods, least_volt, current, self.order, len(self.heard), *self.heard]
+        return np.concatenate([head, self.matrix.ravel(), state])
 
 
-def digital_law(
-    controller: Controller, period_steps: int, step_s: float, delay_periods: int, least_volt: float, rest: float
-) -> np.ndarray:
-    """The controller as `beamdesign.rig.compiled.integrate` takes it.
-
-    Args:
-        controller: continuous law.
-        period_steps: integration steps per period.
-        step_s: integration step, s.
-        delay_periods: whole periods between reading a sample and giving its current.
-        least_volt: step of the converter that reads the sensor, V; 0 for none.
-        rest: error voltage (V) in the equilibrium from which a record starts.
+def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
+    """The difference equation of a controller at a period.
 
     Raises:
-        InputError: for a controller with second-order sections.
+        ValueError: where it has none; see `beamdesign.specification.difference_equation.difference_equation`.
     """
-    refuse(controller, "lag", "a sampled loop", "scenario")
-    b0, b1, a1 = tustin(controller.lag, period_steps * step_s)
-    gain = controller.gain_A_per_V
-    return np.array([period_steps, delay_periods, gain, b0, b1, a1, least_volt, rest, gain * rest])
+    from beamdesign.realisation.realise import floats
+    from beamdesign.specification.difference_equation import difference_equation
+
+    law = difference_equation(controller, 1 / period_s).linear
+    places = {SENSED[0]: ERROR, "command_V": COMMAND}
+    heard = tuple(places[name] if name in places else OUTPUTS.index(name) for name in law.heard)
+    return SampledLaw(np.block([[floats(law.a), floats(law.b)], [floats(law.c), floats(law.d)]]), heard)

@@ -13,12 +13,12 @@ from beamdesign.lumped import figures
 from beamdesign.oscillation import Oscillation, oscillation, sustained
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
+from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.compiled import NOT_SAMPLED, integrate
 from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, problem_without_controller, structure_of
 from beamdesign.rig.substeps import refuse_too_many, substeps_at
-from beamdesign.sampled import digital_law
+from beamdesign.sampled import sampled_law
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
 
 COLUMNS = (
@@ -168,14 +168,14 @@ def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, po
         y = np.asarray(continuous.function(0.0, start, before, parameters)[1]).ravel()
         start = start[[continuous.states.index(name) for name in assembly.states]]
         steps = round(scenario.sampled.period_s / scenario.sample_s) * substeps
-        digital = digital_law(
-            rig.controller,
-            steps,
-            scenario.sample_s / substeps,
-            scenario.sampled.delay_periods,
-            scenario.sampled.least_volt_V,
-            -float(y[OUTPUTS.index("measured_V")]),
-        )
+        try:
+            law = sampled_law(rig.controller, steps * scenario.sample_s / substeps)
+        except ValueError as error:
+            raise InputError(scenario.name, [("sampled.period_s", str(error))]) from error
+        readings = law.readings(y)
+        rest = law.at_rest(readings)
+        sampled = scenario.sampled
+        digital = law.packed(steps, sampled.delay_periods, sampled.least_volt_V, rest, law.step(rest, readings)[1])
     y = integrate(
         kinds, times, half_steps(inputs, substeps), start, parameters, substeps, scenario.displacement_limit_m, digital
     )

@@ -330,13 +330,7 @@ _LISTED = (
     ("tune --robust", "compliant", "to be closed: a stiffness is given for the figures as they stand"),
     ("tune --robust", "scheduled", "to be closed: every stage by itself"),
     ("arm", f"{_SENSORS}", "to be closed: the loops are those of the tips alone"),
-    ("simulate sampled", f"structured, {_OBSERVERS}", "to be closed: of the lag alone a sampled law is made"),
-    (
-        "spec",
-        f"structured, {_OBSERVERS}, scheduled",
-        "to be closed: circuit and difference equation are those of a lag",
-    ),
-    ("code", f"{_SENSORS}", "to be closed: the code reads one voltage"),
+    ("spec", "scheduled", "to be closed: circuit and difference equation are those of one law"),
     (
         "code",
         "scheduled",

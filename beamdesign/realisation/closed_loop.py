@@ -110,7 +110,7 @@ def run_closed(
         last = k + 1 == count
         window = inputs[2 * substeps * k : 2 * substeps * (k + 1) + 1] if not last else inputs[-2 * substeps - 1 :]
         # Between two samples the current is constant: a law that is asked once and answers one period late.
-        constant = np.array([4.0 * substeps, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, out])
+        constant = np.array([4.0 * substeps, 1.0, 0.0, out, 0.0, 0.0])
         times = np.array([k, k + 1]) * period
         kept = steps(
             code.address["law"], code.address["output"], times, np.ascontiguousarray(window), x, len(x), prepared,

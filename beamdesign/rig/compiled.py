@@ -7,7 +7,7 @@ import numpy as np
 from beamdesign.rig.assembly import Structure, assemble
 from beamdesign.rig.machine_code import Body, MachineCode, machine_code, trace
 
-NOT_SAMPLED = np.zeros(9)
+NOT_SAMPLED = np.zeros(6)
 
 
 @cache
@@ -42,7 +42,7 @@ def integrate(
         parameters: in the order of the assembly.
         substeps: steps per sample interval.
         bound: of the fifth output, the displacement of the outer tip (m), at which the record ends.
-        digital: the sampled controller, see `beamdesign.sampled`.
+        digital: the sampled controller, see `beamdesign.sampled.SampledLaw`.
 
     Returns:
         (M, 6) outputs as in `Assembly.outputs`; M < N where the rig passed the bound, or left the numbers, after M
@@ -91,7 +91,7 @@ def stepped(
         parameters: of the code's `prepare`.
         substeps: steps per sample interval.
         bound: m.
-        digital: (9,).
+        digital: as of `beamdesign.rig.stepper`.
         width: entries that `output` gives.
     """
     return _stepped(

@@ -7,6 +7,9 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
+ERROR, COMMAND = -1, -2
+"""Readings of a sampled controller that are not among the outputs: the command less the volts, and the command."""
+
 
 def _call(typing: Any, address: Any, t: Any, x: Any, u: Any, c: Any, out: Any) -> Any:
     """Call the function (t, x, u, c, out) at an address; all but t are contiguous arrays of doubles."""
@@ -51,16 +54,22 @@ def _steps(
         c: what `prepare` left.
         substeps: steps per sample interval.
         bound: of the fifth output.
-        digital: (period in steps or 0, delay in periods, gain, b0, b1, a1, least volt, error and current before the
-            record): the sampled controller's law i = gain (b0 e + b1 e_old) - a1 i_old.
+        digital: the sampled controller z+ = A z + B e, i = C z + D e: period in steps or 0, delay in periods, least
+            volt, current before the record, n, k, what each of the k readings is (`ERROR`, `COMMAND` or a place among
+            the outputs), A and B above C and D row by row, z at the first sample.
         y_out: (N, m) filled row by row.
     """
     samples, n = times.shape[0], x.shape[0]
     k1, k2, k3, k4, trial = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     y, u0, u1, u2 = np.empty(y_out.shape[1]), np.zeros(3), np.zeros(3), np.zeros(3)
     period, delay = int(digital[0]), int(digital[1])
-    queue = np.full(delay + 1, digital[8])
-    old_error, old_current, held, ticks = digital[7], digital[8], digital[8], 0
+    queue = np.full(delay + 1, digital[3])
+    held, ticks, order, heard = digital[3], 0, int(digital[4]), int(digital[5])
+    width = order + heard
+    entries = 6 + heard
+    own = entries + (order + 1) * width  # where z begins
+    given, after = np.zeros(width), np.zeros(order + 1)
+    given[:order] = digital[own : own + order]
     if period == 0:
         held = 0.0
     for k in range(samples):
@@ -72,13 +81,24 @@ def _steps(
             u0[0], u0[1], u0[2] = inputs[half, 0], inputs[half, 1], held
             if period > 0 and half % (2 * period) == 0:
                 _evaluate(output, t, x, u0, c, y)
-                volts = y[5]
-                if digital[6] > 0.0:
-                    volts = digital[6] * np.floor(volts / digital[6] + 0.5)
-                error = u0[1] - volts
-                old_current = digital[2] * (digital[3] * error + digital[4] * old_error) - digital[5] * old_current
-                old_error = error
-                queue[ticks % (delay + 1)] = old_current
+                for j in range(heard):
+                    place = int(digital[6 + j])
+                    if place == ERROR:
+                        volts = y[5]
+                        if digital[2] > 0.0:
+                            volts = digital[2] * np.floor(volts / digital[2] + 0.5)
+                        given[order + j] = u0[1] - volts
+                    elif place == COMMAND:
+                        given[order + j] = u0[1]
+                    else:
+                        given[order + j] = y[place]
+                for i in range(order + 1):
+                    total = 0.0
+                    for j in range(width):
+                        total += digital[entries + i * width + j] * given[j]
+                    after[i] = total
+                given[:order] = after[:order]
+                queue[ticks % (delay + 1)] = after[order]
                 held = queue[(ticks + 1) % (delay + 1)]
                 ticks += 1
                 u0[2] = held

@@ -11,7 +11,7 @@ from beamdesign.rig.assembly import OUTPUTS, assemble
 from beamdesign.rig.compiled import integrate_on
 from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, structure_of
-from beamdesign.sampled import digital_law
+from beamdesign.sampled import sampled_law
 from beamdesign.scheduling.estimator import PayloadEstimator
 from beamdesign.scheduling.switch import next_stage
 from beamdesign.simulate import COLUMNS as SIMULATED
@@ -110,8 +110,8 @@ def simulate_scheduled(
             if course.joining == "from_rest" and new > mass:
                 state[velocity] *= (bare + mass) / (bare + new)
             mass = new
-        law = digital_law(laws[stage], substeps, period / substeps, 0, 0.0, 0.0)
-        law[7], law[8] = error, current
+        law = sampled_law(laws[stage], period)
+        z = law.after(np.array([error]), current)
         y, state = integrate_on(
             kinds,
             np.arange(begin, end + 1) * period,
@@ -120,14 +120,14 @@ def simulate_scheduled(
             figures(mass),
             substeps,
             limit_m,
-            law,
+            law.packed(substeps, 0, 0.0, z, current),
         )
         whole = len(y) == end - begin + 1
         y = y[: end - begin]  # the last sample is the first of what follows
         here = slice(begin, begin + len(y))
         volts = y[:, OUTPUTS.index("measured_V")] + noise[here]
         for value in command[here] - volts:
-            current = law[2] * (law[3] * value + law[4] * error) - law[5] * current
+            z, current = law.step(z, np.array([value]))
             error = value
         estimate = estimator.advance(volts, y[:, OUTPUTS.index("current_A")]) if whole else estimator.estimate
         told = (mass, stage + 1, estimate.outer_end_mass_kg, estimate.std_kg)
