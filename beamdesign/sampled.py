@@ -23,7 +23,7 @@ class SampledLaw:
 
     @property
     def order(self) -> int:
-        """n."""
+        """N."""
         return len(self.matrix) - 1
 
     def step(self, state: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, float]:

@@ -111,10 +111,8 @@ def _say(found: "Specification") -> None:
         found.certificate.guaranteed, found.tolerances, found.digital, found.sensor,
     )  # fmt: skip
     assert guaranteed is not None
-    assert tolerances is not None
     assert digital is not None
     assert sensor is not None
-    tightest = tolerances.figures[0]
     rows = [
         ("for every outer end mass of", masses_text(found.masses_kg), ""),
         ("guaranteed bandwidth", at_least(guaranteed.bandwidth_Hz, "Hz"), "proved"),
@@ -129,7 +127,14 @@ def _say(found: "Specification") -> None:
         ("code at, current one period late", f"{digital.equation.rate_Hz:g} Hz", basis),
         ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
         ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m)} µm", "computed"),
-        (f"tightest figure alone: {tightest.name}", f"± {decimal(100 * tightest.alone, 3, ROUND_FLOOR)} %", "proved"),
-        ("all figures at once, equal shares", f"± {decimal(100 * tolerances.equal, 3, ROUND_FLOOR)} %", "proved"),
-    ]  # fmt: skip
+    ]
+    if tolerances is None:
+        rows.append(("tolerances", "none proved", found.tolerances_reason))
+    else:
+        tightest, share = tolerances.figures[0], decimal(100 * tolerances.equal, 3, ROUND_FLOOR)
+        alone = f"± {decimal(100 * tightest.alone, 3, ROUND_FLOOR)} %"
+        rows += [
+            (f"tightest figure alone: {tightest.name}", alone, "proved"),
+            ("all figures at once, equal shares", f"± {share} %", "proved"),
+        ]
     say_table(f"{found.prototype.name}: specification", ("figure", "value", "basis"), rows)

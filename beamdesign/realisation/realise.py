@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from math import floor, frexp, log2
 from typing import Literal
 
@@ -73,7 +74,8 @@ class Realisation:
     @property
     def state_channels(self) -> dict[str, int]:
         """Place of the channel of each state."""
-        places = [k for k, channel in enumerate(self.channels) for section in channel.sections for _ in "xw"[: section.order]]
+        orders = [sum(section.order for section in channel.sections) for channel in self.channels]
+        places = chain.from_iterable([place] * order for place, order in enumerate(orders))
         return dict(zip(self.states, places, strict=True))
 
     @cached_property

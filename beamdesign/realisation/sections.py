@@ -172,10 +172,12 @@ def _paired(poles: list[list[complex]], zeros: list[list[complex]]) -> list[Fact
     double = sorted((g for g in poles if len(g) == 2), key=lambda g: abs(g[0].real) / abs(g[0]))
     single = sorted((g for g in poles if len(g) == 1), key=lambda g: abs(g[0]))
     waiting = sum(len(g) == 2 for g in free) - len(double)
-    for _ in range(max(waiting, 0)):  # pairs of zeros that no pair of poles is left for get the two real ones about them
-        two = min(combinations(single, 2), key=lambda two: min(apart(sum(two, []), g) for g in free if len(g) == 2))
-        single = [g for g in single if g is not two[0] and g is not two[1]]
-        double.append(sum(two, []))
+    for _ in range(max(waiting, 0)):  # pairs of zeros that no pair of poles is left for get two real ones about them
+        one, other = min(
+            combinations(single, 2), key=lambda two: min(apart(two[0] + two[1], g) for g in free if len(g) == 2)
+        )
+        single = [group for group in single if group is not one and group is not other]
+        double.append(one + other)
     made = []
     for groups, size in ((double, 2), (single, 1)):
         left = list(groups)

@@ -12,6 +12,7 @@ from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
+from beamdesign.specification.tolerances import why_no_box
 
 MEASURED_WITHIN = 0.05
 """Relative error allowed to the measurement of a compliance or a critical gain, beyond the bands."""
@@ -123,6 +124,8 @@ def _drawn(prototype: Prototype, spread: Mapping[str, float]) -> list[Prototype]
 
 def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float], sampled: float) -> float | None:
     """A gain, as near as was proved to the least critical one sampled, up to which all rigs are stable."""
+    if why_no_box(prototype):
+        return None
     values = rig_family(prototype).values
     own = prototype.controller
     assert own is not None

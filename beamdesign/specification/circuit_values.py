@@ -45,7 +45,7 @@ def circuit_of(controller: Controller, resistors: Series, capacitors: Series) ->
 
 def deviation(realised: Circuit, controller: Controller) -> float:
     """Largest relative deviation of a circuit's response from a controller's, both of unit static gain, sampled."""
-    gain, factors = factored(controller.transfer_function())
+    _, factors = factored(controller.transfer_function())
     asked = [_ratio(*factor) for factor in factors]
     s = _about([root for factor in factors for group in factor for root in group])
     made = [stage.of(stage.parts)._replace(gain=1.0) for stage in realised.stages]
@@ -101,9 +101,7 @@ def _first(gain: float, ratio: Ratio, resistors: Series, capacitors: Series) -> 
     return best[1:]
 
 
-def _feedbacks(
-    ratio: Ratio, resistors: Series, capacitors: Series
-) -> Iterator[tuple[float, dict[str, float], float]]:
+def _feedbacks(ratio: Ratio, resistors: Series, capacitors: Series) -> Iterator[tuple[float, dict[str, float], float]]:
     """Rf, the parts parallel to it, and the larger relative error of pole and zero."""
     if ratio.order == 0:
         yield from ((feedback, {}, 0.0) for feedback in values_between(resistors, *_PLAIN_OHM))

@@ -168,6 +168,7 @@ def json_fields(spec: Specification) -> dict[str, Any]:
         "analogue_reason": spec.analogue_reason,
         "digital": _plain(spec.digital),
         "tolerances": _plain(spec.tolerances),
+        "tolerances_reason": spec.tolerances_reason,
         "acceptance": _plain(spec.acceptance),
         "test_plan": _plain(spec.plan),
         "basis": BASIS,

@@ -12,8 +12,8 @@ every matrix within the balls if Cholesky's pivots in balls are positive: then e
 fails, the piece is halved.
 """
 
-from dataclasses import dataclass
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -27,7 +27,8 @@ from beamdesign.prototype import Prototype
 from beamdesign.rig.linearised import SEEN
 
 _BITS = 128
-_PIECES = 4000
+_PIECES, _TRIED = 4000, 50
+"""Most pieces of a range, and how many tell whether it would take more: what is proved grows from its lower end."""
 _NARROWEST = fmpq(1, 2**20)  # of the range: where such a piece gives no proof, narrower ones do not either
 
 
@@ -150,7 +151,7 @@ def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
 def prove_sampled(loop: ClosedOverMass, low_kg: float, high_kg: float) -> SampledVerdict:
     """Prove stability for every outer end mass of a closed range, or say at which mass it does not hold."""
     low, high = exact(low_kg), exact(high_kg)
-    largest, proved, seen = 0.0, 0, 0
+    largest, proved, seen, reached = 0.0, 0, 0, low
     open_pieces = [(low, high)]
     with ctx.workprec(_BITS):
         for end in dict.fromkeys((low, high)):
@@ -165,8 +166,10 @@ def prove_sampled(loop: ClosedOverMass, low_kg: float, high_kg: float) -> Sample
             largest = max(largest, float(np.abs(values).max()))
             seen += 1
             if _contracts(loop.enclosed(first, last), values, vectors):
-                proved += 1
-            elif len(open_pieces) + proved >= _PIECES or last - first <= _NARROWEST * (high - low):
+                proved, reached = proved + 1, last
+            elif last - first <= _NARROWEST * (high - low) or (
+                proved >= _TRIED and proved * (high - low) > _PIECES * (reached - low)
+            ):
                 reason = f"no proof between {nearest(first):.6g} and {nearest(last):.6g} kg"
                 return SampledVerdict(None, reason, proved, largest, seen)
             else:

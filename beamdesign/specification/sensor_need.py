@@ -13,6 +13,7 @@ from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
+from beamdesign.specification.tolerances import why_no_box
 
 if TYPE_CHECKING:
     from beamdesign.proof.certificate import Guaranteed
@@ -87,7 +88,8 @@ def sensor_need(
     stable = performs = reached = None
     breaks = _breaks_Hz(prototype)
     if nominal is not None:
-        stable = _least(lambda f: certify(lagging(prototype, f), *masses_kg).stable, breaks)
+        if not why_no_box(prototype):
+            stable = _least(lambda f: certify(lagging(prototype, f), *masses_kg).stable, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
             stable = None if 1.1 * stable >= breaks[1] else 1.1 * stable
         performs = _least(lambda f: _kept(certify(lagging(prototype, f), *masses_kg).guaranteed, nominal), breaks)

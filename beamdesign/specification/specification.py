@@ -22,7 +22,7 @@ from beamdesign.specification.ratings import Ratings, ratings
 from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.specification.sensor_need import SensorNeed, sensor_need
 from beamdesign.specification.stock_choice import StockChoice, stock_choices
-from beamdesign.specification.tolerances import Tolerances, tolerances
+from beamdesign.specification.tolerances import Tolerances, tolerances, why_no_box
 
 STANDARD_GRAVITY = 9.80665
 _REFERENCE_N = 100.0
@@ -69,6 +69,7 @@ class Specification:
         load_N: reference load of the ratings.
         load_words: where it comes from.
         stock: nearest stock sizes; None where a beam has no geometry.
+        tolerances_reason: why no tolerances are proved, in words; empty where they are.
         reason: why there is no specification, in words; empty where there is one.
     """
 
@@ -84,6 +85,7 @@ class Specification:
     analogue_reason: str = ""
     digital: DigitalController | None = None
     tolerances: Tolerances | None = None
+    tolerances_reason: str = ""
     acceptance: tuple[AcceptanceAtMass, ...] = ()
     plan: AcceptancePlan | None = None
     reason: str = ""
@@ -132,17 +134,20 @@ def specify(
         why = str(error)
     progress(0.18, "difference equation")
     digital = digital_controller(prototype, masses_kg, looked_at, rate_Hz)
-    kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.25 + 0.45 * share, text))
+    unboxed = why_no_box(prototype)
+    kept = None
+    if not unboxed:
+        kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.25 + 0.45 * share, text))
     plan = acceptance_plan(prototype, masses_kg, duration_s)
     expected = acceptance_bands(
         prototype,
         tuple(sorted({*looked_at, *plan.masses_kg})),
-        kept.specified,
+        {} if kept is None else kept.specified,
         lambda share, text: progress(0.7 + 0.3 * share, text),
     )
     return Specification(
-        prototype, masses_kg, certificate, load, words, stock, needed, sensor, analogue, why, digital, kept, expected,
-        plan
+        prototype, masses_kg, certificate, load, words, stock, needed, sensor, analogue, why, digital, kept, unboxed,
+        expected, plan
     )  # fmt: skip
 
 
@@ -164,13 +169,14 @@ def digital_controller(
             break
         rate = sensible_rate_Hz(1.01 * rate / 40)
     delay = 1.5 * equation.period_s
-    box = box_of({"outer_end_mass": masses_kg, "delay": _delays(prototype, delay)})
-    verdict = certify_box(prototype, box, _DELAY_BUDGET, volumes=False)
     at_once, late = verdicts or (None, None)
     reason = "" if verdicts else "not worked out for a prototype with effects"
-    return DigitalController(
-        equation, crossover, at_once, late, delay, verdict.stable, verdict.certificate if verdict.stable else "", reason
-    )
+    stable, proof = None, ""
+    if not why_no_box(prototype):
+        box = box_of({"outer_end_mass": masses_kg, "delay": _delays(prototype, delay)})
+        verdict = certify_box(prototype, box, _DELAY_BUDGET, volumes=False)
+        stable, proof = verdict.stable, verdict.certificate if verdict.stable else ""
+    return DigitalController(equation, crossover, at_once, late, delay, stable, proof, reason)
 
 
 def _delays(prototype: Prototype, delay_s: float) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.scaling import Scaling, largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
 from beamdesign.report.quantity import decimal
 
 LARGEST = 0.5
@@ -76,6 +77,15 @@ class Tolerances:
     def specified(self) -> dict[str, float]:
         """Specified tolerances by figure."""
         return {figure.name: figure.specified for figure in self.figures}
+
+
+def why_no_box(prototype: Prototype) -> str:
+    """Why nothing can be proved of a prototype's loop over a box of its figures; empty where something can."""
+    try:
+        rig_family(prototype)
+    except InputError as error:
+        return "; ".join(problem[1] for problem in error.problems)
+    return ""
 
 
 def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:

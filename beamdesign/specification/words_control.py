@@ -67,7 +67,9 @@ def circuit(spec: Specification) -> Part:
     for k, stage in enumerate(first.stages, 1):
         words = f"U{k}, {_STAGES[stage.kind]}."
         if stage.turned:
-            words += f" {' and '.join(stage.turned)} from the input inverted by a fourth amplifier, Ri into it, Rb back;"
+            words += (
+                f" {' and '.join(stage.turned)} from the input inverted by a fourth amplifier, Ri into it, Rb back;"
+            )
             words += " the formulas have it times −Ri/Rb."
         items.append(words)
     items[0] += " Its R1 stands there twice, from the command and from the inverted sensor voltage −F x."
@@ -171,7 +173,9 @@ def code(spec: Specification) -> Part:
         (
             f"continuous law with every pure delay from 0 to {decimal(1e6 * found.delay_s)} µs (1.5 periods)",
             {True: "proved", False: "refuted", None: "undecided"}[found.delay_stable],
-            "zero exclusion over payload and delay",
+            f"not looked at: {spec.tolerances_reason}"
+            if spec.tolerances_reason
+            else "zero exclusion over payload and delay",
         ),
     ]
     return Part(
@@ -213,7 +217,8 @@ def _sampled_row(words: str, verdict: SampledVerdict | None, reason: str) -> tup
 def tolerance_part(spec: Specification) -> Part:
     """Tolerances on every figure."""
     found = spec.tolerances
-    assert found is not None
+    if found is None:
+        return Part("Tolerances", (Paragraph(f"None is proved: {spec.tolerances_reason}."),))
 
     def share(value: float, rounding: str = ROUND_FLOOR) -> str:
         return f"± {decimal(100 * value, 3, rounding)} %"
