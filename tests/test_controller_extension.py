@@ -1,6 +1,6 @@
 """A kind of controller of this file's own goes through the commands without an edit elsewhere.
 
-What does not take it yet is listed in `REFUSED` with the reason that it is given; tuning has no form for it.
+Tuning has no form for it.
 """
 
 import json
@@ -22,15 +22,14 @@ from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
-from beamdesign.scenario import ScenarioRecord
+from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario
+from beamdesign.simulate import simulate
+from beamdesign.specification.circuit_values import circuit_of
+from beamdesign.specification.specification import digital_controller
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"
 MASSES_KG = (0.0, 6.8)
-REFUSED = {
-    "spec": "has factors that it has no place for",
-}
-"""Commands that take a lag at most."""
 
 
 class DoubleLag(Cascade):
@@ -157,12 +156,22 @@ def test_commands_take_it(path: Path, tmp_path: Path, command: list[str]) -> Non
     assert json.loads((tmp_path / "told.json").read_text())
 
 
-@pytest.mark.parametrize("command", REFUSED)
-def test_what_is_refused_says_why(path: Path, tmp_path: Path, command: str) -> None:
-    done = CliRunner().invoke(app, [command, str(path), "--out", str(tmp_path / "out")])
-    assert isinstance(done.exception, InputError)
-    assert "'double_lag' is not for" in str(done.exception)
-    assert REFUSED[command] in str(done.exception)
+def test_it_is_specified_as_a_circuit_and_as_a_difference_equation(rig: Prototype) -> None:
+    """Two lags in series: two stages and two sections, and the loop with either is proved."""
+    circuit = circuit_of(rig.controller, "E96", "E12")
+    assert [stage.kind for stage in circuit.stages] == ["lag", "lag"]
+    assert certify(rig.but(controller=circuit.law), *MASSES_KG).stable
+    found = digital_controller(rig, MASSES_KG, MASSES_KG, 50000.0)
+    assert [section.order for section in found.equation.asked.sections] == [1, 1]
+    assert found.one_period_late is not None
+    assert found.one_period_late.stable
+
+
+def test_its_sampled_loop_is_simulated(rig: Prototype) -> None:
+    plan = read_scenario(SCENARIO).but(sampled=Sampled(period_s=5e-5), sample_s=5e-5, duration_s=0.1)
+    sampled, continuous = (simulate(rig, each).records[0] for each in (plan, plan.but(sampled=None)))
+    moved = continuous.column("displacement_m")
+    assert np.abs(sampled.column("displacement_m") - moved).max() < 0.01 * np.abs(moved).max()
 
 
 def test_a_scenario_keeps_its_figures(rig: Prototype) -> None:

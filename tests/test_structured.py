@@ -27,7 +27,7 @@ from beamdesign.proof.replay import Malformed, replay
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.limit_trades import LIMITS, Trade, plot_limit_trades
-from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, inputs_of
+from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulate import half_steps, simulate
 from beamdesign.study.delivered import MEASURED_WITHIN, delivered, drawn
 from beamdesign.study.design_run import certified
@@ -216,17 +216,6 @@ def test_limits_take_the_whole_controller(rig: Prototype) -> None:
     np.testing.assert_allclose(found, loop(rig).at(2.0).loop_response(frequency), rtol=1e-6)
     fast = 0.05 * (1 / 30) * (70 / 55) ** 2 * (120 / 230) ** 2
     assert sensor_reach(rig).current_noise_A == pytest.approx(0.01 * fast)
-
-
-def test_what_is_for_a_lag_alone_says_so(rig: Prototype) -> None:
-    plan = Scenario(
-        name="test",
-        duration_s=0.1,
-        sampled=Sampled(period_s=1e-3),
-        record=(ScenarioRecord(name="one", input=(Multisine(amplitude_N=1.0),)),),
-    )
-    with pytest.raises(InputError, match="'structured' is not for a sampled loop"):
-        simulate(rig, plan)
 
 
 def test_slopes_of_the_sampled_slacks_are_those_of_finite_differences(rig: Prototype) -> None:

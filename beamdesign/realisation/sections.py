@@ -107,7 +107,9 @@ def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
     Raises:
         ValueError: for a law that is not stable and proper, or has a root at zero.
     """
-    if law.numerator.is_zero() or law.numerator.degree() > law.denominator.degree():
+    if law.numerator == 0:
+        raise ValueError("a controller that does not hear the displacement cannot be realised")
+    if law.numerator.degree() > law.denominator.degree():
         raise ValueError("only a controller that is proper can be realised")
     common = law.numerator.gcd(law.denominator)
     numerator, denominator = law.numerator // common, law.denominator // common

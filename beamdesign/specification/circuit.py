@@ -178,9 +178,11 @@ class Circuit:
 
     @property
     def law(self) -> Observer:
-        """What the parts realise, as a prototype writes it; its gain is that at rest."""
+        """What the parts realise, as a prototype writes it; the size of its gain is that at rest."""
         a, b, c, d = in_series(Ratio(*map(_float, stage.exact)).matrices() for stage in self.stages)
-        return Observer.of(_float(self.gain_A_per_V), ("displacement_m",), a, b.reshape(-1, 1), c, [d])
+        sign = -1.0 if self.falling else 1.0
+        gain = abs(_float(self.gain_A_per_V))
+        return Observer.of(gain, ("displacement_m",), a, b.reshape(-1, 1), sign * c, [sign * d])
 
     def made_of(self, parts: Mapping[str, float]) -> "Circuit":
         """The same circuit of other parts, named as in `parts`."""
