@@ -114,7 +114,11 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
             "missing: the range [least, most] of mass on the outer tip",
         ),
         ({"payload": None}, "payload", "missing"),
-        ({"controller__kind": "pid"}, "controller.kind", "must be 'proportional' or 'lag', is 'pid'"),
+        (
+            {"controller__kind": "pid"},
+            "controller.kind",
+            "must be 'lag', 'proportional', 'structured', 'lqg' or 'hinf', is 'pid'",
+        ),
         (
             {"controller__gain_A_per_V": 0.1},
             "controller.gain_A_per_V",

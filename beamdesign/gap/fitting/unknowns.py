@@ -170,7 +170,8 @@ class Placement:
 
     def under(self, law: Law | None) -> "Placement":
         """The same unknowns in the equations with another law, such as that of one record."""
-        return self if law == self.assembly.kinds.controller else _under(self.assembly.kinds, law, self.unknowns)
+        kinds = self.assembly.kinds
+        return self if law == kinds.controller else _placed(replace(kinds, controller=law), self.unknowns)
 
 
 def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
@@ -188,8 +189,8 @@ def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
 
 
 @cache
-def _under(kinds: Structure, law: Law | None, unknowns: tuple[Unknown, ...]) -> Placement:
-    return place(replace(kinds, controller=law), unknowns)
+def _placed(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
+    return place(kinds, unknowns)
 
 
 def _with_some_controller(prototype: Prototype) -> Prototype:
