@@ -45,6 +45,10 @@ class DoubleLag(Cascade):
     def factors(self) -> tuple[Factor, ...]:
         return Break(self.pole_Hz, self.zero_Hz), Break(self.far_pole_Hz, self.far_zero_Hz)
 
+    @classmethod
+    def seeds(cls) -> tuple["DoubleLag", ...]:
+        return (cls(gain_A_per_V=3e-3, pole_Hz=1.0, zero_Hz=30.0, far_pole_Hz=20.0, far_zero_Hz=25.0),)
+
 
 @pytest.fixture(autouse=True)
 def known() -> Iterator[None]:
@@ -177,3 +181,26 @@ def test_its_sampled_loop_is_simulated(rig: Prototype) -> None:
 def test_a_scenario_keeps_its_figures(rig: Prototype) -> None:
     row = ScenarioRecord(name="push", controller=rig.controller)
     assert ScenarioRecord.model_validate(row.model_dump()) == row
+
+
+def test_it_is_tuned_and_does_no_worse_than_the_lag_that_it_holds(path: Path, tmp_path: Path) -> None:
+    """With its far breaks together it is a lag, which reaches 5.0 Hz on this rig."""
+    command = [
+        "tune",
+        str(path),
+        "--controller",
+        "double_lag",
+        "--outer-end-mass",
+        "0:6.8",
+        "--out",
+        str(tmp_path / "t"),
+    ]
+    done = CliRunner().invoke(app, ["tune", str(path), *asked, "--json", str(tmp_path / "tuned.json")])
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "tuned.json").read_text())
+    assert told["controller"]["kind"] == "double_lag"
+    assert told["guaranteed"]["bandwidth_Hz"] > 5.0
+    built = read_prototype(tmp_path / "t" / "prototype.toml")
+    found = certify(built, *MASSES_KG)
+    assert found.guaranteed is not None
+    assert found.guaranteed.bandwidth_Hz == pytest.approx(told["guaranteed"]["bandwidth_Hz"], rel=1e-6)

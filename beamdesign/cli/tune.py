@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from beamdesign.prototype import Goal, Prototype
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
+"""Of the package itself; a kind that is registered beside them is taken as well where it has seeds."""
 
 
 def tune(
@@ -112,8 +113,9 @@ def tune(
 
     record = read_prototype(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
-    if controller not in KINDS:
-        raise InputError("--controller", [(controller, f"expected one of {', '.join(KINDS)}")])
+    known = dict.fromkeys((*KINDS, *tuning.tunable()))
+    if controller not in known:
+        raise InputError("--controller", [(controller, f"expected one of {', '.join(known)}")])
     figures = {
         "--largest-inner-end-mass-kg": (largest_inner_end_mass_kg, q.MassOrNone),
         "--peak-sensitivity": (peak_sensitivity, q.PeakSensitivity),

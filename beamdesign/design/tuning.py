@@ -23,6 +23,12 @@ from beamdesign.records import InputError
 
 Progress = Told
 
+
+def tunable() -> tuple[str, ...]:
+    """What `tune` may be asked for: registered kinds of which a law can be sought, and kinds of synthesis."""
+    return *(name for name, kind in KINDS.items() if kind.seeds()), *SYNTHESES
+
+
 SMALLEST_BANDWIDTH_HZ = 1e-3
 """Below this a loop does not hold its load still, and is no answer."""
 
