@@ -192,6 +192,9 @@ class Controller(Record):
         """Laws that a tuner begins with where none of this kind is given; their gain is lowered as far as is needed."""
         return ()
 
+    grows: ClassVar[bool] = False
+    """Whether the seeds are to be grown, as often as is asked for."""
+
     def grown(self) -> "tuple[Controller, ...]":
         """Laws that do next to the same and have more to tune, to go on with; none where it grows no further."""
         return ()

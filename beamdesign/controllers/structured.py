@@ -23,6 +23,7 @@ class Structured(Cascade):
     """C(s) = (1 + s / zero) / (1 + s / pole) times its second-order sections: a lag with up to three of them."""
 
     checked: ClassVar[bool] = True
+    grows: ClassVar[bool] = True
     kind: Annotated[Literal["structured"], Field(description="which law, with its own figures")] = "structured"
     pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
     zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]

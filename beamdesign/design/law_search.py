@@ -114,6 +114,10 @@ class Search:
 
         return of(self.members) if self.spread is None else worst_samples(self.spread, self.members, of)
 
+    def settled(self, form: Form, variables: np.ndarray, inner_end_mass: float) -> bool:
+        """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
+        return slacks(self.points, self.goal, form, np.append(variables, inner_end_mass), slopes=False).settled
+
     def polish(self, form: Form) -> Polish:
         """The polish of laws of a form, built once."""
         if form not in self._polishes:
@@ -235,7 +239,7 @@ def from_seeds(task: Search, kind: type[Controller]) -> list[Start]:
             if (opened := seed.form()) is None:
                 continue
             form, variables = opened[0], np.append(opened[1], inner)
-            while not slacks(task.points, task.goal, form, variables, slopes=False).settled:
+            while not task.settled(form, variables[:-1], inner):
                 if variables[0] <= form.lower[0]:
                     break
                 variables[0] -= 0.5

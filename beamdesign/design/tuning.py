@@ -65,6 +65,7 @@ def tune(
     sections: int = 3,
     sensors: Sequence[Sensed] = SENSED[:1],
     spread: RigSpread | None = None,
+    near: bool = False,
 ) -> Tuning:
     """Tune controller and inner end mass for the largest guaranteed bandwidth.
 
@@ -78,6 +79,8 @@ def tune(
         sections: second-order sections of a structured controller.
         sensors: what an observer reads, of `beamdesign.controllers.SENSED`.
         spread: rigs that are off, of which the worst are proved as well; none: the nominal rig alone.
+        near: begin with the prototype's own controller, where it is of this kind and its loop stable, instead of
+            growing or synthesising others.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
@@ -95,28 +98,30 @@ def tune(
         raise InputError(prototype.name, gain_and_mass(prototype, outer_end_mass_kg[1]))
     own, inside = prototype.controller, (0.0, largest_inner_end_mass_kg)
     asked = (members, prototype.goal, outer_end_mass_kg, inside)
-    given = [] if own is None else [(own, prototype.payload.inner_end_mass_kg)]
+    inner = prototype.payload.inner_end_mass_kg
+    given = [] if own is None else [(own, inner)]
+    opened = own.form() if own is not None and own.kind in (kind, "observer") else None
     if kind in SYNTHESES:
         effort = EFFORT if len(sensors) == 1 else ADDED_SENSORS_EFFORT
+        task = Search(*asked, tuple(sensors), spread, effort)
+        near = near and opened is not None and opened[0].sensors == task.sensors and task.settled(*opened, inner)
         heard = [one for one in given if set(one[0].senses) <= set(sensors)]
-        found = search_observer(Search(*asked, tuple(sensors), spread, effort), kind, heard, told)
+        found = search_observer(task, None if near else kind, heard, told)
     else:
-        same = [(law, inner) for law, inner in given if law.kind == kind]
-        starts = [(*opened, inner) for law, inner in same if (opened := law.form()) is not None]
-        task = Search(*asked, starts[0][0].sensors if starts else SENSED[:1], spread)
-        seeds = from_seeds(task, KINDS[kind])
-        own_starts = [(form, np.append(variables, inner)) for form, variables, inner in starts]
-        found = (
-            search(task, seeds or own_starts, sections if kind == "structured" else 0, told)
-            if seeds or own_starts
-            else Found(None, (), 0, f"a {kind} controller is tuned from one of its kind, and the prototype has none")
-        )
+        task = Search(*asked, opened[0].sensors if opened else SENSED[:1], spread)
+        starts, growths = from_seeds(task, KINDS[kind]), sections if KINDS[kind].grows else 0
+        if opened is not None and (near or not starts) and task.settled(*opened, inner):
+            starts, growths = [(opened[0], np.append(opened[1], inner)), *([] if growths else starts)], 0
+        found = search(task, starts, growths, told) if starts else Found(None, (), 0, _NO_START.format(kind))
     best = found.proved
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         why = no_answer(kind, prototype.goal, outer_end_mass_kg, found.reason)
         return Tuning(prototype, outer_end_mass_kg, None, found.sampled, found.certificates, why)
     built = tuned(prototype, best, outer_end_mass_kg)
     return Tuning(built, outer_end_mass_kg, best, found.sampled, found.certificates, worst=found.worst)
+
+
+_NO_START = "a {} controller is tuned from one of its kind with a stable loop, and the prototype has none"
 
 
 def _varies_on_the_mount(member: Member) -> bool:
@@ -169,7 +174,7 @@ def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingPr
 def tune_alike(
     prototype: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None = None
 ) -> Tuning:
-    """Tune another controller of the kind that a prototype has; a lag where it has none.
+    """Tune another controller of the kind that a prototype has, from that one; a lag where it has none.
 
     Raises:
         InputError: for a kind that has no form to be tuned, and as `tune`.
@@ -179,4 +184,4 @@ def tune_alike(
     if kind not in (*KINDS, *SYNTHESES):
         raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
     rig = prototype.but(goal=limited(prototype.goal, kind))
-    return tune(rig, outer_end_mass_kg, progress=progress, **asked)
+    return tune(rig, outer_end_mass_kg, progress=progress, near=True, **asked)
