@@ -16,7 +16,7 @@ _PARTS |= {
 }
 _BEAMS = tuple(name for name, row in PARAMETERS.items() if "_beam." in row.place)
 CHANGEABLE = (*_BEAMS, *_PARTS)
-"""Figures that can be changed, named as in `beamdesign.proof.rig_family`."""
+"""Figures that can be changed, named as in `beamdesign.proof.rig_family.rig_values`."""
 
 
 def with_figures(prototype: Prototype, factors: Mapping[str, float]) -> Prototype:

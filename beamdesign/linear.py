@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mat, fmpq_poly
+from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, Quotient, exact
 from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 from beamdesign.rig.linearised import SEEN, LinearAssembly, evaluate_exactly, linear_assembly, transfer_polynomials
 
@@ -18,6 +18,9 @@ _SEEN_AS = {"displacement_m": SEEN.index("measured_V")} | {name: SEEN.index(name
 
 PairOver = tuple[fmpq_poly, fmpq_poly]
 """Affine in one mass: [j] multiplies n^j."""
+
+Parametric = tuple[fmpq_mpoly, list[fmpq_mpoly]]
+"""Denominator, and numerators from current to what is sensed, in s, both end masses and parameters."""
 
 
 @dataclass(frozen=True)
@@ -206,6 +209,48 @@ class LinearModel:
     def plant(self, inner_end_mass: float = 0.0, sensors: Sequence[str] = DISPLACEMENT) -> Plant:
         """Exact transfer polynomials with the given mass (kg) added to the inner beam."""
         return self.polynomials(sensors).at(inner_end_mass)
+
+    def over_parameters(self, sensors: Sequence[str], context: fmpq_mpoly_ctx, named: Mapping[str, str]) -> Parametric:
+        """Denominator, and numerators from current (A) to what is sensed, over both end masses and any parameters.
+
+        They are those of `polynomials` to a common factor that is free of s and of the masses.
+
+        Args:
+            sensors: what is sensed.
+            context: of the polynomials, with the variables "s", "outer_end_mass" and "inner_end_mass".
+            named: which parameters of the assembly are variables, and by what names; the others are numbers.
+        """
+        variable = dict(zip(context.names(), context.gens(), strict=True))
+        one = context.constant(1)
+        values: list[Any] = [
+            Quotient(variable[named[name]], one) if name in named else value
+            for name, value in zip(self.assembly.parameters, self._exact, strict=True)
+        ]
+        wanted = ((), *(((1, _SEEN_AS[name]),) for name in sensors))
+        found = evaluate_exactly(transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted), values)
+        rows = [
+            [entry if isinstance(entry, Quotient) else Quotient(one * entry, one) for entry in row] for row in found
+        ]
+        shared = one
+        for entry in (entry.denominator for row in rows for entry in row):
+            shared *= divmod(entry, entry.gcd(shared))[0]
+        masses = [one, variable["inner_end_mass"], variable["outer_end_mass"]]
+        masses.append(masses[1] * masses[2])
+        parts = [
+            sum(
+                (
+                    mass * variable["s"] ** power * entry.numerator * divmod(shared, entry.denominator)[0]
+                    for mass, row in zip(masses, rows[4 * k : 4 * k + 4], strict=True)
+                    for power, entry in enumerate(row)
+                ),
+                0 * one,
+            )
+            for k in range(len(wanted))
+        ]
+        common = reduce(lambda a, b: a.gcd(b), parts)
+        if common.degrees()[0] == 0 or "mean_pressure_Pa" in self.states:  # which these may neither drive nor show
+            parts = [divmod(part, common)[0] for part in parts]
+        return parts[0], parts[1:]
 
     def _derived(self, sensors: tuple[str, ...]) -> BilinearPlant:
         seen = [_SEEN_AS[name] for name in sensors]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly, fmpz
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz
 
 
 @lru_cache(1 << 14)
@@ -38,6 +38,48 @@ class Affine:
 
     def __add__(self, other: "Affine") -> "Affine":
         return Affine(self.constant + other.constant, self.slope + other.slope)
+
+
+@dataclass(frozen=True)
+class Quotient:
+    """A quotient of polynomials in several variables, in lowest terms, which reckons with rationals too."""
+
+    numerator: fmpq_mpoly
+    denominator: fmpq_mpoly
+
+    def _over(self, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> "Quotient":
+        common = numerator.gcd(denominator)
+        return Quotient(divmod(numerator, common)[0], divmod(denominator, common)[0])
+
+    def _lifted(self, other: "Quotient | fmpq") -> "Quotient":
+        nothing = 0 * self.numerator
+        return other if isinstance(other, Quotient) else Quotient(nothing + other, nothing + 1)
+
+    def __add__(self, other: "Quotient | fmpq") -> "Quotient":
+        (a, b), (c, d) = ((one.numerator, one.denominator) for one in (self, self._lifted(other)))
+        return self._over(a + c, b) if b == d else self._over(a * d + c * b, b * d)
+
+    def __mul__(self, other: "Quotient | fmpq") -> "Quotient":
+        other = self._lifted(other)
+        return self._over(self.numerator * other.numerator, self.denominator * other.denominator)
+
+    def __neg__(self) -> "Quotient":
+        return Quotient(-self.numerator, self.denominator)
+
+    def __sub__(self, other: "Quotient | fmpq") -> "Quotient":
+        return self + -other
+
+    def __rsub__(self, other: "Quotient | fmpq") -> "Quotient":
+        return -self + other
+
+    def __truediv__(self, other: "Quotient | fmpq") -> "Quotient":
+        other = self._lifted(other)
+        return self._over(self.numerator * other.denominator, self.denominator * other.numerator)
+
+    def __rtruediv__(self, other: fmpq) -> "Quotient":
+        return self._lifted(other) / self
+
+    __radd__, __rmul__ = __add__, __mul__
 
 
 def even_odd(polynomial: fmpq_poly) -> tuple[fmpq_poly, fmpq_poly]:

@@ -155,10 +155,8 @@ def test_both_laws_of_air_at_once_are_proved_again():
     assert replay(certify(rig, 0.0, 6.8).text).valid
     statement = rig_family(rig).over({})
     member = family(rig).members[0]
-    product = exact(1.0)
-    for table in member.frozen.values():
-        product *= exact(table["stiffness_factor"])
-    point = rig_family(rig).values | {"oil_stiffness_factor": product, "outer_end_mass": fmpq(3)}
+    factors = {f"{name}_stiffness_factor": exact(own["stiffness_factor"]) for name, own in member.frozen.items()}
+    point = rig_family(rig).values | factors | {"outer_end_mass": fmpq(3)}
     ranges = statement.merged({key: (value, value) for key, value in point.items()})
     box = member_at(statement, {key: low for key, (low, _) in ranges.items()})
     expected = close_loop(member.rig.plant(0.0), rig.controller).at(3.0).characteristic

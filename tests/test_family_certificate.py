@@ -10,9 +10,9 @@ from flint import fmpq
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.controllers import Lag
+from beamdesign.controllers import Lag, Observer
 from beamdesign.design.tuning import tune
-from beamdesign.loop import close_loop
+from beamdesign.loop import close_loop, rig_loop
 from beamdesign.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proof import replay_box
@@ -22,7 +22,7 @@ from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity
 from beamdesign.proof.replay import Malformed
-from beamdesign.proof.replay_box import member_at
+from beamdesign.proof.replay_box import member as member_of
 from beamdesign.proof.replay_members import KNOWN, replay
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.tolerance_box import tolerance_box
@@ -36,6 +36,16 @@ CLAIMS = (
     Asked("compliance", 5.71e-8, 1.0),
     Asked("gain_margin", 1.1),
     Asked("decay_rate", 0.1),
+)
+
+
+TWO_SENSORS = Observer(
+    gain_A_per_V=0.05,
+    sensors=("displacement_m", "load_pressure_Pa"),
+    a=((-10.0,),),
+    b=((9.0, 1e-8),),
+    c=(1.0,),
+    d=(0.1, 1e-9),
 )
 
 
@@ -244,28 +254,23 @@ def test_commands_take_prototypes_with_effects(tame: Prototype, tmp_path: Path):
     assert "its figures are not those of" in other.output
 
 
-@pytest.mark.parametrize("name", ["entrained_air", "seal_friction", "valve_hysteresis", "valve_deadband", "sensor_lag"])
-def test_the_box_is_about_the_members_loops(tame: Prototype, name: str):
-    """The closed form over all parameters, at the ends of the spans, is the member derived from the assembly."""
+@pytest.mark.parametrize("sensors", [False, True])
+@pytest.mark.parametrize("name", library())
+def test_the_box_is_about_the_members_loops(tame: Prototype, name: str, sensors: bool):
+    """The expression over all parameters, at the ends of the spans, is the member with the parameters' numbers."""
     rig = with_effects(tame, name)
-    statement = rig_family(rig).over({})
+    rig = rig.but(controller=TWO_SENSORS) if sensors else rig
+    whole = rig_family(rig)
     for member in family(rig).members:
-        frozen = {_BOXED[key]: exact(value) for table in member.frozen.values() for key, value in table.items()}
-        point = rig_family(rig).values | frozen | {"outer_end_mass": fmpq(3)}
-        ranges = statement.merged({key: (value, value) for key, value in point.items()})
-        box = member_at(statement, {key: low for key, (low, _) in ranges.items()})
-        loop = close_loop(member.rig.plant(2.0), rig.controller).at(3.0)
-        expected = loop.characteristic
-        found = box.plain + box.late
+        frozen = {
+            f"{effect}_{key}": exact(value) for effect, table in member.frozen.items() for key, value in table.items()
+        }
+        point = whole.values | {key: value for key, value in frozen.items() if key in whole.values}
+        point |= {"outer_end_mass": fmpq(3)} | ({"effect_gain": fmpq(1)} if "effect_gain" in point else {})
+        found = member_of(whole.over({}), point)
+        expected = rig_loop(member.rig, 2.0, rig.controller).at(3.0).characteristic
+        found = found.plain + found.late
         assert found * (expected[0] / found[0]) == expected
-
-
-_BOXED = {
-    "stiffness_factor": "oil_stiffness_factor",
-    "spring_N_per_m": "seal_spring",
-    "dashpot_N_s_per_m": "seal_dashpot",
-    "spring": "spool_spring",
-}
 
 
 def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
@@ -273,8 +278,12 @@ def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
     verdict = between(rig, 0.0, 6.8)
     assert verdict.stable
     assert set(verdict.box.names) == {
-        "outer_end_mass", "effect_gain", "oil_stiffness_factor", "seal_spring", "spool_spring"
-    }  # fmt: skip
+        "outer_end_mass",
+        "effect_gain",
+        "entrained_air_stiffness_factor",
+        "seal_friction_spring_N_per_m",
+        "valve_hysteresis_spring",
+    }
     assert replay_box.replay(verdict.certificate).valid
     assert "stable at every value between" in in_words(rig, verdict)
     wild = rig.but(controller=rig.controller.but(gain_A_per_V=0.4))

@@ -139,7 +139,7 @@ class BothPlanes:
             for i, c in enumerate(power.coeffs())
             if c != 0
         ]
-        family = Family(f"{self.name}, both planes", " + ".join(terms), {MASS: exact(low_kg)}, positive=True)
+        family = Family(f"{self.name}, both planes", " + ".join(terms), {MASS: exact(low_kg)}, positive=(MASS,))
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
 
 

@@ -54,7 +54,6 @@ def certify_box(
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
     """
     from beamdesign import quantities as q
-    from beamdesign.controllers import refuse
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
@@ -65,8 +64,6 @@ def certify_box(
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    for law, _ in record.controller.laws:
-        refuse(law, "one sensor", "certify-box, whose polynomial is that of one sensor", prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.proof.tolerance_box import tolerance_box
@@ -99,7 +96,7 @@ def _proved(
     if verdict.certificate:
         write_certificate(path, verdict.certificate)
         say(f"certificate: {path}")
-    fields = _fields(record, box, verdict, found) | {"certificate": path if verdict.certificate else None}
+    fields = _fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
     return fields, verdict.stable is True
 
 
@@ -121,22 +118,12 @@ def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
         if verdict.volumes is not None:
             shares = [nearest(share) for share in verdict.volumes]
             say("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
-    if left_out := _left_out(record):
-        say(f"  not covered by any of this: {', '.join(left_out)}")
     if record.effects:
         say("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
     say(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
 
 
-def _left_out(record: "Prototype") -> list[str]:
-    """Effects that are not in the polynomial, with what of them is not."""
-    from beamdesign.proof.effect_parameters import effect_parameters
-
-    left_out = effect_parameters(record).left_out
-    return [f"{name} ({words})" if words else name for name, words in left_out.items()]
-
-
-def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
+def _fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
     from beamdesign.proof.rational import nearest
     from beamdesign.proof.tolerance_box import figure_key, in_units
 
@@ -167,5 +154,4 @@ def _fields(record: "Prototype", box: "Box", verdict: "BoxVerdict", scaling: "Sc
             "unstable_point": point(scaling.unstable_point),
             "reason": scaling.reason,
         },
-        "not_covered": _left_out(record),
     }

@@ -25,7 +25,7 @@ class Box:
     """Closed ranges of some parameters.
 
     Attributes:
-        names: the parameters; those of a rig are the values of `rig_family`, SI, frequencies in rad/s.
+        names: the parameters; those of a rig are the `rig_values`, SI, frequencies in rad/s.
         low, high: ends of the ranges, exact.
         nominal: where scaling starts from, inside each range but not always in its middle.
         rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.

@@ -1,17 +1,21 @@
 """The closed loop of the twin-beam rig as an expression in all its figures."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import pi
 
-from flint import fmpq, fmpq_poly
+from flint import fmpq, fmpq_mpoly_ctx
 
 from beamdesign.lumped import figures
+from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
-from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rational import text
+from beamdesign.proof.read_once import read_once
 from beamdesign.proof.replay_box import Interval, Statement
 from beamdesign.prototype import Prototype
+
+TRANSPORT = "transport"
+_FACTOR = "effect_gain"
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Family:
         bound: leaves that stand in several places, in packs that are enumerated together.
         delays: names that stand for exp(-s T), with the parameter T of each.
         groups: (name, "sum" or "product", members) of parameters that enter by one variable only.
-        positive: whether its parameters cannot be negative.
+        positive: parameters that cannot be negative.
     """
 
     name: str
@@ -36,7 +40,7 @@ class Family:
     bound: tuple[tuple[str, ...], ...] = ()
     delays: Mapping[str, str] | None = None
     groups: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
-    positive: bool = False
+    positive: Collection[str] = ()
 
     def over(self, ranges: Mapping[str, Interval]) -> Statement:
         """The family over a box; parameters that are not named keep their values.
@@ -47,24 +51,29 @@ class Family:
         if unknown := sorted(set(ranges) - set(self.values)):
             raise ValueError(f"no parameter {', '.join(unknown)}; there are {', '.join(self.values)}")
         for name, (low, high) in ranges.items():
-            if low > high or (self.positive and low < 0):
+            if low > high or (name in self.positive and low < 0):
                 raise ValueError(f"{name}: not a range: {text(low)} to {text(high)}")
         full = {name: ranges.get(name, (value, value)) for name, value in self.values.items()}
         return Statement(self.p, full, self.leaves, self.bound, self.delays, self.groups)
 
 
-def rig_family(prototype: Prototype) -> Family:
-    """The characteristic polynomial of a prototype's loop over all its figures, both end masses and a pure delay.
+def effect_spans(found: LinearFamily) -> dict[str, Interval]:
+    """Spans of those parameters that are frozen figures of effects, and of the factor that they put on the gain."""
+    frozen = {name: found.spans[key] for name, key in _frozen(found).items()}
+    gain = found.members[0].gain
+    spans = {name: (exact(span.low), exact(span.high)) for name, span in frozen.items()}
+    return spans if (gain.low, gain.high) == (1.0, 1.0) else spans | {_FACTOR: (exact(gain.low), exact(gain.high))}
 
-    With D = K + b s + M s^2 of either beam, h = s / K_c + K_pq / A^2, and valve, filter and controller as ratios V, W,
-    C_n / C_d of unit static gain,
 
-        p = (D_m (h D_f + s) + s D_f) V W C_d + (F K_q K_sa / A) D_f C_n exp(-sT),
+def _frozen(found: LinearFamily) -> dict[str, str]:
+    return {key.replace(".", "_"): key for key, span in found.spans.items() if span.low < span.high}
 
-    which is the characteristic polynomial of equations (7) to (18) divided by K_c omega_n^2 (and the filter's break).
-    Effective and end masses enter by their sums, the three gains by their product. D_f and 1 / A stand in several
-    places and are bound. The dashpots b are parameters of their own. Frequencies are in rad/s. Effects add what
-    `effect_parameters` says; with a seal of impedance Z between piston and cylinder, s + h Z stands for s.
+
+def rig_values(prototype: Prototype) -> dict[str, fmpq]:
+    """The parameters of a prototype's characteristic polynomial, SI, frequencies in rad/s.
+
+    These are its figures, unless they are zero, both end masses, gain and a lag's breaks, a pure delay, the frozen
+    figures of its effects, and the factor that they put on the gain.
 
     Raises:
         ValueError: without a controller.
@@ -73,56 +82,52 @@ def rig_family(prototype: Prototype) -> Family:
     controller = prototype.controller
     if controller is None:
         raise ValueError("the prototype has no [controller]")
-    values = {name: exact(value) for name, value in figures(prototype).items()}
+    found = family(prototype)
+    values = {name: exact(value) for name, value in figures(prototype).items() if value != 0}
     values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
-    added = effect_parameters(prototype)
-    values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": added.delay, **added.values}
-    leaves = {
-        "outer": "outer_stiffness + outer_damping*s + outer_total_mass*s**2",
-        "inner": "inner_stiffness + inner_damping*s + inner_total_mass*s**2",
-        "oil": "s/oil_stiffness",
-        "leak": "leakage",
-        "per_area": "1/piston_area",
-        "per_square_area": "1/piston_area**2",
-        "gain": "loop_gain",
-        "valve": "1 + 2*valve_damping_ratio*s/valve_frequency + s**2/valve_frequency**2",
-    }
+    values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}
+    at_rest = {name: exact(found.spans[key].rest) for name, key in _frozen(found).items()}
+    at_rest |= {_FACTOR: exact(found.rest.gain.high)}
+    values |= {name: min(max(at_rest[name], low), high) for name, (low, high) in effect_spans(found).items()}
     if (lag := controller.lag) and not controller.lacks("lag"):
         values |= {
             "controller_zero": exact(2 * pi * lag.zero_Hz),
             "controller_pole": exact(2 * pi * lag.pole_Hz),
         }
-        leaves |= {"numerator": "1 + s/controller_zero", "denominator": "1 + s/controller_pole"}
-    else:
-        law = controller.transfer_function()
-        leaves |= {"numerator": _written(law.numerator / values["controller_gain"])}
-        leaves |= {"denominator": _written(law.denominator)}
-    lags = "valve*denominator"
-    if prototype.sensor.filter_Hz is None:
-        del values["filter_frequency"]
-    else:
-        leaves["filter"] = "1 + s/filter_frequency"
-        lags += "*filter"
-    lags = "*".join([lags, *added.lags])
-    yielding, stroke = "(oil + leak*per_square_area)", "s"
-    if added.seal:
-        stroke = f"(s + {yielding}*seal)"
-    return Family(
-        prototype.name,
-        f"(outer*({yielding}*inner + {stroke}) + {stroke}*inner)*{lags} + gain*per_area*inner*numerator*transport",
-        values,
-        leaves | added.leaves,
-        (("inner",), ("per_area", "per_square_area")),
-        {"transport": "delay"},
-        (
-            ("outer_total_mass", "sum", ("outer_mass", "outer_end_mass")),
-            ("inner_total_mass", "sum", ("inner_mass", "inner_end_mass")),
-            ("loop_gain", "product", ("sensor_gain", "flow_gain", "controller_gain", *added.factors)),
-            *added.groups,
-        ),
-        positive=True,
-    )
+    return values
 
 
-def _written(polynomial: fmpq_poly) -> str:
-    return " + ".join(f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'})*s**{i}" for i, c in enumerate(polynomial.coeffs()))
+def rig_family(prototype: Prototype) -> Family:
+    """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
+
+    Its plant is that of every other proof, the assembly's linear plant as the controller's sensors see it, with its
+    parameters as variables; what the expression takes from its shape is found by `read_once`. The delay is between
+    controller and valve. Effects that let the gain vary put one factor more on it.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    values, found, controller = rig_values(prototype), family(prototype), prototype.controller
+    assert controller is not None  # it has values
+    context = fmpq_mpoly_ctx.get(["s", TRANSPORT, *values], "lex")
+    variable = dict(zip(context.names(), context.gens(), strict=True))
+    s, zero = variable["s"], context.constant(0)
+    model, law = found.rest.rig, controller.sensed_law()
+    named = {name: name for name in model.figures if name in values}
+    named |= {key: name for name, key in _frozen(found).items()}
+    opened, seen = model.over_parameters(law.sensors, context, named)
+    if "controller_pole" in values:
+        start, end = variable["controller_zero"], variable["controller_pole"]
+        numerators, denominator = [end * (start + s)], start * (end + s)
+    else:
+        numerators = [
+            sum((c * s**i for i, c in enumerate((one / values["controller_gain"]).coeffs())), zero)
+            for one in law.numerators
+        ]
+        denominator = sum((c * s**i for i, c in enumerate(law.denominator.coeffs())), zero)
+    gain = variable["controller_gain"] * variable.get(_FACTOR, 1) * variable[TRANSPORT]
+    returned = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
+    form = read_once(opened * denominator + gain * returned, [name for name in values if name != "delay"], TRANSPORT)
+    positive = [name for name in values if name not in _frozen(found)]
+    return Family(prototype.name, form.p, values, form.leaves, form.bound, {TRANSPORT: "delay"}, form.groups, positive)

@@ -81,10 +81,9 @@ def largest_scaling(
 def _limit(family: Family, box: Box, most: float) -> fmpq:
     """The largest factor to try: beyond it a figure that is positive would reach zero."""
     limit = exact(most)
-    if family.positive:
-        for name, low, middle in zip(box.names, box.low, box.nominal, strict=True):
-            if name not in box.rigid and low < middle and middle > 0:
-                limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
+    for name, low, middle in zip(box.names, box.low, box.nominal, strict=True):
+        if name in family.positive and name not in box.rigid and low < middle and middle > 0:
+            limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
     return _short(limit)
 
 

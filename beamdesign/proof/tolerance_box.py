@@ -5,20 +5,18 @@ from math import pi
 
 from flint import arb, fmpq
 
+from beamdesign.members import family
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import Box
-from beamdesign.proof.effect_parameters import effect_parameters
 from beamdesign.proof.rational import bounds, nearest, shortened
-from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.rig_family import effect_spans, rig_values
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
 _OF_LOOP = {
     "controller_gain": ("A/V", 1.0),
     "delay": ("s", 1.0),
-    "seal_spring": ("N/m", 1.0),
-    "seal_dashpot": ("N s/m", 1.0),
 }
 """Unit of further figures of the loop, and what to divide their values by; frequencies are shown in Hz."""
 
@@ -45,13 +43,12 @@ def tolerance_box(
 
     A dashpot b = 2 zeta sqrt(K M) is a parameter of its own and spans all that its beam's damping ratio, stiffness and
     mass give within their tolerances. End masses and delay are ranges that are asked for: they do not scale with the
-    tolerances, but a tolerance of an end mass widens its range. So are the spans of frozen figures of effects, and the
-    delay is that which an effect has and what is asked for beside.
+    tolerances, but a tolerance of an end mass widens its range. Nor do the spans of frozen figures of effects.
 
     Args:
         prototype: with a controller; its `tolerance` holds relative standard deviations.
         sigmas: how many standard deviations.
-        names: which figures vary, as in `rig_family`; all that have a tolerance where it is None.
+        names: which figures vary, as in `rig_values`; all that have a tolerance where it is None.
         outer_end_mass: kg; else the range of the payload, where there is one.
         inner_end_mass: kg; else the payload's one value.
         delay_s: pure delay in the loop, s.
@@ -61,7 +58,7 @@ def tolerance_box(
         InputError: for a figure without tolerance or that the rig does not have, or a range that reaches zero.
         ValueError: without a controller.
     """
-    values = rig_family(prototype).values
+    values = rig_values(prototype)
     deviations = {n: getattr(prototype.tolerance, key) for n, key in TOLERANCES.items() if n in values}
     if unknown := sorted((set(spread or {}) | set(names or ())) - set(values)):
         raise InputError("names", [Problem(name, f"no such figure; there are {', '.join(values)}") for name in unknown])
@@ -72,7 +69,7 @@ def tolerance_box(
         raise InputError("tolerance", [Problem(n, reason.format(sigmas, deviations[n])) for n in wide])
     ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
     for beam in ("outer", "inner"):
-        if f"{beam}_damping" not in (spread or {}):
+        if f"{beam}_damping" in values and f"{beam}_damping" not in (spread or {}):
             shares = [part[f"{beam}_{figure}"] for figure in ("stiffness", "mass", "damping")]
             ranges[f"{beam}_damping"] = _dashpot(values[f"{beam}_damping"], *shares)
     payload = prototype.payload.outer_end_mass_kg
@@ -85,12 +82,10 @@ def tolerance_box(
     for name, pair in asked.items():
         if pair is not None:
             share = part.get(name, fmpq(0))
-            less, more = exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share)
-            present = values["delay"] if name == "delay" else fmpq(0)
-            ranges[name] = (present + less, present + more)
+            ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
             rigid.add(name)
     largest = asked["outer_end_mass"]
-    spans = effect_parameters(prototype, None if largest is None else largest[1]).spans
+    spans = effect_spans(family(prototype, None if largest is None else largest[1]))
     ranges |= spans
     rigid |= set(spans)
     chosen = [name for name in values if name in ranges and ranges[name][0] < ranges[name][1]]

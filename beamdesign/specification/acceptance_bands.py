@@ -10,7 +10,7 @@ from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.rig_family import rig_values
 from beamdesign.prototype import Prototype
 from beamdesign.specification.tolerances import why_no_box
 
@@ -72,7 +72,7 @@ def acceptance_bands(
     Args:
         prototype: with a controller.
         masses_kg: outer end masses.
-        tolerances: relative, by figure as in `beamdesign.proof.rig_family`.
+        tolerances: relative, by figure as in `beamdesign.proof.rig_family.rig_values`.
         told: the share done, and with what.
     """
     spread = {name: part for name, part in tolerances.items() if name in CHANGEABLE and part > 0}
@@ -126,7 +126,7 @@ def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float],
     """A gain, as near as was proved to the least critical one sampled, up to which all rigs are stable."""
     if why_no_box(prototype):
         return None
-    values = rig_family(prototype).values
+    values = rig_values(prototype)
     own = prototype.controller
     assert own is not None
     ranges = {

@@ -107,7 +107,7 @@ def believed(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
 
     Args:
         prototype: as specified.
-        specified: relative tolerances by figure, named as in `beamdesign.proof.rig_family`.
+        specified: relative tolerances by figure, named as in `beamdesign.proof.rig_family.rig_values`.
     """
     if any(prototype.tolerance.model_dump().values()):
         return prototype.but(guarantee=None)

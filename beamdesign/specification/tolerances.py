@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 
 from beamdesign.changed_figures import CHANGEABLE, with_figures
+from beamdesign.members import family
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.effect_parameters import effect_parameters
-from beamdesign.proof.rig_family import rig_family
+from beamdesign.proof.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proof.scaling import Scaling, largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Prototype
@@ -31,7 +31,7 @@ class FigureTolerance:
     """Relative tolerances of one figure, to either side.
 
     Attributes:
-        name: as in `beamdesign.proof.rig_family`.
+        name: as in `beamdesign.proof.rig_family.rig_values`.
         alone: proved, with all other figures nominal.
         alone_refuted: at which a member was proved unstable; None where none was found up to `LARGEST`.
         shared: proved for all figures at once, in the proportions of `alone`.
@@ -62,7 +62,6 @@ class Tolerances:
         certificate: of the box of shared tolerances, which `beamdesign certify --replay` proves again; empty where
             nothing was proved.
         certificate_equal: of the box of equal tolerances.
-        left_out: effects that the box does not hold.
     """
 
     figures: tuple[FigureTolerance, ...]
@@ -71,7 +70,6 @@ class Tolerances:
     stated_sigmas: float | None
     certificate: str
     certificate_equal: str
-    left_out: tuple[str, ...]
 
     @property
     def specified(self) -> dict[str, float]:
@@ -90,10 +88,10 @@ def why_no_box(prototype: Prototype) -> str:
 
 def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
     """Figures of the loop that can have a tolerance: positive ones that no effect spans already."""
-    spans = effect_parameters(prototype).spans
+    spans = effect_spans(family(prototype))
     return tuple(
         name
-        for name, value in rig_family(prototype).values.items()
+        for name, value in rig_values(prototype).items()
         if value > 0 and name not in ("delay", "outer_end_mass") and name not in spans
     )
 
@@ -153,7 +151,6 @@ def tolerances(
         stated,
         shared.verdict.certificate if shared.verdict else "",
         equal.verdict.certificate if equal.verdict else "",
-        tuple(effect_parameters(prototype).left_out),
     )
 
 

@@ -256,8 +256,6 @@ def tolerance_part(spec: Specification) -> Part:
             " standard"
             " deviations."
         )
-    if found.left_out:
-        words.append(f"Not covered by any box: {', '.join(found.left_out)}.")
     heads = (
         "figure", "alone", "alone, refuted at", "together", "specified",
         "bandwidth at its ends", "peak sensitivity at its ends",
