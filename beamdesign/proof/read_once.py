@@ -85,7 +85,7 @@ class _Form:
     """
 
     def __init__(self, p: fmpq_mpoly, parameters: Sequence[str], delay: str):
-        self.p, self.delay = p / p.factor_squarefree()[0], delay
+        self.p, self.delay = p / p.coeffs()[-1], delay
         self.place = {name: k for k, name in enumerate(p.context().names())}
         self.names = [name for name in parameters if self.degree(p, name)]
         self.reciprocal: set[str] = set()
@@ -266,7 +266,8 @@ class _Form:
 
     def _factors(self, p: fmpq_mpoly, inside: Collection[str]) -> tuple[list[fmpq_mpoly], fmpq_mpoly]:
         """Those that have variables inside, and the product of the others; a number goes with one of them."""
-        unit, found = p.factor()
+        # Lowest coefficients of 1 keep the numbers of a large exact polynomial within those of floats.
+        unit, found = p.coeffs()[-1], [(factor / factor.coeffs()[-1], power) for factor, power in p.factor()[1]]
         common, parts = 0 * p + 1, []
         for factor, power in found:
             if any(self.degree(factor, name) for name in inside):
