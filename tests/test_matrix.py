@@ -423,7 +423,6 @@ MADE: dict[str, tuple[dict[str, Any], str, str]] = {
 }
 """By kind of certificate: tables of a prototype, the command that writes it, and where."""
 NOT_VALID = {
-    "beamdesign.box": "to be closed: its text holds ranges of figures, and is compared with the figures as text",
 }
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from textwrap import wrap
+from typing import Any
 
 import tomli_w
 from flint import fmpq
@@ -42,6 +43,14 @@ def box_document(family: Family, statement: Statement, member: Mapping[str, fmpq
         "",
     ]
     return sealed(above, list(_body(family, statement, member, tree)))
+
+
+def expression_table(family: Family) -> dict[str, Any]:
+    """The entries of a certificate that make up its expression, as they are read back."""
+    groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
+    bound = [[*pack] for pack in family.bound]
+    found = {"p": family.p, "bound": bound, "leaf": family.leaves, "delay": family.delays, "group": groups}
+    return {key: value for key, value in found.items() if value}
 
 
 def _body(
