@@ -3,16 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from math import pi
 from typing import Any
 
 import numpy as np
 
 from beamdesign.linear import LinearModel
 from beamdesign.lumped import figures
+from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.rig.effect import Operation, Span
+from beamdesign.rig.effect import Elements, Operation, Span
 from beamdesign.rig.effects import library, problems
 from beamdesign.rig.parameters import effect_parameters_of
 
@@ -133,6 +133,17 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     return LinearFamily(tuple(members), rest, named, load, any(library()[name].linear_with_load for name in own))
 
 
+def member_elements(member: Member) -> Elements:
+    """Of what a member is made beside the rig's own parts: the elements of all its effects."""
+    figure = {name: exact(value) for name, value in member.rig.figures.items()}
+    total = Elements()
+    for name, table in member.rig.effects.items():
+        linear = library()[name].linear
+        assert linear is not None  # the member exists
+        total += linear.elements({key: exact(value) for key, value in table.items()}, figure)
+    return total
+
+
 def paper_model(prototype: Prototype) -> LinearModel:
     """The linear model of a prototype without effects, equations (7) to (18) of Zalucky and Hardt (1984).
 
@@ -147,7 +158,3 @@ def paper_model(prototype: Prototype) -> LinearModel:
 
 def _times(values: Any) -> float:
     return float(np.prod(list(values)))
-
-
-TWO_PI = 2 * pi
-"""As it stands in the laws of the effects; a proof takes its decimal form as exact."""

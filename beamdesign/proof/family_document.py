@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from flint import fmpq
 
-from beamdesign.members import TWO_PI, LinearFamily, Member
+from beamdesign.members import LinearFamily, Member, member_elements
 from beamdesign.polynomial import exact
 from beamdesign.proof.document import (
     claim_lines,
@@ -21,6 +21,7 @@ from beamdesign.proof.rational import shortened, simple_between, text
 from beamdesign.proof.rectangle import Rectangle
 from beamdesign.proof.stability import Range, StabilityMap
 from beamdesign.prototype import Prototype
+from beamdesign.rig.effect import Elements, Weights
 from beamdesign.rig.parameters import effect_parameters_of
 
 KIND = "beamdesign.members"
@@ -87,9 +88,8 @@ def effect_lines(prototype: Prototype) -> Iterator[str]:
     """The tables of the effects' parameters; none without effects."""
     if not prototype.effects:
         return
-    yield "# Parameters of the effects. Frequencies in Hz become rad/s by the factor two_pi."
+    yield "# Parameters of the effects."
     yield "[effects]"
-    yield f'two_pi = "{text(exact(TWO_PI))}"'
     for name, table in effect_parameters_of(prototype).items():
         yield ""
         yield f"[effects.{name}]"
@@ -110,7 +110,42 @@ def _member(part: Proved) -> Iterator[str]:
         for key, value in table.items():
             yield f'{key} = "{text(exact(value))}"'
         yield ""
+    yield from _elements(member_elements(part.member))
     yield from polynomial_lines(part.stable.loop, "member.polynomials")
+
+
+def _elements(found: Elements) -> Iterator[str]:
+    """What effects add to the parts of the rig: springs, dashpots and masses, points, factors, filters."""
+
+    def weights(table: Weights) -> str:
+        return f"{{ {', '.join(f'{name} = {quoted(_exactly(value))}' for name, value in table.items())} }}"
+
+    def coefficients(values: Sequence[fmpq]) -> str:
+        return f"[{', '.join(quoted(_exactly(value)) for value in values)}]"
+
+    yield "# What the effects are here beside the rig's own parts, as `beamdesign.rig.effect.Elements` explains."
+    yield "[member.elements]"
+    for key in ("oil", "spool", "asymmetry"):
+        yield f"{key} = {quoted(_exactly(getattr(found, key)))}"
+    yield ""
+    if found.points:
+        yield "[member.elements.points]"
+        yield from (f"{point} = {weights(table)}" for point, table in found.points.items())
+        yield ""
+    for motion, resists in found.impedances:
+        yield "[[member.elements.impedance]]"
+        yield f"motion = {weights(motion)}"
+        yield f"resists = {coefficients(resists)}"
+        yield ""
+    for numerator, denominator in found.volts:
+        yield "[[member.elements.volts]]"
+        yield f"numerator = {coefficients(numerator)}"
+        yield f"denominator = {coefficients(denominator)}"
+        yield ""
+
+
+def _exactly(value: fmpq) -> str:
+    return str(value.p) if value.q == 1 else f"{value.p}/{value.q}"
 
 
 def _stability(stability: StabilityMap) -> Iterator[str]:

@@ -14,21 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flint import arb, fmpq, fmpq_mat, fmpq_poly
+from flint import fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.proof import replay as single
-from beamdesign.proof.replay import FLOAT_ROUNDING, Malformed, Pair, Replay, S, rational
+from beamdesign.proof.replay import Malformed, Pair, Replay, S, rational
 
 KIND = "beamdesign.members"
 VERSION = 1
-KNOWN = {
-    "carrier_ripple", "current_saturation", "current_saturation_soft", "entrained_air", "entrained_air_with_stroke",
-    "joint_backlash", "mount_compliance", "pressure_dependent_flow", "seal_friction", "second_beam_mode", "sensor_lag",
-    "sensor_lag_second_order", "transport_delay", "unequal_piston_areas", "uneven_leakage", "valve_deadband",
-    "valve_hysteresis", "valve_hysteresis_magnetic",
-}  # fmt: skip
-"""Effects whose linear members are rebuilt here; of some, nothing is left in them but factors on the gain."""
-
 ONE, ZERO = fmpq_poly([1]), fmpq_poly([0])
 Figures = Mapping[str, fmpq]
 
@@ -50,13 +42,9 @@ def _statements(table: dict[str, Any]) -> single.Statements:
     low, high = rational(table["low"]), rational(table["high"])
     if low > high:
         raise Malformed("the range of masses is empty")
-    if unknown := sorted(set(table["effects"]) - KNOWN - {"two_pi"}):
-        raise Malformed(f"effects that are not known here: {', '.join(unknown)}")
     if not any("performance_gain" in entry for entry in table["member"]):
         raise Malformed("there is no member, or none that is to perform")
     yield from single._figures(table)
-    turn = abs(arb(rational(table["effects"]["two_pi"])) / (2 * arb.pi()) - 1) < arb(FLOAT_ROUNDING)
-    yield bool(turn), "two_pi is 2 pi" if turn else "two_pi is not 2 pi"
     members = []
     for number, entry in enumerate(table["member"], start=1):
         member = Member(table, entry)
@@ -129,7 +117,7 @@ class Member:
         if self.returned_slope != 0 and self.performance and self.performance[0] < self.performance[1]:
             raise Malformed("mass and gain multiply each other, so that sides do not decide what is to be performed")
         self.law = tuple(single._polynomial(table["controller"][name]) for name in ("numerator", "denominator"))
-        self.follows = single._proportional(_rebuilt(table, entry.get("frozen", {})), stated)
+        self.follows = single._proportional(_rebuilt(table, entry["elements"]), stated)
 
     def is_stable_over(self, low: fmpq, high: fmpq, s: fmpq_poly = S, gain: Pair | None = None) -> bool:
         """Whether it is stable on the rectangle, with s replaced."""
@@ -170,36 +158,24 @@ def _factors(pair: Sequence[str]) -> Pair:
 # The loop of a member, from the figures.
 
 
-def _rebuilt(table: dict[str, Any], frozen: Mapping[str, Mapping[str, str]]) -> dict[str, fmpq_poly]:
+def _rebuilt(table: dict[str, Any], elements: dict[str, Any]) -> dict[str, fmpq_poly]:
     """The polynomials of a member: impedances of its parts, solved for tip and mount by Cramer's rule."""
     figure = {name: rational(value) for name, value in table["rig"].items() if name != "kind"}
-    turn = rational(table["effects"]["two_pi"])
-    effects = {
-        name: {key: rational(value) for key, value in (own | dict(frozen.get(name, {}))).items()}
-        for name, own in table["effects"].items()
-        if name != "two_pi"
-    }
     numerators, denominator = single.law_of(table["controller"])
-    bare, loaded = (_mechanics(figure, effects, turn, fmpq(mass), list(numerators)) for mass in (0, 1))
+    bare, loaded = (_mechanics(figure, elements, fmpq(mass), list(numerators)) for mass in (0, 1))
     valve = figure["valve_frequency_rad_per_s"]
-    spring = 1 + effects["valve_hysteresis"]["spring"] if "valve_hysteresis" in effects else 1
+    spring = 1 + rational(elements["spool"])
     around = fmpq_poly([valve**2 * spring, 2 * figure["valve_damping_ratio"] * valve, 1]) * denominator
     drive = figure["flow_gain_m3_per_s_per_A"] * valve**2
     forward, lags = drive * figure["sensor_gain_V_per_m"] * numerators[single.SENSED[0]], ONE
     if "filter_frequency_rad_per_s" in figure:
         forward *= figure["filter_frequency_rad_per_s"]
         lags *= S + figure["filter_frequency_rad_per_s"]
-    if "sensor_lag" in effects:
-        rate = turn * effects["sensor_lag"]["break_Hz"]
-        forward, lags = forward * rate, lags * (S + rate)
-    if "sensor_lag_second_order" in effects:
-        own = effects["sensor_lag_second_order"]
-        natural = 2 * turn * own["damping_ratio"] * own["break_Hz"]
-        forward, lags = forward * natural**2, lags * fmpq_poly([natural**2, 2 * own["damping_ratio"] * natural, 1])
-    if "transport_delay" in effects:
-        delay = effects["transport_delay"]["delay_s"]
-        forward *= fmpq_poly([12, -6 * delay, delay**2])
-        lags *= fmpq_poly([12, 6 * delay, delay**2])
+    for volts in elements.get("volts", []):
+        forward, lags = (
+            forward * single._polynomial(volts["numerator"]),
+            lags * single._polynomial(volts["denominator"]),
+        )
     # What added sensors read passes none of the lags of the displacement's volts.
     back = {single.SENSED[0]: forward} | {
         name: drive * numerators[name] * lags for name in single.SENSED[1:] if name in numerators
@@ -234,83 +210,62 @@ class Mechanics:
     crossed: dict[str, fmpq_poly]
 
 
-def _mechanics(
-    figure: Figures, effects: Mapping[str, Figures], turn: fmpq, mass: fmpq, sensed: Sequence[str]
-) -> Mechanics:
-    """Beams, mount, rod and oil with a mass on the outer tip.
+def _mechanics(figure: Figures, elements: dict[str, Any], mass: fmpq, sensed: Sequence[str]) -> Mechanics:
+    """Beams and oil, and what effects are made of, with a mass on the outer tip.
 
-    The unknowns are the outer beam's first mode, its second, the inner tip, the rod, the mount and the force of the
-    oil, or of each chamber, as far as there are such; each has one equation.
+    The unknowns are the outer beam's first mode, the inner tip, the force of the oil, or of each chamber, and what the
+    elements name beside; each has one equation.
     """
     leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
     # Both chambers show only where their sides differ and leak; else they act as one.
-    uneven = effects.get("unequal_piston_areas", {}).get("asymmetry", fmpq(0)) if leak != 0 else fmpq(0)
+    uneven = rational(elements["asymmetry"]) if leak != 0 else fmpq(0)
     chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": fmpq(1)}
-    names = ["first", "inner", *chambers]
-    names += ["second"] if "second_beam_mode" in effects else []
-    names += ["rod"] if "joint_backlash" in effects else []
-    names += ["mount"] if "mount_compliance" in effects else []
-    rod = "rod" if "joint_backlash" in effects else "inner"
+    added = {point: _weights(table) for point, table in elements.get("points", {}).items()}
+    points: dict[str, dict[str, fmpq]] = {"tip": {"first": fmpq(1)}, "rod": {"inner": fmpq(1)}, "base": {}}
+    for point, weights in points.items():
+        for name, weight in added.get(point, {}).items():
+            weights[name] = weights.get(name, fmpq(0)) + weight
+    points["sensed"] = points["tip"] | added.get("sensed", {})
+
+    def motion(weights: Mapping[str, fmpq]) -> dict[str, fmpq]:
+        """In coordinates alone."""
+        total: dict[str, fmpq] = {}
+        for name, weight in weights.items():
+            for coordinate, share in points.get(name, {name: fmpq(1)}).items():
+                total[coordinate] = total.get(coordinate, fmpq(0)) + weight * share
+        return total
+
+    def parts() -> Iterator[tuple[dict[str, fmpq], fmpq_poly]]:
+        """What moves, and the impedance against it."""
+        one = fmpq(1)
+        for side in ("outer", "inner"):
+            own = {"outer": "first", "inner": "inner"}[side]
+            bending = [figure[f"{side}_stiffness_N_per_m"], figure[f"{side}_damping_N_s_per_m"]]
+            yield motion({own: one, "base": -one}), fmpq_poly(bending)
+        yield {"first": one}, fmpq_poly([0, 0, figure["outer_mass_kg"]])
+        yield {"inner": one}, fmpq_poly([0, 0, figure["inner_mass_kg"] + figure["inner_end_mass_kg"]])
+        yield points["tip"], fmpq_poly([0, 0, mass])
+        for entry in elements.get("impedance", []):
+            yield motion(_weights(entry["motion"])), single._polynomial(entry["resists"])
+
+    network = list(parts())
+    names = list(dict.fromkeys(["first", "inner", *chambers, *(name for moved, _ in network for name in moved)]))
     rows: dict[str, dict[str, fmpq_poly]] = {name: {} for name in names}
 
     def add(row: str, column: str, value: fmpq_poly) -> None:
-        if row in rows and column in rows:
-            rows[row][column] = rows[row].get(column, ZERO) + value
+        rows[row][column] = rows[row].get(column, ZERO) + value
 
-    def join(one: str, two: str, impedance: fmpq_poly) -> None:
-        """A spring and dashpot between two coordinates; one that does not exist stands still."""
-        for row, sign in ((one, 1), (two, -1)):
-            add(row, one, sign * impedance)
-            add(row, two, -sign * impedance)
-
-    def inertia(name: str, value: fmpq) -> None:
-        add(name, name, fmpq_poly([0, 0, value]))
-
-    join("first", "mount", fmpq_poly([figure["outer_stiffness_N_per_m"], figure["outer_damping_N_s_per_m"]]))
-    join("inner", "mount", fmpq_poly([figure["inner_stiffness_N_per_m"], figure["inner_damping_N_s_per_m"]]))
-    inertia("first", figure["outer_mass_kg"])
-    inner = figure["inner_mass_kg"] + figure["inner_end_mass_kg"]
-    if "joint_backlash" in effects:  # what was weighed with the inner beam, though it is the rod's
-        own = effects["joint_backlash"]
-        inner -= own["counted_share"] * own["rod_mass_kg"]
-    inertia("inner", inner)
-    if "second_beam_mode" in effects:
-        own = effects["second_beam_mode"]
-        frequency, stiffness = turn * own["frequency_Hz"], figure["outer_stiffness_N_per_m"] / own["compliance_share"]
-        join("second", "ground", stiffness * fmpq_poly([1, 2 * own["damping_ratio"] / frequency]))
-        inertia("second", stiffness / frequency**2)
-    if "mount_compliance" in effects:
-        own = effects["mount_compliance"]
-        frequency, stiffness = turn * own["frequency_Hz"], own["stiffness_N_per_m"]
-        join("mount", "ground", stiffness * fmpq_poly([1, 2 * own["damping_ratio"] / frequency]))
-        inertia("mount", stiffness / frequency**2)
-    if "joint_backlash" in effects:
-        own = effects["joint_backlash"]
-        join("rod", "inner", own["share"] * fmpq_poly([own["stiffness_N_per_m"], own["damping_N_s_per_m"]]))
-        inertia("rod", own["rod_mass_kg"])
-    tip: list[str] = [name for name in ("first", "second") if name in rows]
-    seal = ZERO
-    if "seal_friction" in effects:
-        own = effects["seal_friction"]
-        seal = fmpq_poly([own["spring_N_per_m"], own["dashpot_N_s_per_m"]])
-    for row in tip:  # forces at the tip act on both modes, and it moves by their sum
-        for column in tip:
-            add(row, column, fmpq_poly([0, 0, mass]) + seal)
-        add(row, rod, -seal)
-        add(rod, row, -seal)
-    add(rod, rod, seal)
-    softer = fmpq(1)
-    for name in ("entrained_air", "entrained_air_with_stroke"):
-        if name in effects:
-            softer *= effects[name]["stiffness_factor"]
+    for moved_by, impedance in network:
+        for row, share in moved_by.items():
+            for column, weight in moved_by.items():
+                add(row, column, share * weight * impedance)
+    stroke, tip = motion({"tip": fmpq(1), "rod": fmpq(-1)}), points["tip"]
     count = len(chambers)
     for name, side in chambers.items():  # each adds a force to the cylinder, towards its own end
-        for row in tip:
-            add(row, name, -ONE)
-            add(name, row, S)
-        add(rod, name, ONE)
-        add(name, rod, -S)
-        spring = softer * figure["oil_stiffness_N_per_m"] * side / count
+        for row, weight in stroke.items():
+            add(row, name, -weight * ONE)
+            add(name, row, weight * S)
+        spring = rational(elements["oil"]) * figure["oil_stiffness_N_per_m"] * side / count
         add(name, name, fmpq_poly([count * leak / (area * side) ** 2, 1 / spring]))
     matrix = [[rows[row].get(column, ZERO) for column in names] for row in names]
 
@@ -330,30 +285,32 @@ def _mechanics(
     def crossed(seen: Mapping[str, fmpq]) -> fmpq_poly:
         """The tip by a force and a sum of coordinates by a flow, in one determinant."""
         total = ZERO
-        for one in tip:
+        for one, share in tip.items():
             for name, weight in seen.items():
                 if name in names and name != one:
-                    total += weight * replaced({one: force, name: flow})
+                    total += share * weight * replaced({one: force, name: flow})
         return total
 
-    at_tip: dict[str, fmpq] = dict.fromkeys(tip, fmpq(1))
-    share = effects["mount_compliance"]["sensor_share"] if "mount_compliance" in effects else fmpq(0)
     flow = [1 / area if name in chambers else fmpq(0) for name in names]
-    force = [fmpq(1) if name in tip else fmpq(0) for name in names]
+    force = [tip.get(name, fmpq(0)) for name in names]
     # A chamber's unknown is its force; its pressure acts on its own side, and the two against each other.
     pressure = {name: (1 / (area * side)) for name, side in chambers.items()}
     read = {
-        "displacement_m": {**at_tip, "mount": -share} if share != 0 else at_tip,
+        "displacement_m": points["sensed"],
         "inner_displacement_m": {"inner": fmpq(1)},
         "load_pressure_Pa": pressure,
     }
     seen = {name: read[name] for name in sensed}
     return Mechanics(
         _determinant(matrix),
-        moved(force, at_tip),
+        moved(force, tip),
         {name: moved(flow, where) for name, where in seen.items()},
         {name: crossed(where) for name, where in seen.items()},
     )
+
+
+def _weights(table: Mapping[str, str]) -> dict[str, fmpq]:
+    return {name: rational(value) for name, value in table.items()}
 
 
 def _determinant(matrix: Sequence[Sequence[fmpq_poly]]) -> fmpq_poly:

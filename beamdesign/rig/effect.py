@@ -2,7 +2,15 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import pi
 from typing import Any
+
+from flint import fmpq
+
+from beamdesign.polynomial import exact
+
+TWO_PI = exact(2 * pi)
+"""As it stands in the laws of the effects; a proof takes its decimal form as exact."""
 
 SUBSYSTEMS = ("structure", "oil", "actuator", "servovalve", "amplifier", "sensor", "controller")
 
@@ -90,6 +98,53 @@ class Span:
         return self.performance or (self.low, self.high)
 
 
+Weights = Mapping[str, fmpq]
+"""A motion: weights of coordinates, or of the points "tip", "rod" (of the cylinder), "base" (of both beams)."""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Of what a linear member is made beside the rig's own parts, with its numbers, exact.
+
+    The rig's coordinates are "first" (its outer beam's mode) and "inner"; any other name is one more. Those of several
+    effects add up: impedances, points and polynomials one after the other, factors by multiplication.
+
+    Attributes:
+        impedances: motion, and spring (N/m), dashpot (N s/m) and mass (kg) that resist it.
+        points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip.
+        oil: factor on the stiffness of the oil.
+        spool: spring on the spool, relative to the pilot's.
+        asymmetry: of the piston's sides, (A_a - A_b) / (A_a + A_b).
+        volts: numerators and denominators in s, ascending, of what filters the sensor's volts.
+    """
+
+    impedances: tuple[tuple[Weights, tuple[fmpq, ...]], ...] = ()
+    points: Mapping[str, Weights] = field(default_factory=dict)
+    oil: fmpq = field(default_factory=lambda: fmpq(1))
+    spool: fmpq = field(default_factory=fmpq)
+    asymmetry: fmpq = field(default_factory=fmpq)
+    volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
+
+    def __add__(self, other: "Elements") -> "Elements":
+        points: dict[str, dict[str, fmpq]] = {}
+        for point, name, weight in (
+            (point, *item) for one in (self, other) for point, own in one.points.items() for item in own.items()
+        ):
+            table = points.setdefault(point, {})
+            table[name] = table.get(name, fmpq(0)) + weight
+        return Elements(
+            self.impedances + other.impedances,
+            points,
+            self.oil * other.oil,
+            self.spool + other.spool,
+            self.asymmetry + other.asymmetry,
+            self.volts + other.volts,
+        )
+
+
+ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]
+"""From an effect's parameters with its frozen figures, and figures of the rig, to the elements of a linear member."""
+
 Spans = Callable[[Mapping[str, float], Operation], Span]
 """From the effect's own parameters and the operation to a span."""
 
@@ -106,6 +161,7 @@ class Linear:
         figures: spans of figures that these laws see beside the effect's parameters.
         gain: span of a factor on the loop gain; proofs hold for every value between its ends.
         with_load: whether spans depend on the load.
+        elements: of what its members are made, for whoever checks a proof of them; it says the same as the laws.
     """
 
     covers: str
@@ -115,6 +171,7 @@ class Linear:
     figures: Mapping[str, Spans] = field(default_factory=dict, hash=False)
     gain: Spans | None = None
     with_load: bool = False
+    elements: ElementsOf = field(default=lambda own, figure: Elements(), hash=False)
 
 
 @dataclass(frozen=True)

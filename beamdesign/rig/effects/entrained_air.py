@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
 
 _ATMOSPHERE_PA = 101_325.0
 POLYTROPIC = 1.4
@@ -61,5 +61,6 @@ EFFECT = Effect(
         },
         figures={"stiffness_factor": _stiffness},
         with_load=True,
+        elements=lambda own, figure: Elements(oil=own["stiffness_factor"]),
     ),
 )

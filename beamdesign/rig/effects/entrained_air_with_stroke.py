@@ -14,7 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
 from beamdesign.rig.effects.entrained_air import bulk_ratio
 
 _MOST = 0.9  # of the length of a chamber: no stroke empties it
@@ -90,6 +90,7 @@ EFFECT = Effect(
         },
         figures={"stiffness_factor": _stiffness},
         with_load=True,
+        elements=lambda own, figure: Elements(oil=own["stiffness_factor"]),
     ),
     realises="entrained_air",
 )

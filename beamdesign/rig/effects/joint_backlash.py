@@ -3,11 +3,13 @@
 The rod is a mass between the oil and the joint; the joint bears on either side of its play like a damped spring.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
+from flint import fmpq
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Linear, Parameter, Site, Span
 
 
 def _force(signal: Any, site: Site) -> Any:
@@ -50,6 +52,20 @@ def _bearing(signal: Any, site: Site) -> Any:
     )
 
 
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    joint = tuple(own["share"] * own[key] for key in ("stiffness_N_per_m", "damping_N_s_per_m"))
+    counted = own["counted_share"] * own["rod_mass_kg"]
+    one, none = fmpq(1), fmpq(0)
+    return Elements(
+        impedances=(
+            ({"joint": one, "inner": -one}, joint),
+            ({"joint": one}, (none, none, own["rod_mass_kg"])),
+            ({"inner": one}, (none, none, -counted)),
+        ),
+        points={"rod": {"joint": one, "inner": -one}},
+    )
+
+
 EFFECT = Effect(
     name="joint_backlash",
     subsystem="structure",
@@ -77,5 +93,6 @@ EFFECT = Effect(
         },
         states=("rod_m", "rod_m_per_s"),
         figures={"share": lambda own, at: Span(_LEAST_SHARE, 1.0, 1.0)},
+        elements=_elements,
     ),
 )

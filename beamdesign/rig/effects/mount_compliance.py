@@ -4,10 +4,13 @@ Motion of the mount is counted at the tips (a clamp that turns by an angle moves
 The sensor's reference may stand on the ground or turn with the mount.
 """
 
+from collections.abc import Mapping
 from math import pi
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site
+from flint import fmpq
+
+from beamdesign.rig.effect import TWO_PI, Effect, Elements, Linear, Parameter, Site
 
 
 def _motion(signal: Any, site: Site) -> Any:
@@ -20,6 +23,13 @@ def _motion(signal: Any, site: Site) -> Any:
     site.rate["mount_m"] = site.state["mount_m_per_s"]
     site.rate["mount_m_per_s"] = (signal - restoring) / mass
     return signal
+
+
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    stiffness, frequency = own["stiffness_N_per_m"], TWO_PI * own["frequency_Hz"]
+    resists = stiffness, 2 * own["damping_ratio"] * stiffness / frequency, stiffness / frequency**2
+    mount = {"mount": fmpq(1)}
+    return Elements(((mount, resists),), {"base": mount, "sensed": {"mount": -own["sensor_share"]}})
 
 
 EFFECT = Effect(
@@ -39,5 +49,5 @@ EFFECT = Effect(
     ),
     states=("mount_m", "mount_m_per_s"),
     source="clamp as a spring and a mass; A. Zalucky and D. E. Hardt (1984), System Design (beams clamped in one base)",
-    linear=Linear("as it is"),
+    linear=Linear("as it is", elements=_elements),
 )

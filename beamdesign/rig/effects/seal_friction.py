@@ -10,8 +10,9 @@ from math import e, sqrt
 from typing import Any
 
 import casadi as ca
+from flint import fmpq
 
-from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
 
 _QUICKEST = 1e4  # 1/s
 
@@ -36,6 +37,11 @@ def _dashpot(own: Mapping[str, float], at: Operation) -> Span:
     """Slope of friction over speed: least where exp(-v^2/vs^2) falls most steeply."""
     fall = own["coulomb_N"] * (own["breakaway_ratio"] - 1) * sqrt(2 / e) / own["stribeck_m_per_s"]
     return Span(own["viscous_N_s_per_m"] - fall, own["viscous_N_s_per_m"], own["viscous_N_s_per_m"])
+
+
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    stroke = {"tip": fmpq(1), "rod": fmpq(-1)}
+    return Elements(((stroke, (own["spring_N_per_m"], own["dashpot_N_s_per_m"])),))
 
 
 EFFECT = Effect(
@@ -65,5 +71,6 @@ EFFECT = Effect(
             )
         },
         figures={"spring_N_per_m": _spring, "dashpot_N_s_per_m": _dashpot},
+        elements=_elements,
     ),
 )

@@ -3,10 +3,13 @@
 The tip moves by the sum of both modes, the forces and the end mass at the tip act on both.
 """
 
+from collections.abc import Mapping
 from math import pi
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site
+from flint import fmpq
+
+from beamdesign.rig.effect import TWO_PI, Effect, Elements, Linear, Parameter, Site
 
 
 def _position(signal: Any, site: Site) -> Any:
@@ -34,6 +37,13 @@ def _end_mass(signal: Any, site: Site) -> Any:
     return carried
 
 
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    stiffness, frequency = figure["outer_stiffness"] / own["compliance_share"], TWO_PI * own["frequency_Hz"]
+    resists = stiffness, 2 * own["damping_ratio"] * stiffness / frequency, stiffness / frequency**2
+    second = {"second": fmpq(1)}
+    return Elements(((second, resists),), {"tip": second})
+
+
 EFFECT = Effect(
     name="second_beam_mode",
     subsystem="structure",
@@ -45,5 +55,5 @@ EFFECT = Effect(
     ),
     states=("mode_m", "mode_m_per_s"),
     source="modal superposition; R. D. Blevins, Formulas for Natural Frequency and Mode Shape",
-    linear=Linear("as it is"),
+    linear=Linear("as it is", elements=_elements),
 )

@@ -1,9 +1,12 @@
 """Sensor lag of second order: what a Butterworth or Bessel filter is, and many a demodulator."""
 
+from collections.abc import Mapping
 from math import pi
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site
+from flint import fmpq
+
+from beamdesign.rig.effect import TWO_PI, Effect, Elements, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -15,6 +18,12 @@ def _law(signal: Any, site: Site) -> Any:
         natural**2 * (signal - site.state["lagged_V"]) - 2 * site.parameter["damping_ratio"] * natural * slope
     )
     return site.state["lagged_V"]
+
+
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    ratio = own["damping_ratio"]
+    natural = 2 * TWO_PI * ratio * own["break_Hz"]
+    return Elements(volts=(((natural**2,), (natural**2, 2 * ratio * natural, fmpq(1))),))
 
 
 EFFECT = Effect(
@@ -29,6 +38,6 @@ EFFECT = Effect(
     ),
     states=("lagged_V", "slope_V_per_s"),
     source="low-pass of second order; Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems",
-    linear=Linear("as it is"),
+    linear=Linear("as it is", elements=_elements),
     realises="sensor_lag",
 )

@@ -3,9 +3,12 @@
 Its gain is one at every frequency; its phase differs from that of the delay T by about (w T)^5 / 720.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site
+from flint import fmpq
+
+from beamdesign.rig.effect import Effect, Elements, Linear, Parameter, Site
 
 
 def _law(signal: Any, site: Site) -> Any:
@@ -15,6 +18,11 @@ def _law(signal: Any, site: Site) -> Any:
     return signal - delay * rate
 
 
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    delay = own["delay_s"]
+    return Elements(volts=(((fmpq(12), -6 * delay, delay**2), (fmpq(12), 6 * delay, delay**2)),))
+
+
 EFFECT = Effect(
     name="transport_delay",
     subsystem="controller",
@@ -22,5 +30,5 @@ EFFECT = Effect(
     parameters=(Parameter("delay_s", 0.5e-3, 0.1e-3, 5e-3, 0.8, "of sampling, computing and transmission together"),),
     states=("smooth_V", "slope_V_per_s"),
     source="Pade approximant of exp(-sT); Franklin, Powell, Emami-Naeini, Feedback Control of Dynamic Systems",
-    linear=Linear("its approximant, as it is simulated"),
+    linear=Linear("its approximant, as it is simulated", elements=_elements),
 )

@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Linear, Operation, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
 
 
 def _passed(signal: Any, asymmetry: Any, own: Any) -> Any:
@@ -76,5 +76,6 @@ EFFECT = Effect(
             "linear_b_m3_per_s": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
         },
         gain=_gain,
+        elements=lambda own, figure: Elements(asymmetry=own["asymmetry"]),
     ),
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Linear, Parameter, Site, Span
 
 _QUICKEST = 1e4  # 1/s
 
@@ -48,5 +48,6 @@ EFFECT = Effect(
             )
         },
         figures={"spring": lambda own, at: Span(0.0, 2 / own["travel"], 1 / own["travel"], (0.0, 0.0))},
+        elements=lambda own, figure: Elements(spool=own["spring"]),
     ),
 )
