@@ -281,24 +281,24 @@ def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
         "valve_hysteresis_spring",
     }
     assert replay_box.replay(verdict.certificate).valid
-    assert "stable at every value between" in in_words(rig, verdict)
+    assert "stable at every value between" in in_words(verdict)
     wild = rig.but(controller=rig.controller.but(gain_A_per_V=0.4))
     refuted = between(wild, 0.0, 6.8)
     assert refuted.stable is False
-    assert "not stable" in in_words(wild, refuted)
-    for names in (("sensor_lag",), ("joint_backlash",), ("mount_compliance", "seal_friction")):
-        assert between(with_effects(tame, *names), 0.0, 6.8) is None
-    assert in_words(with_effects(tame, "sensor_lag"), None) == ""
-    assert "nothing is proved" in in_words(with_effects(tame, "joint_backlash"), None)
-    falling = tame.but(effects={"seal_friction": {"breakaway_ratio": 1.2}})
-    assert between(falling, 0.0, 6.8) is None
+    assert "not stable" in in_words(refuted)
+    assert between(with_effects(tame, "sensor_lag"), 0.0, 6.8) is None
+    assert in_words(None) == ""
+    for effects in ({"joint_backlash": {}}, {"mount_compliance": {}, "seal_friction": {}}):
+        found = between(tame.but(effects=effects), 6.0, 6.8)
+        assert found is not None
+        assert found.stable is not False
 
 
-def test_a_delay_is_a_pure_one_in_the_box(tame: Prototype):
-    """The delay of the effect and the one that is asked for add up."""
+def test_a_delay_that_is_asked_for_is_beside_that_of_the_effect(tame: Prototype):
+    """The effect's is its approximant, as it is simulated and in every other proof; the other is a pure one."""
     late = tame.but(effects={"transport_delay": {"delay_s": 5e-4}})
     box = tolerance_box(late, 0.0, None, (0.0, 6.8), delay_s=(0.0, 1e-4))
-    assert dict(box.ranges)["delay"] == (fmpq(5, 10000), fmpq(6, 10000))
+    assert dict(box.ranges)["delay"] == (0, fmpq(1, 10000))
     assert certify_box(late, box).stable
 
 

@@ -140,7 +140,7 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
     from beamdesign.proof.between import between, in_words
 
     verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
-    if certificate.stable and (words := in_words(record, verdict)):
+    if certificate.stable and (words := in_words(verdict)):
         say(f"  {words}")
     fields: dict[str, Any] = {"stable_between": None if verdict is None else verdict.stable}
     if verdict is not None and verdict.certificate:

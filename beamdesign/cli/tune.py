@@ -188,7 +188,7 @@ def tune(
         from beamdesign.proof.between import between, in_words
 
         verdict = between(guaranteed, *masses)
-        if words := in_words(guaranteed, verdict):
+        if words := in_words(verdict):
             say(f"  {words}")
         if verdict is not None and verdict.certificate:
             texts["certificate_between"] = ("certificate.between.toml", verdict.certificate)

@@ -26,6 +26,17 @@ def library() -> dict[str, Effect]:
     return found
 
 
+def register(effect: Effect) -> None:
+    """Make one more effect known.
+
+    Raises:
+        ValueError: where there is one of that name.
+    """
+    if effect.name in library():
+        raise ValueError(f"there is an effect {effect.name} already")
+    library()[effect.name] = effect
+
+
 def problems(tables: Mapping[str, Mapping[str, float]]) -> list[Problem]:
     """What is wrong with the `[effects.NAME]` tables of a prototype: unknown names, figures out of bounds."""
     known, found = library(), []
