@@ -422,14 +422,11 @@ MADE: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
 }
 """By kind of certificate: tables of a prototype, the command that writes it, and where."""
-NOT_VALID = {
-}
 
 
 def test_no_kind_of_certificate_is_left_out_and_every_hole_is_of_a_cell() -> None:
     assert set(MADE) == set(ROOMS)
     assert set(HOLES) <= set(product(COMMANDS, KINDS))
-    assert set(NOT_VALID) <= set(MADE)
 
 
 @pytest.mark.parametrize("kind", MADE)
@@ -439,10 +436,4 @@ def test_every_certificate_is_valid_of_its_own_prototype(kind: str) -> None:
     call(command)
     assert tomllib.loads(Path(path).read_text(encoding="utf-8"))["kind"] == kind
     assert call(f"certify --replay {path}")["valid"]
-
-    def of_its_prototype() -> None:
-        found = call(f"certify p.toml --replay {path}", None)
-        if not found["valid"]:
-            raise Hole(str(found["reasons"]))
-
-    held(NOT_VALID.get(kind), ("figures", "scheduled"), of_its_prototype)
+    assert call(f"certify p.toml --replay {path}")["valid"]
