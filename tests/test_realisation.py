@@ -11,7 +11,7 @@ import pytest
 import scipy.linalg
 import scipy.signal
 from flint import fmpq, fmpq_poly
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -108,6 +108,7 @@ def test_the_plain_rule_is_scipys() -> None:
 @given(st.floats(0.02, 0.45), st.floats(0.05, 0.95), st.floats(0.02, 0.45), st.floats(0.05, 0.95))
 def test_prewarped_every_root_keeps_its_frequency(own: float, zeros: float, other: float, poles: float) -> None:
     """Shares of the rate. At its own frequency a pair is 2 j d, and a first-order root 1 + j, as in continuous time."""
+    assume(own != other and zeros != poles)  # equal roots cancel
     rate, delta = 1000.0, np.exp(2j * pi * own) - 1
     (notch,) = discretised(TransferFunction(pair(own * rate, zeros), pair(own * rate, poles)), rate).sections
     top = notch.direct * delta**2 + notch.slope * notch.follow * delta + notch.follow**2
