@@ -292,7 +292,7 @@ def test_as_printed_it_steps_as_the_continuous_law(name: str) -> None:
 
     By Tustin's rule a step rises from one sample to the next: it comes half a period early.
     """
-    law, rate = read_prototype(PUBLISHED.with_name(f"{name}.toml")).controller, 20000.0
+    law, rate = read_prototype(PUBLISHED.with_name(f"{name}.toml")).controller, 60000.0
     found = difference_equation(law, rate)
     names = [channel.name for channel in found.asked.channels]
     model, times = law.control_model(), np.arange(2000) / (2 * rate)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 from typing import Any
 
-from flint import fmpq, fmpq_mpoly
+from flint import fmpq, fmpq_mpoly, fmpz
 
 from beamdesign.proof.rational import text
 
@@ -69,7 +69,7 @@ class _Tangled(ArithmeticError):
     """With what is bound, the rest is not read once."""
 
 
-def _numbers(names: Sequence[str]) -> dict[str, int]:
+def _numbers(names: Sequence[str]) -> dict[str | int, int | fmpz | fmpq]:
     return {name: 1009 + 2 * k for k, name in enumerate(names)}
 
 

@@ -1,6 +1,6 @@
 """The closed loop of the twin-beam rig as an expression in all its figures."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
 
@@ -97,12 +97,19 @@ def rig_values(prototype: Prototype) -> dict[str, fmpq]:
     return values
 
 
-def rig_family(prototype: Prototype) -> Family:
+def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), varied: Sequence[str] = ()) -> Family:
     """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
 
     Its plant is that of every other proof, the assembly's linear plant as the controller's sensors see it, with its
     parameters as variables; what the expression takes from its shape is found by `read_once`. The delay is between
     controller and valve. Effects that let the gain vary put one factor more on it.
+
+    Args:
+        prototype: with its controller.
+        stages: that its law of one sensor is the product of, each (1 + n1 s + n2 s^2) / (1 + d1 s + d2 s^2) by those of
+            these names that it has, s and s^2; stage_1_n1 and the like become parameters in the place of what the law
+            has beside its gain.
+        varied: figures of its effects that become parameters, such as sensor_lag.break_Hz, as sensor_lag_break_Hz.
 
     Raises:
         ValueError: without a controller.
@@ -110,14 +117,28 @@ def rig_family(prototype: Prototype) -> Family:
     """
     values, found, controller = rig_values(prototype), family(prototype), prototype.controller
     assert controller is not None  # it has values
+    further = {key: key.replace(".", "_") for key in varied}
+    values |= {
+        name: exact(found.rest.rig.effects[(at := key.partition("."))[0]][at[2]]) for key, name in further.items()
+    }
+    if stages:
+        values = {name: value for name, value in values.items() if name not in ("controller_zero", "controller_pole")}
+        values |= {f"stage_{k}_{name}": value for k, one in enumerate(stages, 1) for name, value in one.items()}
     context = fmpq_mpoly_ctx.get(["s", TRANSPORT, *values], "lex")
     variable = dict(zip(context.names(), context.gens(), strict=True))
     s, zero = variable["s"], context.constant(0)
     model, law = found.rest.rig, controller.sensed_law()
     named = {name: name for name in model.figures if name in values}
-    named |= {key: name for name, key in _frozen(found).items()}
+    named |= {key: name for name, key in _frozen(found).items()} | further
     opened, seen = model.over_parameters(law.sensors, context, named)
-    if "controller_pole" in values:
+    if stages:
+        sides = {"n": context.constant(1), "d": context.constant(1)}
+        for k, one in enumerate(stages, 1):
+            for side in sides:
+                terms = (variable[f"stage_{k}_{name}"] * s ** int(name[1]) for name in one if name[0] == side)
+                sides[side] *= 1 + sum(terms, zero)
+        numerators, denominator = [sides["n"]], sides["d"]
+    elif "controller_pole" in values:
         start, end = variable["controller_zero"], variable["controller_pole"]
         numerators, denominator = [end * (start + s)], start * (end + s)
     else:

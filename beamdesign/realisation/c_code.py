@@ -37,7 +37,7 @@ def vectors(realisation: Realisation) -> Vectors:
         single = realisation.word_length is None
         given.append([float(np.float32(v)) if single else to_word(realisation, v, place) for v in values])
     machine: FixedPoint | Float32 = (Float32 if realisation.word_length is None else FixedPoint)(realisation)
-    currents = tuple(float(machine.step(*sample)) for sample in zip(*given, strict=True))  # type: ignore[arg-type]
+    currents = tuple(float(machine.step(*sample)) for sample in zip(*given, strict=True))
     return Vectors({name: tuple(values) for name, values in zip(names, given, strict=True)}, currents)
 
 

@@ -1,7 +1,7 @@
 """Analogue controllers of preferred values, proved again as they are realised."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from flint import fmpq
@@ -147,19 +147,10 @@ def _spanned(
     prototype: Prototype, circuit: Circuit, resistors: float, capacitor: float
 ) -> tuple[Family, dict[str, tuple[float | fmpq, float | fmpq]]]:
     """The loop over gain and coefficients of every stage, s and s^2, and what these can be within the tolerances."""
-    family = rig_family(prototype.but(controller=circuit.law))
     ranges: dict[str, tuple[float | fmpq, float | fmpq]] = {"controller_gain": circuit.gain_span(resistors, capacitor)}
-    values, sides = dict(family.values), {"n": "1", "d": "1"}
+    nominal = []
     for k, stage in enumerate(circuit.stages, 1):
-        nominal, spans = stage.exact._asdict(), stage.spans(resistors, capacitor)._asdict()
-        for side in sides:
-            terms = ["1"]
-            for power in (1, 2):
-                if nominal[f"{side}{power}"]:
-                    name = f"stage_{k}_{side}{power}"
-                    values[name], ranges[name] = nominal[f"{side}{power}"], spans[f"{side}{power}"]
-                    terms.append(f"{name}*s**{power}")
-            if len(terms) > 1:
-                sides[side] += f"*({' + '.join(terms)})"
-    leaves = {**(family.leaves or {}), "numerator": sides["n"], "denominator": sides["d"]}
-    return replace(family, values=values, leaves=leaves, positive=False), ranges
+        nominal.append({name: value for name, value in stage.exact._asdict().items() if name[1:] in "12" and value})
+        spans = stage.spans(resistors, capacitor)._asdict()
+        ranges |= {f"stage_{k}_{name}": spans[name] for name in nominal[-1]}
+    return rig_family(prototype.but(controller=circuit.law), nominal), ranges

@@ -128,7 +128,7 @@ def held_plant(prototype: Prototype) -> HeldPlant:
     scales = _balance(a, velocity, mass)
     balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
     current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
-    seen = {
+    seen: dict[str, fmpq_mat] = {
         name: fmpq_mat(1, n, [c[SEEN.index(as_seen), j] * scales[j] for j in range(n)])
         for name, as_seen in zip(SENSED, ("measured_V", *SENSED[1:]), strict=True)
     }

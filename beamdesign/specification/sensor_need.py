@@ -11,6 +11,7 @@ from beamdesign.loop import loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certifying import certify
+from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
 from beamdesign.specification.tolerances import why_no_box
@@ -136,11 +137,13 @@ def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
 
 def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz: float) -> bool:
     """Whether every break from this one up is proved stable with every outer end mass."""
-    rig = lagging(prototype, break_Hz)
-    name = "filter_frequency" if prototype.sensor.filter_Hz is None else "sensor_lag_frequency"
-    slow, fast = (exact(2 * pi * f) for f in (break_Hz, _breaks_Hz(prototype)[1]))
+    rig, ends = lagging(prototype, break_Hz), (break_Hz, _breaks_Hz(prototype)[1])
+    if prototype.sensor.filter_Hz is None:
+        found, name, (slow, fast) = rig_family(rig), "filter_frequency", (exact(2 * pi * f) for f in ends)
+    else:
+        found, name, (slow, fast) = rig_family(rig, varied=["sensor_lag.break_Hz"]), "sensor_lag_break_Hz", ends
     box = box_of({"outer_end_mass": masses_kg, name: (slow, fast)})
-    return certify_box(rig, box, _BUDGET, volumes=False).stable is True
+    return certify_box(found, box, _BUDGET, volumes=False).stable is True
 
 
 def _kept(found: "Guaranteed | None", nominal: "Guaranteed") -> bool:
