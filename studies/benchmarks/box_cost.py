@@ -73,7 +73,7 @@ BUDGET = 4000
 
 def unstructured(family: Family) -> Family:
     """The same polynomial as one leaf in all parameters: hulls of all corners at once."""
-    text = family.p.replace("*transport", "")
+    text = re.sub(r"\*?transport\b", "", family.p).replace("(*", "(")
     for name, leaf in (family.leaves or {}).items():
         text = re.sub(rf"\b{name}\b", f"({leaf})", text)
     for name, kind, members in family.groups:
