@@ -121,12 +121,12 @@ class BothPlanes:
             if servo:
                 fed = _values(loop.returned.constant, s) / scale
                 stiffness[:, i, :] += fed[:, None] * sensed[i]
-                force[:, i, 1 + i] -= fed * float(plane.sensed_residual.p) / float(plane.sensed_residual.q)
+                force[:, i, 1 + i] -= fed * int(plane.sensed_residual.p) / int(plane.sensed_residual.q)
         stiffness[:, 2, 2] = _values(self.torsion, s)
         stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
         moved = there @ np.linalg.solve(stiffness, force)
-        rest = float(self.z.residual.p) / float(self.z.residual.q)
+        rest = int(self.z.residual.p) / int(self.z.residual.q)
         moved[:, 1, 1] += rest
         moved[:, 2, 2] += rest
         return moved
@@ -144,7 +144,7 @@ class BothPlanes:
 
 
 def _floats(matrix: fmpq_mat) -> np.ndarray:
-    return np.array([[float(entry.p) / float(entry.q) for entry in row] for row in matrix.tolist()])
+    return np.array([[int(entry.p) / int(entry.q) for entry in row] for row in matrix.tolist()])
 
 
 def both_planes(prototype: Prototype) -> BothPlanes:
@@ -164,4 +164,4 @@ def couples_both(prototype: Prototype) -> bool:
 
 
 def _values(polynomial: fmpq_poly, s: np.ndarray) -> np.ndarray:
-    return np.asarray(np.polyval([float(c.p) / float(c.q) for c in reversed(polynomial.coeffs())], s))
+    return np.asarray(np.polyval([int(c.p) / int(c.q) for c in reversed(polynomial.coeffs())], s))

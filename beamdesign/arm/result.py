@@ -156,7 +156,7 @@ def frequencies(prototype: Prototype, payload: float) -> Frequencies:
     figures, model = arm_figures(prototype), both_planes(prototype)
     x, y, z = arm_of(prototype).offset_m
     beam = lumped_beam(prototype.outer_beam, "outer_beam")
-    motions = np.array([[float(entry.p) / float(entry.q) for entry in row] for row in model.motions.tolist()])
+    motions = np.array([[int(entry.p) / int(entry.q) for entry in row] for row in model.motions.tolist()])
     mass = np.diag([beam.mass, beam.mass, figures.polar_inertia]) + payload * motions.T @ motions
     stiffness = np.diag([beam.stiffness, beam.stiffness, figures.torsional_stiffness])
     first, second, third = (sqrt(value) / (2 * pi) for value in eigh(stiffness, mass, eigvals_only=True))

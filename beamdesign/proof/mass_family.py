@@ -121,7 +121,7 @@ def _companion(law: TransferFunction) -> tuple[list[list[fmpq]], list[fmpq], fmp
 
 def floats(matrix: fmpq_mat) -> np.ndarray:
     """The nearest floats of a rational matrix."""
-    return np.array([[float(entry.p) / float(entry.q) if entry else 0.0 for entry in row] for row in matrix.tolist()])
+    return np.array([[int(entry.p) / int(entry.q) if entry else 0.0 for entry in row] for row in matrix.tolist()])
 
 
 def rationals(matrix: np.ndarray) -> fmpq_mat:

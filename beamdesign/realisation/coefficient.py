@@ -33,7 +33,7 @@ class Coefficient:
     @property
     def error(self) -> float:
         """Relative, of what is realised; 0 where nothing was asked."""
-        return float(self.value.p) / float(self.value.q) / self.asked - 1 if self.asked else 0.0
+        return int(self.value.p) / int(self.value.q) / self.asked - 1 if self.asked else 0.0
 
 
 def fixed_point(value: float, word_length: int) -> Coefficient:

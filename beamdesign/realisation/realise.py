@@ -200,6 +200,6 @@ def _places(linear: LinearLaw, word_length: int, place: int, full_scale: float, 
 def floats(matrix: fmpq_mat) -> np.ndarray:
     """The nearest floats of a rational matrix."""
     rows, columns = matrix.nrows(), matrix.ncols()
-    return np.array(
-        [[float(matrix[i, j].p) / float(matrix[i, j].q) for j in range(columns)] for i in range(rows)]
-    ).reshape(rows, columns)
+    return np.array([[int(matrix[i, j].p) / int(matrix[i, j].q) for j in range(columns)] for i in range(rows)]).reshape(
+        rows, columns
+    )

@@ -119,7 +119,7 @@ def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
     if any(root.real >= 0 for group in poles for root in group):
         raise ValueError("the controller itself is not stable")
     static = numerator(0) / denominator(0)
-    return float(static.p) / float(static.q), _paired(poles, zeros)
+    return int(static.p) / int(static.q), _paired(poles, zeros)
 
 
 def discretised(controller: Controller | TransferFunction, rate_Hz: float, prewarped: bool = True) -> DiscreteLaw:

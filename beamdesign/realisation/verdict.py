@@ -156,13 +156,13 @@ def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -
 
 
 def _at(polynomial: fmpq_poly, point: complex) -> complex:
-    return complex(np.polyval([float(c.p) / float(c.q) for c in reversed(polynomial.coeffs())], point))
+    return complex(np.polyval([int(c.p) / int(c.q) for c in reversed(polynomial.coeffs())], point))
 
 
 def _pole_errors(realisation: Realisation) -> list[float]:
     """Of every pole, how far rounding moves it as a share of its distance from z = 1."""
     found: list[float] = []
-    given = {name: float(one.value.p) / float(one.value.q) for name, one in realisation.coefficients.items()}
+    given = {name: int(one.value.p) / int(one.value.q) for name, one in realisation.coefficients.items()}
     for number, section in enumerate(realisation.sections, 1):
         follow = given[f"follow{number}"]
         if section.order == 1:

@@ -150,7 +150,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     )
 
     gains = new_figure(150, 85)
-    end = float(wide.ranges[-1].high.p) / float(wide.ranges[-1].high.q)
+    end = int(wide.ranges[-1].high.p) / int(wide.ranges[-1].high.q)
     plot_stable_gains(
         gains.subplots(), loop, controller.gain_A_per_V, [float(m) for m in np.linspace(0, end, 121)], bounds
     )

@@ -217,4 +217,4 @@ class Circuit:
 
 
 def _float(value: Any) -> float:
-    return float(value.p) / float(value.q) if isinstance(value, fmpq) else float(value)
+    return int(value.p) / int(value.q) if isinstance(value, fmpq) else float(value)

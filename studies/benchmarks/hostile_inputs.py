@@ -582,7 +582,9 @@ def faults(made: Mutant, answer: Answer, before: dict[str, str]) -> list[str]:
     changed = sorted(name for name in {*before, *after} if before.get(name) != after.get(name))
     if "ran" in changed:
         found.append("ran code of its input")
-    if any(not name.startswith("around/work") for name in changed if name != "ran"):
+    # A folder that was asked for is its own as well, wherever it is.
+    asked = [os.path.normpath(f"around/work/{word}").removeprefix(".") for word in made.words if ".." in word]
+    if any(not name.startswith(("around/work", *asked)) for name in changed if name != "ran"):
         found.append(f"wrote outside of its folder: {changed[0]}")
     if answer.status == 2:
         if changed:
