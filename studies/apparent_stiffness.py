@@ -11,12 +11,12 @@ suit so many rigs drawn from the tolerances as well.
 import argparse
 from pathlib import Path
 
+from apparent_stiffness_picture import plot_apparent_stiffness
 from flint import fmpq
 
 from beamdesign.design.stiffness_search import design
 from beamdesign.proof.contact import Wall
 from beamdesign.prototype import read_prototype
-from beamdesign.report.apparent_stiffness import plot_apparent_stiffness
 from beamdesign.report.canvas import new_figure, save
 
 STIFFNESSES_N_PER_M = (1e4, 3e4, 1e5, 2.2e5, 4.5e5, 1e6, 3e6, 1e7, 1e8)

@@ -12,12 +12,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from limit_trades_picture import LIMITS, Limit, Trade, plot_limit_trades
 from matplotlib.figure import Figure
 
 from beamdesign.design.robust_tuning import tune_robust
 from beamdesign.design.tuning import tune
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.report.limit_trades import LIMITS, Limit, Trade, plot_limit_trades
 
 FACTORS = (0.5, 0.7, 1.0, 1.5, 2.5)
 """Of each limit's own value."""

@@ -1,7 +1,6 @@
 """The table of the benchmarks: every row is there, and what it says that grids miss is so. No time is asserted."""
 
 import json
-import sys
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -9,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import side_by_side
+from eigenvalue_grid import stable_stretches
+from thin_window import lightly_damped, narrowed, unstable_width
 
 from beamdesign.control_models import state_space
 from beamdesign.loop import loop
@@ -16,11 +18,6 @@ from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.prototype import Prototype, read_prototype
 
 ROOT = Path(__file__).parent.parent
-sys.path.insert(0, str(ROOT / "studies" / "benchmarks"))
-
-import side_by_side  # noqa: E402
-from eigenvalue_grid import stable_stretches  # noqa: E402
-from thin_window import lightly_damped, narrowed, unstable_width  # noqa: E402
 
 REMEDY = read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
 LIMIT = REMEDY.goal.peak_sensitivity

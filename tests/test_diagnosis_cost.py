@@ -1,11 +1,7 @@
 """Cost of a diagnosis beside differences of scipy's integrator, on a short piece: both agree; no time is asserted."""
 
-import sys
 from contextlib import redirect_stdout
 from io import StringIO
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "studies" / "benchmarks"))
 
 import diagnosis_cost
 

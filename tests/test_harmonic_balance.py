@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from impulse_test import Kick, critical_gain_by_kicks, ringing
 
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.harmonic_balance import LimitCycle, NoBalance, forced_motion, limit_cycles, linear_critical_gain
-from beamdesign.kick import Kick, critical_gain_by_kicks, ringing
 from beamdesign.loop import critical_gain, loop
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.rig.compiled import integrate

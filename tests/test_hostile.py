@@ -3,15 +3,11 @@
 `studies/benchmarks/hostile.py` does the same with thousands, slow commands and kills; `--only SEED` repeats one.
 """
 
-import sys
 from itertools import count, islice
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "studies" / "benchmarks"))
-
 import hostile
+import pytest
 from hostile_inputs import COMMANDS, Answer, ask, command_of, faults, laid_out, make, mutant, tree
 
 QUICK = [command for command in COMMANDS if command.quick]

@@ -5,15 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from convex_limit import convex_limit
+from fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from sensor_picture import payload_text, plot_sensor_value
+from sensor_rows import SensorRow
 
 from beamdesign.controllers import SENSED
 from beamdesign.controllers.block_form import block_form, rounded
 from beamdesign.controllers.form import Form
 from beamdesign.design.bandwidth_polish import Polish
-from beamdesign.design.convex_limit import convex_limit
-from beamdesign.design.fundamental_limits import bode_bound_Hz, effort_bound_Hz, fundamental_limits, held_force
 from beamdesign.design.hinf import hinf_norm, synthesise
 from beamdesign.design.law_search import Effort, Search
 from beamdesign.design.loop_samples import samples, slacks
@@ -21,14 +23,12 @@ from beamdesign.design.lqg import feedback_gain, lqg
 from beamdesign.design.observer_search import search_observer
 from beamdesign.design.order_reduction import residualised
 from beamdesign.design.sensed_model import sensed_model
-from beamdesign.design.sensor_value import SensorRow
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.report.sensor_value import payload_text, plot_sensor_value
 
 PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
 

@@ -13,6 +13,7 @@ import scipy.signal
 from flint import fmpq, fmpq_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from realised_loop import run_closed
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
@@ -23,7 +24,6 @@ from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.realisation import c_files, judge, realise, sufficient, trade
 from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
-from beamdesign.realisation.closed_loop import run_closed
 from beamdesign.realisation.coefficient import fixed_point
 from beamdesign.realisation.computing_time import ComputedLate, prove_any_computing_time
 from beamdesign.realisation.emulation import FixedPoint, Float32, in_volts_and_amperes, shifted, to_word

@@ -8,6 +8,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from delivered import delivered, drawn
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
@@ -23,7 +24,6 @@ from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import replay
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.study.delivered import delivered, drawn
 from beamdesign.study.robust_proof import claims_of, draw_rigs, least_share
 
 LAW = Lag(gain_A_per_V=0.12, pole_Hz=1.2, zero_Hz=30.0)

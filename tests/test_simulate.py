@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from impulse_test import critical_gain_by_kicks
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
-from beamdesign.kick import critical_gain_by_kicks
 from beamdesign.loop import critical_gain, loop
 from beamdesign.members import paper_model
 from beamdesign.oscillation import oscillation

@@ -1,14 +1,9 @@
 """The speed table of simulated records, on a short run: every row is there, its errors small. No time is asserted."""
 
-import sys
 from contextlib import redirect_stdout
 from io import StringIO
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "studies" / "benchmarks"))
-
 import simulation_speed
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from delivered import MEASURED_WITHIN, delivered, drawn
+from limit_trades_picture import LIMITS, Trade, plot_limit_trades
 from matplotlib.figure import Figure
 from scipy.signal import sos2zpk, zpk2tf
 from typer.testing import CliRunner
@@ -26,10 +28,8 @@ from beamdesign.proof.certifying import certify
 from beamdesign.proof.replay import Malformed, replay
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.report.limit_trades import LIMITS, Trade, plot_limit_trades
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulate import half_steps, simulate
-from beamdesign.study.delivered import MEASURED_WITHIN, delivered, drawn
 from beamdesign.study.design_run import certified
 
 LAW = Structured(

@@ -18,10 +18,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from closing import Attempt, Closed, close_the_loop
+from opened_cases import opened_case, opened_keys
+
 from beamdesign.gap.blind.bounds import clopper_pearson
-from beamdesign.gap.blind.opened import opened_case, opened_keys
 from beamdesign.records import InputError
-from beamdesign.study.closing import Attempt, Closed, close_the_loop
 
 COLUMNS = (
     "case", "truth", "verdict", "tuned for", "safe", "bandwidth, Hz: proved", "true", "peak sensitivity: proved",

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from delivered import delivered, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 from matplotlib.figure import Figure
 
@@ -25,7 +26,6 @@ from beamdesign.proof.certificate import Asked, goal_claims
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Goal, Prototype, read_prototype
 from beamdesign.report.canvas import new_figure, save
-from beamdesign.study.delivered import delivered, drawn
 
 Range = tuple[float, float]
 

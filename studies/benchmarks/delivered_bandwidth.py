@@ -12,6 +12,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from delivered import Delivered, delivered, drawn
 
 from beamdesign.changed_figures import CHANGEABLE
 from beamdesign.design.rig_spread import rig_spread
@@ -19,7 +20,6 @@ from beamdesign.design.robust_tuning import worst_of
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype
-from beamdesign.study.delivered import Delivered, delivered, drawn
 from beamdesign.study.robust_proof import least_share
 
 TOLERANCE = Tolerance(

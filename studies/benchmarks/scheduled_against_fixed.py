@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from delivered import MEASURED_WITHIN, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 
 from beamdesign.controllers import Lag, Scheduled, Stage
@@ -21,7 +22,6 @@ from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.scheduling.simulation import Course, simulate_scheduled
 from beamdesign.simulate import SimulatedRecord
-from beamdesign.study.delivered import MEASURED_WITHIN, drawn
 
 SCHEDULED = Path(__file__).parents[1] / "scheduled" / "prototype.toml"
 NOISE_V = 0.002

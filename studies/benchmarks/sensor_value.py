@@ -17,15 +17,15 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from convex_limit import convex_limit
+from fundamental_limits import PHASE_AT_HZ, Limits, fundamental_limits
+from sensor_picture import NAMES, payload_text, plot_sensor_value, sensors_text
+from sensor_rows import SETS, SensorRow, certified_row, sensor_rows
 
-from beamdesign.design.convex_limit import convex_limit
-from beamdesign.design.fundamental_limits import PHASE_AT_HZ, Limits, fundamental_limits
 from beamdesign.design.sensed_model import sensed_model
-from beamdesign.design.sensor_value import SETS, SensorRow, certified_row, sensor_rows
 from beamdesign.members import family
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.report.canvas import new_figure, save
-from beamdesign.report.sensor_value import NAMES, payload_text, plot_sensor_value, sensors_text
 
 LARGEST_INNER_KG = 6.0
 

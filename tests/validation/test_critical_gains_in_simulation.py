@@ -8,9 +8,9 @@ side governs.
 from math import pi
 
 import pytest
+from impulse_test import Kick, critical_gain_by_kicks
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.kick import Kick, critical_gain_by_kicks
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Payload, Prototype
 

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from fundamental_limits import Limits
 from matplotlib.figure import Figure
-
-from beamdesign.design.fundamental_limits import Limits
-from beamdesign.design.sensor_value import SensorRow
+from sensor_rows import SensorRow
 
 NAMES = {
     "displacement_m": "displacement",

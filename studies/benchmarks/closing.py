@@ -9,15 +9,16 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
+from delivered import MEASURED_WITHIN
+from opened_cases import diagnosed, opened_case, true_rig
+from trial import Trial, on_trial
+
 from beamdesign.design.loop_search import sampled_bandwidth
 from beamdesign.gap.amended import amended
-from beamdesign.gap.blind.opened import diagnosed, opened_case, true_rig
 from beamdesign.gap.designer_terms import payload_range
 from beamdesign.gap.truth.case import Case
-from beamdesign.gap.truth.trial import Trial, on_trial
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.study.delivered import MEASURED_WITHIN
 from beamdesign.study.redesign import Redesign, redesign
 
 Progress = Callable[[str], None]
@@ -44,7 +45,7 @@ class Attempt:
         """Whether the true loop comes to rest after a kick, a load put on and a load taken off, at every payload.
 
         The load is the largest of the rig's records. Coming to rest: what is left swings less and less, or by no more
-        than twice the noise floor; see `beamdesign.gap.truth.trial.at_rest`.
+        than twice the noise floor; see `trial.at_rest`.
         """
         return bool(self.trials) and all(trial.safe for trial in self.trials)
 
@@ -110,7 +111,7 @@ def close_the_loop(
         progress: told what is being done.
 
     Raises:
-        InputError: see `beamdesign.gap.blind.opened`.
+        InputError: see `opened_cases`.
     """
     opened = opened_case(folder, key)
     progress("diagnosing")
