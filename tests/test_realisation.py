@@ -700,6 +700,7 @@ def test_code_with_an_added_sensor_in_the_simulators_loop(bits: int | None, tmp_
     scales = full_scales_of(rig, 2.0)
     r = realise(rig.controller, 1 / period, bits, full_scale_V=2.0, full_scales=scales)
     assert [channel.heard for channel in r.channels] == ["displacement_m", "load_pressure_Pa", "command_V"]
+    assert max(abs(one.error) for one in r.coefficients.values()) < 2.0 ** -((bits or 24) - 2)
     force, machine = late.column("disturbance_N"), made(tmp_path, r)
     assert machine.self_test() == 0
     in_c = run_closed(rig, r, machine, force, mass)
@@ -716,7 +717,7 @@ def test_the_realised_loop_of_added_sensors_has_python_controls_poles() -> None:
     """Its plant held, the law's matrices as they are realised, each reading with its sign; and it is proved."""
     rig = read_prototype(TAME.with_name("compliant.toml"))
     r = realise(rig.controller, 2000.0, 24, full_scales=full_scales_of(rig, 10.0))
-    plant = state_space(rig, 3.4, "plant")[("sensor_V", "load_pressure_Pa"), "current_A"]
+    plant = state_space(rig, 3.4, "plant")[["sensor_V", "load_pressure_Pa"], "current_A"]
     held = control.c2d(control.ss(plant.A, plant.B, plant.C, plant.D), 1 / r.rate_Hz, "zoh")
     law = control.ss(*(floats(m) for m in (r.linear.a, r.linear.b, r.linear.c, r.linear.d)), 1 / r.rate_Hz)
     readings = control.ss([], [], [], np.array([[-1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), 1 / r.rate_Hz)

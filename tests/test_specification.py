@@ -15,7 +15,6 @@ from beamdesign.loop import loop
 from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import Prototype
 from beamdesign.report.acceptance import representative_masses
-from beamdesign.report.lag_network import lag_network
 from beamdesign.report.result_folder import FILES
 from beamdesign.report.specification import held_loads, nearest_stock_tube, specification_markdown
 from beamdesign.spelling import in_markdown
@@ -136,21 +135,6 @@ def test_escaped_text_has_no_live_marks(name: str) -> None:
     assert len(escaped.splitlines()) <= 1
 
 
-@given(pole=st.floats(0.01, 10.0), ratio=st.floats(1.001, 500.0), capacitance=st.floats(1e-9, 1e-4))
-def test_the_network_divides_as_the_controller_does(pole: float, ratio: float, capacitance: float) -> None:
-    network = lag_network(Lag(gain_A_per_V=1.0, pole_Hz=pole, zero_Hz=ratio * pole), capacitance)
-    for frequency in (0.1 * pole, pole, ratio * pole, 10 * ratio * pole):
-        shunt = network.shunt_ohm + 1 / (2j * pi * frequency * network.capacitance_F)
-        divided = shunt / (network.series_ohm + shunt)
-        wanted = (1 + 1j * frequency / (ratio * pole)) / (1 + 1j * frequency / pole)
-        assert divided == pytest.approx(wanted, rel=1e-9)
-
-
-def test_a_lead_has_no_lag_network() -> None:
-    with pytest.raises(ValueError, match="pole below its zero"):
-        lag_network(Lag(gain_A_per_V=1.0, pole_Hz=20.0, zero_Hz=2.0))
-
-
 @given(width=st.floats(0.02, 0.3), share=st.floats(0.01, 0.3))
 def test_nearest_stock_is_stiff_enough_and_no_heavier_than_need_be(width: float, share: float) -> None:
     wall = share * width
@@ -167,11 +151,10 @@ def test_a_stock_size_is_its_own_nearest() -> None:
     assert all(nearest_stock_tube(*tube) == tube for tube in stock_tubes())
 
 
-def test_proportional_control_has_no_network(run: DesignRun, prototype: Prototype) -> None:
+def test_proportional_control_has_its_gain_alone(run: DesignRun, prototype: Prototype) -> None:
     plain = prototype.but(controller=Proportional(gain_A_per_V=0.002))
     text = specification_markdown(DesignRun(run.problem, run.sizing, run.tuning, run.certificate, plain), FILES)
-    assert "C(s) = 1." in text
-    assert "network" not in text
+    assert "pole" not in rows(text)
     assert number(rows(text)["gain"][0]) == 2.0
 
 

@@ -36,16 +36,17 @@ class Coefficient:
         return int(self.value.p) / int(self.value.q) / self.asked - 1 if self.asked else 0.0
 
 
-def fixed_point(value: float, word_length: int) -> Coefficient:
+def fixed_point(value: float, word_length: int, more_places: int = 0) -> Coefficient:
     """Round to a word of its own scaling: the integer has word_length - 1 significant bits, and a sign.
 
-    No more than 2 word_length - 2 places are used, so that a word times it, rounded, fits two words.
+    No more than 2 word_length - 2 places are used, so that a word times it, rounded, fits two words; `more_places`
+    where the word that it multiplies has so many less than none, as of a pressure in Pa.
 
     Raises:
         ValueError: where it is too large for a word without places.
     """
     most = 2 ** (word_length - 1) - 1
-    places = min(word_length - 1 - frexp(value)[1], 2 * word_length - 2) if value else 0
+    places = min(word_length - 1 - frexp(value)[1], 2 * word_length - 2 + more_places) if value else 0
     while abs(integer := round(Fraction(value) * Fraction(2) ** places)) > most:
         places -= 1
     if places < 0:

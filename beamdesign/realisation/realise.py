@@ -145,10 +145,14 @@ def realise(
     at_rest = sum(abs(one.gain) * scale for one, scale in zip(asked.channels, scales, strict=True))
     largest = at_rest if largest_current_A is None else largest_current_A
 
-    def rounded(value: float) -> Coefficient:
-        return float32(value) if word_length is None else fixed_point(value, word_length)
+    units = {one.gain_name: max(0, frexp(scale)[1]) for one, scale in zip(asked.channels, scales, strict=True)} | {
+        "gain": 0
+    }
 
-    coefficients = {name: rounded(value) for name, value in coefficients_of(asked).items()}
+    def rounded(name: str, value: float) -> Coefficient:
+        return float32(value) if word_length is None else fixed_point(value, word_length, units.get(name, 0))
+
+    coefficients = {name: rounded(name, value) for name, value in coefficients_of(asked).items()}
     lost = [name for name, one in coefficients.items() if one.asked and one.value == 0]
     if lost:
         raise ValueError(f"words of {word_length} bits are too short: nothing is left of {', '.join(lost)}")

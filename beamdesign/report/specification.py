@@ -13,7 +13,6 @@ from beamdesign.materials import STRENGTH_SOURCE, material
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import proved_statements
-from beamdesign.report.lag_network import lag_network
 from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_text
 from beamdesign.section import SquareTube
 from beamdesign.spelling import in_markdown
@@ -58,7 +57,6 @@ def specification_markdown(run: DesignRun, files: dict[str, str]) -> str:
         raise ValueError(f"nothing to specify: {run.reason or 'the run is not complete'}")
     force = run.problem.load.tip_force_N
     controller = prototype.controller
-    network = lag_network(lag) if (lag := controller.lag) and not controller.lacks("lag") else None
     text = (
         _environment()
         .get_template("specification.md")
@@ -76,7 +74,6 @@ def specification_markdown(run: DesignRun, files: dict[str, str]) -> str:
             load_pressure_Pa=force / prototype.actuator.piston_area_m2,
             controller=controller,
             controller_rows=controller.rows(),
-            network=network,
             statements=proved_statements(certificate, prototype.goal.compliance_m_per_N),
             expected=acceptance(prototype),
         )
