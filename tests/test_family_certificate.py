@@ -294,6 +294,14 @@ def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
         assert found.stable is not False
 
 
+def test_more_at_once_than_a_hull_can_hold_is_not_covered(tame: Prototype, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("beamdesign.proof.branch._MOST_POINTS", 1)
+    found = certify_box(tame, tolerance_box(tame, 0.0))
+    assert found.stable is None
+    assert found.reason.startswith("not covered")
+    assert found.certificate == ""
+
+
 def test_a_delay_that_is_asked_for_is_beside_that_of_the_effect(tame: Prototype):
     """The effect's is its approximant, as it is simulated and in every other proof; the other is a pure one."""
     late = tame.but(effects={"transport_delay": {"delay_s": 5e-4}})

@@ -134,7 +134,12 @@ def certify_box(
         if point is not None and not volumes:
             certificate = box_document(family, statement, point, None)
             return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, certificate)
-        search = Search(statement)
+        try:
+            search = Search(statement)
+        except ValueError as error:
+            if not isinstance(subject, Prototype):
+                raise
+            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, "")
         if point is None:
             search.run(budget, seconds)
         else:

@@ -53,16 +53,13 @@ def read_once(p: fmpq_mpoly, parameters: Sequence[str], delay: str) -> Expressio
         p: in "s", the first variable of its context, the parameters and the delay.
         parameters: names; those that are found to enter by their reciprocals must not be zero.
         delay: name that stands for exp(-s T), in which p is affine.
-
-    Raises:
-        ArithmeticError: where more than a few variables would have to be bound.
     """
     form = _Form(p, parameters, delay)
     packs = [name for name in form.names if form.degree(form.p, name) > 1]
     for chosen in form.to_bind(packs):
         with suppress(_Tangled):
             return form.expression(form.split(form.p, form.free([*chosen, *packs])), [*chosen, *packs])
-    raise ArithmeticError("the parameters of this polynomial stand in too many places")
+    raise AssertionError("with everything bound there is nothing to split")
 
 
 class _Tangled(ArithmeticError):
@@ -194,7 +191,7 @@ class _Form:
         return [*(name for name in self.names if name not in bound), self.delay]
 
     def to_bind(self, packs: Sequence[str]) -> Iterator[Collection[str]]:
-        """Variables to bind beside the packs, those with the fewest control points first.
+        """Variables to bind beside the packs, those with the fewest control points first, and at last all of them.
 
         Found at numbers for s and what is bound, which is quick; whether it holds of all numbers is to be seen.
         """
@@ -205,6 +202,7 @@ class _Form:
             rest = [name for name in core if name not in chosen]
             if len(self._core(p.subs(_numbers(chosen)), rest)[1]) <= 1:
                 yield chosen
+        yield [name for name in self.names if name not in packs]
 
     def _core(self, p: fmpq_mpoly, names: Sequence[str]) -> tuple[fmpq_mpoly, list[str]]:
         """P with one variable for any two that enter by h(x, y) = a x + b y + c x y alone, as long as there are such.
