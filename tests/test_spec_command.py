@@ -1,7 +1,10 @@
 """`beamdesign spec`: the folder it leaves, its drawing, and the data set that comes back to the diagnosis."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -274,3 +277,18 @@ def test_tolerances_that_are_stated_stay(folder: Path) -> None:
     taken = believed(rig, {"outer_stiffness": 0.01, "inner_stiffness": 0.03, "controller_gain": 0.1}).tolerance
     assert taken.stiffness == pytest.approx(0.03 / np.sqrt(3), rel=0.05)
     assert taken.oil_stiffness == 0
+
+
+def test_a_drawing_is_the_same_bytes_in_every_process() -> None:
+    """Sets of text are in another order in each, unless their hashes are told."""
+    code = (
+        "import sys; from beamdesign.prototype import read_prototype;"
+        "from beamdesign.specification.drawing import drawing, dxf_text;"
+        "sys.stdout.write(dxf_text(drawing(read_prototype(sys.argv[1]))))"
+    )
+    command = [sys.executable, "-c", code, str(PROTOTYPES / "tame_lag.toml")]
+    texts = {
+        subprocess.run(command, env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True).stdout
+        for seed in ("1", "4")
+    }
+    assert len(texts) == 1

@@ -128,6 +128,8 @@ def dxf_text(document: "Drawing") -> str:
     auditor = document.audit()
     if auditor.errors:
         raise ValueError("; ".join(error.message for error in auditor.errors))
+    for name in sorted(document.entitydb.dxf_types_in_use()):  # which ezdxf itself would take in the order of a set
+        document.classes.add_class(name)
     stream = StringIO()
     document.write(stream)
     return stream.getvalue()

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamdesign.loop import loop
-from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.rig_family import rig_family
@@ -139,10 +138,10 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     """Whether every break from this one up is proved stable with every outer end mass."""
     rig, ends = lagging(prototype, break_Hz), (break_Hz, _breaks_Hz(prototype)[1])
     if prototype.sensor.filter_Hz is None:
-        found, name, (slow, fast) = rig_family(rig), "filter_frequency", (exact(2 * pi * f) for f in ends)
+        found, lag = rig_family(rig), {"filter_frequency": tuple(2 * pi * end for end in ends)}
     else:
-        found, name, (slow, fast) = rig_family(rig, varied=["sensor_lag.break_Hz"]), "sensor_lag_break_Hz", ends
-    box = box_of({"outer_end_mass": masses_kg, name: (slow, fast)})
+        found, lag = rig_family(rig, varied=["sensor_lag.break_Hz"]), {"sensor_lag_break_Hz": ends}
+    box = box_of({"outer_end_mass": masses_kg, **lag})
     return certify_box(found, box, _BUDGET, volumes=False).stable is True
 
 
