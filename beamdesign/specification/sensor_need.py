@@ -138,10 +138,10 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     """Whether every break from this one up is proved stable with every outer end mass."""
     rig, ends = lagging(prototype, break_Hz), (break_Hz, _breaks_Hz(prototype)[1])
     if prototype.sensor.filter_Hz is None:
-        found, lag = rig_family(rig), {"filter_frequency": tuple(2 * pi * end for end in ends)}
+        found, name, factor = rig_family(rig), "filter_frequency", 2 * pi
     else:
-        found, lag = rig_family(rig, varied=["sensor_lag.break_Hz"]), {"sensor_lag_break_Hz": ends}
-    box = box_of({"outer_end_mass": masses_kg, **lag})
+        found, name, factor = rig_family(rig, varied=["sensor_lag.break_Hz"]), "sensor_lag_break_Hz", 1.0
+    box = box_of({"outer_end_mass": masses_kg, name: (factor * ends[0], factor * ends[1])})
     return certify_box(found, box, _BUDGET, volumes=False).stable is True
 
 
