@@ -1,7 +1,9 @@
 """The text of a certificate over the linear members of a prototype, which `beamdesign.proof.replay_members` reads."""
 
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flint import fmpq
 
@@ -112,6 +114,14 @@ def _member(part: Proved) -> Iterator[str]:
         yield ""
     yield from _elements(member_elements(part.member))
     yield from polynomial_lines(part.stable.loop, "member.polynomials")
+
+
+def stated_member(member: Member) -> dict[str, Any]:
+    """What the table of a member states of it beside its polynomials: its gains, and what effects add to the rig."""
+    elements = tomllib.loads("\n".join(_elements(member_elements(member))))["member"]["elements"]
+    asked = {"gain": member.gain, "performance_gain": member.performance}
+    gains = {key: [text(exact(span.low)), text(exact(span.high))] for key, span in asked.items() if span is not None}
+    return gains | {"elements": elements}
 
 
 def _elements(found: Elements) -> Iterator[str]:

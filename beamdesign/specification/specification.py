@@ -173,16 +173,10 @@ def digital_controller(
     reason = "" if verdicts else "not worked out for a prototype with effects"
     stable, proof = None, ""
     if not why_no_box(prototype):
-        box = box_of({"outer_end_mass": masses_kg, "delay": _delays(prototype, delay)})
+        box = box_of({"outer_end_mass": masses_kg, "delay": (0.0, delay)})
         verdict = certify_box(prototype, box, _DELAY_BUDGET, volumes=False)
         stable, proof = verdict.stable, verdict.certificate if verdict.stable else ""
     return DigitalController(equation, crossover, at_once, late, delay, stable, proof, reason)
-
-
-def _delays(prototype: Prototype, delay_s: float) -> tuple[float, float]:
-    """Delays on top of that which an effect has already."""
-    own = prototype.effects.get("transport_delay", {}).get("delay_s", 0.0)
-    return own, own + delay_s
 
 
 def _reference_load(prototype: Prototype, masses_kg: tuple[float, float], asked: float | None) -> tuple[float, str]:
