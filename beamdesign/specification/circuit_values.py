@@ -13,7 +13,7 @@ from beamdesign.specification.preferred_values import Series, neighbours, values
 _CAPACITORS_F = (4.7e-8, 4.7e-6)
 """Film capacitors: stable ones are not made larger, and smaller ones ask for resistors that leak and hum."""
 _SMALL_F = (1e-9, 4.7e-6)
-"""Likewise of the stages behind the first, whose breaks may lie higher."""
+"""For breaks that lie higher, and for biquads."""
 _RESISTORS_OHM = (1e3, 2.2e6)
 _SENSE_OHM = (4.7, 47.0)
 _INPUT_OHM = (4.7e3, 1e6)
@@ -114,12 +114,12 @@ def _breaks(
     long_s: float,
     resistors: Series,
     capacitors: Series,
-    between: tuple[float, float] = _CAPACITORS_F,
+    farads: tuple[float, float] = _CAPACITORS_F,
 ) -> list[tuple[float, dict[str, float], float]]:
     """The best of R with R2 and C so that R2 C and (R + R2) C are these times, and the larger relative error."""
     low, high = _RESISTORS_OHM
     found: list[tuple[float, dict[str, float], float]] = []
-    for farad in values_between(capacitors, *between):
+    for farad in values_between(capacitors, *farads):
         for shunt in neighbours(resistors, short_s / farad) if short_s else (0.0,):
             total = long_s / farad
             if total <= shunt:
@@ -131,6 +131,8 @@ def _breaks(
                 if shunt:
                     error = max(error, abs(log(short_s / (farad * shunt))))
                 found.append((ohm, {"R2": shunt, "C": farad} if shunt else {"C": farad}, error))
+    if not found and farads != _SMALL_F:
+        return _breaks(short_s, long_s, resistors, capacitors, _SMALL_F)
     return sorted(found, key=lambda one: one[2])[:12]
 
 
@@ -139,8 +141,7 @@ def _stage(ratio: Ratio, resistors: Series, capacitors: Series) -> Stage:
     kind = _kind(ratio)
     if kind == "biquad":
         return _biquad(ratio, resistors, capacitors)
-    short_s, long_s = sorted((ratio.n1, ratio.d1))
-    found = _breaks(short_s, long_s, resistors, capacitors, _SMALL_F)
+    found = _breaks(*sorted((ratio.n1, ratio.d1)), resistors, capacitors)
     if not found:
         raise ValueError(_too_far(ratio))
     ohm, more, _ = found[0]
