@@ -14,7 +14,6 @@ from beamdesign.arm.plane import plane_loop
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Observer
-from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import figures
@@ -414,7 +413,6 @@ d = [1.0]
     ("command", "words"),
     [
         (["certify-switching"], "'observer' is not for certify-switching"),
-        (["certify-box"], "'observer' is not for certify-box"),
     ],
 )
 def test_commands_that_cannot_say_so(rig: Prototype, tmp_path: Path, command: list[str], words: str) -> None:
@@ -462,12 +460,7 @@ def test_the_displacement_alone_goes_to_boxes_and_to_code(bare: Prototype) -> No
         assert (found.follow, found.direct) == pytest.approx((expected.follow, expected.direct), rel=1e-6)
 
 
-def test_a_data_set_and_an_arm_refuse_it(rig: Prototype, tmp_path: Path) -> None:
-    assert CliRunner().invoke(app, ["new", "dataset", "--out", str(tmp_path / "set")]).exit_code == 0
-    believed = read_prototype(tmp_path / "set" / "prototype.toml")
-    write_prototype(believed.but(controller=LAW), tmp_path / "set" / "prototype.toml")
-    with pytest.raises(InputError, match="'observer' is not for the model of a data set"):
-        read_dataset(tmp_path / "set")
+def test_an_arm_refuses_it(rig: Prototype) -> None:
     tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": 1.475, "material": "6061-T6"}
     link = rig.but(outer_beam=rig.outer_beam.but(**tube), arm=Arm(end_polar_inertia_kg_m2=0.01))
     with pytest.raises(InputError, match="'observer' is not for the arm"):

@@ -141,7 +141,8 @@ def _stage(ratio: Ratio, resistors: Series, capacitors: Series) -> Stage:
     kind = _kind(ratio)
     if kind == "biquad":
         return _biquad(ratio, resistors, capacitors)
-    found = _breaks(*sorted((ratio.n1, ratio.d1)), resistors, capacitors)
+    short_s, long_s = sorted((ratio.n1, ratio.d1))
+    found = _breaks(short_s, long_s, resistors, capacitors)
     if not found:
         raise ValueError(_too_far(ratio))
     ohm, more, _ = found[0]
