@@ -61,7 +61,7 @@ def code(
     ] = False,
     json: JsonOption = None,
 ) -> None:
-    """Write the controller as C99, as it is proved, with one argument for each of its readings.
+    """Write the controller as C99 as it is proved, an argument per reading.
 
     Sections in incremental form, coefficients and words of the length asked for, limits with anti-windup, a self-test
     to the last bit. The loop is proved with the rounded coefficients, its current held, at once and one period late;

@@ -216,7 +216,7 @@ class Cascade(Controller):
     def lacks(self, need: Need) -> str:
         """Why it cannot serve what has this need."""
         kept = (self.lag is not None) + (len(self.sections) if need == "lag and sections" else 0)
-        others = 0 if need == "one sensor" else len(self.factors) - kept
+        others = 0 if need in ("one sensor", "one law") else len(self.factors) - kept
         return f"has factors that it has no place for, {others} of them; give a lag" if others else ""
 
     @property

@@ -150,7 +150,7 @@ class Observer(Controller):
 
     def lacks(self, need: Need) -> str:
         """Why it cannot serve what has this need."""
-        return "is given by matrices; give a lag" if need != "one sensor" else super().lacks(need)
+        return super().lacks(need) if need in ("one sensor", "one law") else "is given by matrices; give a lag"
 
     def gain_at_high_frequency(self) -> float:
         """Size of its direct gain on the displacement sensor, A/V."""

@@ -32,8 +32,8 @@ ERRORS = {
 }
 """What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
 
-Need = Literal["lag", "lag and sections", "one sensor"]
-"""What a purpose needs of a law: a lag at most, one with second-order sections at most, the displacement alone."""
+Need = Literal["lag", "lag and sections", "one sensor", "one law"]
+"""What a purpose needs: a lag at most, one with second-order sections at most, the displacement alone, one law."""
 
 Laws = tuple[tuple["Controller", tuple[float, float]], ...]
 """Linear laws, each with the payloads (least, most) in kg that it is for."""
@@ -248,6 +248,8 @@ class Controller(Record):
 
     def lacks(self, need: Need) -> str:
         """Why it cannot serve what has this need, in words that go on from its kind; empty where it can."""
+        if need == "one law":
+            return ""
         if need == "one sensor":
             return f"hears {', '.join(self.added)} too; keep 'displacement_m' alone" if self.added else ""
         return "is of another form; give a lag"

@@ -6,6 +6,7 @@ longer optimal by any weights.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,9 +51,7 @@ def search_observer(
     given = [one for one in starts if one[0].observer or one[0].sections]
     if len(task.sensors) > 1 and kind and not given:
         # What the displacement alone reaches is where an added sensor begins.
-        first = Search(
-            task.members, task.goal, task.masses_kg, task.inner_kg, task.sensors[:1], task.spread, effort=EFFORT
-        )
+        first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, polished=EFFORT.polished))
         alone = search_observer(first, kind, (), lambda share, text: told(0.4 * share, f"displacement alone, {text}"))
         if alone.proved is not None:
             given = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Protocol
 
 from beamdesign.rig.component import Component, Signals
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 def low_pass_rate(frequency: Any, signal: Any, filtered: Any) -> Any:
@@ -179,13 +180,15 @@ HEARD = ("error_V", "command_V", "inner_displacement_m", "load_pressure_Pa")
 """All that a law may go by, as it is recorded."""
 
 
-def state_space(law: Law, figure: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def state_space(law: Law, figure: Signals) -> "tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]":
     """A (n, n), B (n, 4), C (n,) and D (4,) of a law from `HEARD` to its current (A), read off its own equations.
 
     Args:
         law: linear, as every law of a controller is.
         figure: its figures by name.
     """
+    import numpy as np
+
     rows = []
     for unit in np.eye(len(law.states) + len(HEARD)):
         own = dict(zip((*law.states, *HEARD), unit.tolist(), strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.controllers import Controller
+from beamdesign.controllers import Controller, refuse
 from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Prototype, read_prototype
@@ -176,6 +176,7 @@ def read_dataset(folder: str | Path) -> Dataset:
     def controller(given: Controller | None) -> Controller:
         chosen = given or prototype.controller
         assert chosen is not None  # checked above
+        refuse(chosen, "one law", "a record of a data set", path)
         return chosen
 
     taken = tuple(
