@@ -292,7 +292,9 @@ TINY = Effort(
     weights=16,
     evaluations=12,
     synthesised=1,
-    frequency_Hz=tuple(np.geomspace(0.05, 3e3, 90)),
+    blocks=2,
+    proofs=4,
+    frequency_Hz=tuple(np.geomspace(0.05, 3e3, 180)),
 )
 
 

@@ -42,6 +42,7 @@ class Effort:
         weights: of a synthesis: how many are sampled, a power of two, as Sobol's sequence wants.
         evaluations: of the search that improves weights.
         synthesised: how many laws of a synthesis are climbed from.
+        blocks: pairs of poles that are realised of these: order 8.
         frequency_Hz: of the samples.
     """
 
@@ -54,6 +55,7 @@ class Effort:
     weights: int = 256
     evaluations: int = 150
     synthesised: int = 5
+    blocks: int = 4
     frequency_Hz: tuple[float, ...] = tuple(FINE_HZ)
 
 

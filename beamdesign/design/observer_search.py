@@ -21,9 +21,6 @@ from beamdesign.design.weight_search import Proposal, WeightSearch, least_norm
 SYNTHESES = ("lqg", "hinf")
 """Kinds of synthesis."""
 
-BLOCKS = 4
-"""Pairs of poles that are realised: order 8."""
-
 EFFORT = Effort(polished=2, candidates=1)
 ADDED_SENSORS_EFFORT = Effort(polished=1, candidates=1)
 
@@ -62,8 +59,8 @@ def search_observer(
     opened = [
         (form[0], np.append(form[1], inner))
         for law, inner in laws
-        if len(law.a) <= 2 * BLOCKS
-        and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, BLOCKS, worth)) is not None
+        if len(law.a) <= 2 * task.effort.blocks
+        and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, task.effort.blocks, worth)) is not None
     ]
     if not opened:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
@@ -76,7 +73,9 @@ def _proposals(task: Search, kind: str, told: Told) -> list[Proposal]:
     frequencies = np.union1d(COARSE_HZ, [task.goal.loop_gain_from_Hz])
     points = rig_samples(task.members, frequencies, sampled_masses(task.masses_kg), task.sensors)
     rig = next(member.rig for member in task.members if member.performance is not None)
-    weights = WeightSearch(rig, task.sensors, points, task.goal, task.masses_kg, task.inner_kg[1], 2 * BLOCKS)
+    weights = WeightSearch(
+        rig, task.sensors, points, task.goal, task.masses_kg, task.inner_kg[1], 2 * task.effort.blocks
+    )
     found = weights.sampled(task.effort.weights)
     if found:
         told(0.1, "improving weights")

@@ -117,7 +117,7 @@ COMMANDS = [
     Command("study why ./made/store/1", beside="made/store"),
     Command("study diff made/store made/other"),
     Command(f"gap predict {_TAME} {_SET}/slow_sensor --out out", quick=False, share=2),
-    Command(f"gap diagnose {_SET}/slow_sensor --workers 1 --out out", share=4, enough="out/fits/*"),
+    Command(f"gap diagnose {_SET}/slow_sensor --workers 1 --out out", share=4, enough="*/fits/*"),
     Command(f"gap diagnose {_SET}/paper_gains --workers 1 --out out", quick=False, seconds=120, share=0.5),
     Command("new study --out out/fresh.toml"),
     Command("run studies/prototype.toml --out out", quick=False, seconds=120, share=0.5),
