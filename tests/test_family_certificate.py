@@ -211,6 +211,19 @@ def test_what_effects_it_is_of_is_compared_with_its_prototype(tame: Prototype, b
     assert not states_figures_of(text.replace(before, after, 1), rig)
 
 
+def test_alone_it_is_told_that_effects_are_not_traced_to_their_elements(tame: Prototype, tmp_path: Path):
+    rig = tame.but(effects={"sensor_lag": {"break_Hz": 400.0}})
+    write_prototype(rig, tmp_path / "p.toml")
+    (tmp_path / "c.toml").write_text(certify(rig, 0.0, 6.8, CLAIMS).text)
+    for given, open_ones in (([], 1), ([str(tmp_path / "p.toml")], 0)):
+        told = tmp_path / "told.json"
+        asked = ["certify", *given, "--replay", str(tmp_path / "c.toml"), "--json", str(told)]
+        assert CliRunner().invoke(app, asked).exit_code == 0
+        found = json.loads(told.read_text())
+        assert found["valid"]
+        assert len(found["not_checked"]) == open_ones
+
+
 def test_elements_of_another_rig_under_its_name_are_found_out(tame: Prototype):
     """A slower lag, proved, under the name of the prototype's own."""
     rig, slower = (tame.but(effects={"sensor_lag": {"break_Hz": value}}) for value in (400.0, 300.0))

@@ -100,7 +100,7 @@ def tune(
     asked = (members, prototype.goal, outer_end_mass_kg, inside)
     inner = prototype.payload.inner_end_mass_kg
     given = [] if own is None else [(own, inner)]
-    opened = own.form() if own is not None and own.kind in (kind, "observer") else None
+    opened = own.form() if own is not None and own.sought["kind"] == kind else None
     if kind in SYNTHESES:
         effort = EFFORT if len(sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*asked, tuple(sensors), spread, effort)
@@ -153,9 +153,6 @@ def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) ->
 VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
 """What the published valve bears, where neither a goal nor who asks says otherwise."""
 
-HIGH_ORDER = ("structured", *SYNTHESES)
-"""Kinds of which such limits are asked."""
-
 
 def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Goal:
     """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
@@ -165,7 +162,8 @@ def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingPr
         kind: of the controller that is sought, as `tune` has it.
         given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
     """
-    own = VALVE_LIMITS if kind in HIGH_ORDER else {}
+    high_order = kind in SYNTHESES or (kind in KINDS and KINDS[kind].grows)
+    own = VALVE_LIMITS if high_order else {}
     changes = {name: value for name, value in own.items() if getattr(goal, name) is None}
     changes |= {name: value for name, value in given.items() if value is not None}
     return goal.but(**{name: None if value == inf else value for name, value in changes.items()})

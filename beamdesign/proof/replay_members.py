@@ -50,7 +50,7 @@ def _statements(table: dict[str, Any]) -> single.Statements:
         member = Member(table, entry)
         members.append(member)
         same = member.follows
-        words = "follow from the figures" if same else "do not follow from the figures"
+        words = f"{'follow' if same else 'do not follow'} from the figures and the elements of effects"
         yield same, f"the polynomials of member {number} {words}"
     if not all(member.follows for member in members):
         return  # what follows would be about some other loops
