@@ -1,15 +1,17 @@
 """The linear members of a prototype: a set of linear models that brackets it with its effects, one without any."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
+from math import prod
 
 import numpy as np
+from flint import fmpq
 
 from beamdesign.linear import LinearModel
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact
+from beamdesign.proof.rational import nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.effect import Elements, Operation, Span
@@ -66,6 +68,7 @@ class LinearFamily:
         spans: of the frozen figures, by EFFECT.FIGURE.
         load_N: largest steady force for which the spans are.
         depends_on_load: whether the spans would differ for another.
+        gains: factors that effects put on the loop's gain, by effect.
     """
 
     members: tuple[Member, ...]
@@ -73,6 +76,7 @@ class LinearFamily:
     spans: Mapping[str, Span]
     load_N: float
     depends_on_load: bool = False
+    gains: Mapping[str, Span] = field(default_factory=dict)
 
 
 def family(prototype: Prototype, largest_outer_end_mass: float | None = None) -> LinearFamily:
@@ -95,7 +99,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     lumped, filtered = figures(prototype), prototype.sensor.filter_Hz is not None
     operation = Operation(lumped, load, supply)
     spans: dict[str, dict[str, Span]] = {}
-    gains: list[Span] = []
+    gains: dict[str, Span] = {}
     for name, parameters in own.items():
         linear = library()[name].linear
         if linear is None:
@@ -103,7 +107,7 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
             continue
         try:
             spans[name] = {key: span(parameters, operation) for key, span in linear.figures.items()}
-            gains += [linear.gain(parameters, operation)] if linear.gain else []
+            gains |= {name: linear.gain(parameters, operation)} if linear.gain else {}
         except ValueError as error:
             wrong.append(Problem(f"effects.{name}", str(error)))
     if wrong:
@@ -113,9 +117,10 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     def rig(frozen: Mapping[str, Mapping[str, float]]) -> LinearModel:
         return LinearModel(lumped, filtered, {name: own[name] | dict(frozen.get(name, {})) for name in kept})
 
-    whole = Interval(_times(span.low for span in gains), _times(span.high for span in gains))
-    inside = [span.performing for span in gains]
-    performing = Interval(_times(low for low, _ in inside), _times(high for _, high in inside))
+    spanned = list(gains.values())
+    whole = Interval(*_outwards([span.low for span in spanned], [span.high for span in spanned]))
+    inside = [span.performing for span in spanned]
+    performing = Interval(*_outwards([low for low, _ in inside], [high for _, high in inside]))
     places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
     members = []
     for ends in product(*(sorted({span.low, span.high}) for _, _, span in places)):
@@ -127,10 +132,11 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
         )
         members.append(Member(rig(frozen), whole, performing if performs else None, frozen))
     at_rest = {name: {key: span.rest for key, span in table.items()} for name, table in spans.items()}
-    factor = _times(span.rest for span in gains)
+    factor = float(np.prod([span.rest for span in spanned]))
     rest = Member(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
     named = {f"{name}.{key}": span for name, key, span in places}
-    return LinearFamily(tuple(members), rest, named, load, any(library()[name].linear_with_load for name in own))
+    with_load = any(library()[name].linear_with_load for name in own)
+    return LinearFamily(tuple(members), rest, named, load, with_load, gains)
 
 
 def member_elements(member: Member) -> Elements:
@@ -156,5 +162,7 @@ def paper_model(prototype: Prototype) -> LinearModel:
     return family(prototype).rest.rig
 
 
-def _times(values: Any) -> float:
-    return float(np.prod(list(values)))
+def _outwards(low: Sequence[float], high: Sequence[float]) -> tuple[float, float]:
+    """Products of the ends of ranges of factors, so rounded that the exact ones lie between."""
+    least, most = (prod(map(exact, ends), start=fmpq(1)) for ends in (low, high))
+    return rounded_down(least) if len(low) > 1 else nearest(least), rounded_up(most) if len(high) > 1 else nearest(most)

@@ -7,14 +7,13 @@ from math import isinf
 from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
-from beamdesign.proof.document import document
-from beamdesign.proof.family_certificate import common_ranges, covered, rectangles, scope
-from beamdesign.proof.family_document import Proved
-from beamdesign.proof.family_document import document as family_document
+from beamdesign.proof.family_certificate import Proved, common_ranges, covered, rectangles, scope
+from beamdesign.proof.mass_tables import KIND, claim_tables, common_table, stability_table
 from beamdesign.proof.performance import INEQUALITIES, Claim
-from beamdesign.proof.rational import nearest
+from beamdesign.proof.rational import nearest, text
 from beamdesign.proof.rectangle import bandwidth, largest_effort, largest_loop_gain, peak_sensitivity, prove
 from beamdesign.proof.stability import StabilityMap
+from beamdesign.proof.writer import certificate
 from beamdesign.prototype import Goal, Prototype
 
 
@@ -43,13 +42,15 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
         guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
     written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
     summary = _summary(prototype, found, stability, written)
-    if not prototype.effects:
-        text = document(prototype, proved[0].stable.loop, stability, written, summary)
-        return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text)
-    text = family_document(prototype, found, proved, stability, written, summary)
-    method = f"{METHOD}; {scope(prototype, found)}"
-    about = tuple(covered(prototype, found))
-    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, text, method, about)
+    alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most == 1
+    body = {
+        "outer_end_mass_kg": [text(low), text(high)],
+        "stability": stability_table(stability) if alone else common_table(stability),
+    }
+    written_text = certificate(KIND, prototype, body | claim_tables(written, alone), summary, high_kg)
+    method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
+    about = tuple(covered(prototype, found)) if prototype.effects else ()
+    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, written_text, method, about)
 
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:

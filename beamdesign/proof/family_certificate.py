@@ -1,15 +1,14 @@
 """Every linear member of a prototype over end masses and factors on the gain; what all have in common, in words."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from flint import fmpq
 
 from beamdesign.crossing import Crossing
 from beamdesign.loop import rig_loop
-from beamdesign.members import LinearFamily, family
+from beamdesign.members import LinearFamily, Member, family
 from beamdesign.polynomial import exact
-from beamdesign.proof.family_document import Proved
 from beamdesign.proof.rational import nearest, simple_between
 from beamdesign.proof.rectangle import (
     Rectangle,
@@ -23,6 +22,15 @@ from beamdesign.rig.effects import library
 _STEPS, _HALVINGS = 64, 24
 """Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time; how often
 the last of these steps is halved."""
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A member with the rectangle over which it is to be stable, and that over which it is to perform, if it is."""
+
+    member: Member
+    stable: Rectangle
+    performing: Rectangle | None
 
 
 def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:

@@ -1,0 +1,33 @@
+"""`python -m beamdesign.checker CERTIFICATE [PROTOTYPE]`."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from beamdesign.checker import Unreadable, check
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Prove a certificate again and say what was proved; exit status 0 proved, 1 not, 2 unreadable."""
+    if len(arguments) not in (1, 2) or arguments[0].startswith("-"):
+        print("usage: python -m beamdesign.checker CERTIFICATE [PROTOTYPE]", file=sys.stderr)
+        return 2
+    try:
+        verdict = check(*map(Path, arguments))
+    except Unreadable as error:
+        print(f"{' '.join(arguments)}: {error}", file=sys.stderr)
+        return 2
+    for heading, lines in (
+        ("about", verdict.about),
+        ("proved", verdict.proved),
+        ("not looked at", verdict.open),
+        ("NOT PROVED", verdict.failed),
+    ):
+        for words in lines:
+            print(f"{heading}: {words}")
+    print("valid" if verdict.valid else "NOT valid")
+    return 0 if verdict.valid else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

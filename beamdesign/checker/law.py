@@ -1,0 +1,139 @@
+"""The controller that a certificate states: its figures, its polynomials, and whether these follow from those."""
+
+from typing import Any
+
+from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly
+
+from beamdesign.checker.reading import Table, Unreadable, rational
+from beamdesign.checker.roots import S
+
+SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
+FLOAT_ROUNDING = fmpq(1, 10**14)
+"""How far a figure in rad/s may be from 2 pi times the one in Hz: both are decimals of floats."""
+
+
+class Law:
+    """A controller of one or more sensors over one denominator.
+
+    Attributes:
+        kind: what it is called.
+        figures: as they are stated, for comparison with a prototype's.
+        numerators: by what they sense, the displacement first.
+        denominator: of all.
+        follows: whether they follow from the figures; None for a kind that is not known here.
+    """
+
+    def __init__(self, table: Table) -> None:
+        law = table.table("law")
+        sensors = law.words("sensors")
+        numerators = [fmpq_poly(row) for row in law.rows("numerators")]
+        self.denominator = law.polynomial("denominator")
+        if sensors[:1] != [SENSED[0]] or not set(sensors) <= set(SENSED) or len(set(sensors)) != len(sensors):
+            raise Unreadable(f"{law.place}.sensors must be some of {', '.join(SENSED)}, the first one first")
+        if len(numerators) != len(sensors) or self.denominator == 0:
+            raise Unreadable(f"{law.place} needs a numerator for each sensor, and a denominator")
+        self.numerators = dict(zip(sensors, numerators, strict=True))
+        self.kind = table.word("kind")
+        self.figures = {key: table.take(key) for key in table.keys if key != "law"}
+        self.follows: bool | None = None
+        if self.kind in _FOLLOWS:
+            figures = Table({"b_command": []} | self.figures, table.place)
+            figures.word("kind"), figures.numbers("b_command")
+            self.follows = _FOLLOWS[self.kind](self, figures)
+            figures.done()
+
+    @property
+    def of_displacement(self) -> tuple[fmpq_poly, fmpq_poly]:
+        """From the volts of the displacement sensor to the current."""
+        return self.numerators[SENSED[0]], self.denominator
+
+
+def same_frequency(hertz: fmpq, radians: fmpq) -> bool:
+    """Whether two figures are one frequency but for the rounding of floats."""
+    return radians > 0 and bool(abs(2 * arb.pi() * arb(hertz) / arb(radians) - 1) < arb(FLOAT_ROUNDING))
+
+
+def _cascade(law: Law, table: Table) -> bool:
+    """Whether the polynomials are those of gain, lag and sections, but for the rounding of 2 pi f.
+
+    All factors have positive coefficients only, so that each coefficient of their product is a sum of positive terms
+    and is off by no more, relatively, than as many roundings as a term has factors 1 / (2 pi f): one per power of s.
+    """
+
+    def factor(hertz: fmpq, damping: fmpq | None = None) -> arb_poly:
+        time = 1 / (2 * arb.pi() * arb(hertz))
+        return arb_poly([1, time] if damping is None else [1, 2 * arb(damping) * time, time * time])
+
+    gain = table.number("gain_A_per_V")
+    above, below = arb_poly([arb(gain)]), arb_poly([1])
+    figures = [gain]
+    if law.kind != "proportional":
+        zero, pole = table.number("zero_Hz"), table.number("pole_Hz")
+        figures += [zero, pole]
+        sections = [
+            [one.number(f"{end}_{of}") for end in ("zero", "pole") for of in ("Hz", "damping_ratio")]
+            for one in table.tables("section")
+        ]
+        figures += [value for section in sections for value in section]
+        if min(figures) <= 0:
+            return False
+        above, below = above * factor(zero), below * factor(pole)
+        for zero, zero_damping, pole, pole_damping in sections:
+            above, below = above * factor(zero, zero_damping), below * factor(pole, pole_damping)
+    return len(law.numerators) == 1 and all(
+        stated.degree() == expected.degree()
+        and stated[0] == start
+        and all(
+            bool(abs(arb(stated[k]) / expected[k] - 1) < 2 * k * FLOAT_ROUNDING) for k in range(1, stated.degree() + 1)
+        )
+        for stated, expected, start in zip(law.of_displacement, (above, below), (gain, fmpq(1)), strict=True)
+    )
+
+
+def _observer(law: Law, table: Table) -> bool:
+    """Whether the polynomials are those of the matrices, by the recursion of Le Verrier and Faddeev.
+
+    adj(sI - a) = sum M_k s^(n-k) with M_1 = I, M_(k+1) = a M_k + q_k I, q_k = -trace(a M_k) / k, and
+    det(sI - a) = s^n + sum q_k s^(n-k).
+    """
+    gain, sensors = table.number("gain_A_per_V"), table.words("sensors")
+    a, b, c, d = table.rows("a"), table.rows("b"), table.numbers("c"), table.numbers("d")
+    n, p = len(a), len(sensors)
+    fits = len(b) == len(c) == n and len(d) == p and all(len(row) == n for row in a) and all(len(row) == p for row in b)
+    if not fits or sensors != list(law.numerators):
+        raise Unreadable(f"{table.place}: the matrices do not fit each other or the sensors")
+    above, below = [fmpq_poly([0])] * p, S**n
+    if n:
+        motion, driven = (fmpq_mat(n, len(m[0]), [value for row in m for value in row]) for m in (a, b))
+        shown, one = fmpq_mat(1, n, c), fmpq_mat(n, n, [fmpq(int(i == j)) for i in range(n) for j in range(n)])
+        term = one
+        for k in range(1, n + 1):
+            through, product = shown * term * driven, motion * term
+            above = [above[j] + through[0, j] * S ** (n - k) for j in range(p)]
+            trace = -sum((product[i, i] for i in range(n)), fmpq(0)) / k
+            below += trace * S ** (n - k)
+            term = product + trace * one
+    expected = [gain * (above[j] + d[j] * below) for j in range(p)]
+    return expected == list(law.numerators.values()) and below == law.denominator
+
+
+_FOLLOWS = {"proportional": _cascade, "lag": _cascade, "structured": _cascade, "observer": _observer}
+
+
+def same(stated: Any, given: Any) -> bool:
+    """Whether an entry of a certificate says what one of a prototype says, numbers by their value as floats."""
+    if isinstance(given, dict):
+        alike = isinstance(stated, dict) and stated.keys() == given.keys()
+        return alike and all(same(stated[key], value) for key, value in given.items())
+    if isinstance(given, list):
+        alike = isinstance(stated, list) and len(stated) == len(given)
+        return alike and all(same(one, other) for one, other in zip(stated, given, strict=True))
+    if isinstance(given, float | int) and not isinstance(given, bool):
+        return rational(stated) == decimal(given)
+    return bool(stated == given)
+
+
+def decimal(value: float) -> fmpq:
+    """The shortest decimal that a float is read back from, exactly."""
+    digits, _, exponent = repr(float(value)).partition("e")
+    return rational(digits) * fmpq(10) ** int(exponent or 0)

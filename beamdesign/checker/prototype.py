@@ -1,0 +1,199 @@
+"""Whether a prototype is the rig that a certificate states: parsed tables, number by number.
+
+What a prototype's geometry gives where no lumped figure stands is worked out here anew: Zalucky and Hardt (1984),
+equations (3) and (5), for a square tube with rounded corners of an alloy whose modulus and density the certificate
+states. What a prototype leaves out has the value that its format gives it.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from flint import arb, fmpq
+
+from beamdesign.checker.law import FLOAT_ROUNDING, decimal, same
+from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.rig import Rig
+
+MODE_MASS_FRACTION = fmpq(236, 1000)
+"""Equation (2): the share of a uniform beam's mass that moves with its tip."""
+ROUNDING = 1000 * FLOAT_ROUNDING
+"""Of a figure that floats have worked out of a section's geometry."""
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "beam": {"damping_ratio": 0.05, "corner_radius_m": 0.0, "end_mass_kg": 0.0},
+    "servovalve": {"damping_ratio": 0.5},
+    "payload": {"inner_end_mass_kg": 0.0},
+    "goal": {"compliance_m_per_N": 5.71e-8, "peak_sensitivity": 2.0, "loop_gain_from_Hz": 250.0},
+    "arm": {"offset_m": [0.0] * 3, "end_polar_inertia_kg_m2": 0.0, "payload_polar_inertia_kg_m2": 0.0},
+}
+"""What a prototype's tables say where they say nothing."""
+TABLES = ("payload", "goal", "arm", "compliance")
+"""Tables that a certificate states as the prototype has them."""
+
+
+def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
+    """Where a prototype is another rig than that of a certificate, in words; nothing where it is the same.
+
+    Args:
+        table: the certificate.
+        rig: that it states.
+        prototype: the table of a prototype.toml.
+    """
+    materials = table.optional("material")
+    alloys = {name: materials.table(name) for name in materials.keys}
+    for name, value in _figures(prototype, alloys).items():
+        stated = rig.figures.get(name)
+        if (stated is None) is not (value is None) or (value is not None and not _agree(stated, value)):
+            there = "none" if value is None else f"{float(value.mid()):.8g}"
+            yield f"{name} is {'none' if stated is None else short(stated)}, that of the prototype {there}"
+    yield from _laws(rig, prototype)
+    given = _table(prototype, "effects")
+    stated_effects = {effect.name: effect.parameters for effect in rig.effects}
+    if stated_effects.keys() != given.keys():
+        yield f"its effects are {', '.join(stated_effects) or 'none'}, the prototype's {', '.join(given) or 'none'}"
+    for name in stated_effects.keys() & given.keys():
+        for key, value in _table(given, name).items():
+            if stated_effects[name].get(key) != _number(value, f"effects.{name}.{key}"):
+                yield f"effects.{name}.{key} is not that of the prototype, {value}"
+    for name in TABLES:
+        stated_table, given_table = table.optional(name).whole_of_it(), _table(prototype, name)
+        if name in prototype or name in ("payload", "goal"):
+            given_table = DEFAULTS.get(name, {}) | {key: _whole(value) for key, value in given_table.items()}
+        if name == "payload" and _table(prototype, "controller").get("stage"):
+            given_table = given_table | {"outer_end_mass_kg": _within(given_table, stated_table)}
+        if not same(stated_table, given_table):
+            yield f"[{name}] is not that of the prototype"
+    if rig.inner_end_mass != _number(_of(prototype, "payload", "inner_end_mass_kg"), "payload.inner_end_mass_kg"):
+        yield "inner_end_mass_kg is not that of the prototype"
+
+
+def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
+    """What cannot be told from the prototype's table alone, and what it asks for beyond what is proved, in words."""
+    asked = _of(prototype, "payload", "outer_end_mass_kg")
+    if asked and "outer_end_mass_kg" in table:
+        low, high = table.range("outer_end_mass_kg")
+        if not low <= _number(asked[0], "payload") <= _number(asked[1], "payload") <= high:
+            yield f"the prototype's payloads, {asked[0]:g} to {asked[1]:g} kg, are not all within those proved"
+    given = _table(prototype, "effects")
+    for effect in rig.effects:
+        if unstated := sorted(effect.parameters.keys() - _table(given, effect.name).keys()):
+            yield f"the prototype does not state {', '.join(unstated)} of {effect.name}, which has a usual value"
+
+
+def _whole(value: Any) -> Any:
+    """A table within a table without what is empty."""
+    return _full(value) if isinstance(value, dict) else value
+
+
+def _within(payload: Mapping[str, Any], stated: Mapping[str, Any]) -> Any:
+    """Payloads of one stage, as stated, where they are some of all."""
+    given, own = payload.get("outer_end_mass_kg"), stated.get("outer_end_mass_kg")
+    some = isinstance(own, list) and isinstance(given, list) and len(own) == len(given) == 2
+    inside = some and decimal(given[0]) <= rational(own[0]) <= rational(own[1]) <= decimal(given[1])
+    return [float(int(v.p) / int(v.q)) for v in map(rational, own)] if inside else given
+
+
+def _laws(rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
+    """That the controller is the prototype's, or one of several that take turns."""
+    given = _full(_table(prototype, "controller"))
+    laws = (given, *_each(given, given.get("stage", [])))
+    if rig.law is not None and not any(same(_full(rig.law.figures), law) for law in laws):
+        yield "[controller] is not that of the prototype"
+
+
+def _each(scheduled: Mapping[str, Any], stages: Any) -> Iterator[dict[str, Any]]:
+    """The laws of several that take turns, each as it would stand by itself."""
+    for stage in stages:
+        law = {key: value for key, value in _full(stage).items() if key not in ("up_to_kg", "outer_end_mass_kg")}
+        kind = "structured" if "section" in law else "lag" if "pole_Hz" in law else "proportional"
+        yield {"kind": kind} | law
+
+
+def _full(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A controller's table without what is empty, which says as much as nothing."""
+    return {key: value for key, value in table.items() if value != []}
+
+
+def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[str, arb | None]:
+    """Figures of the rig by name, as balls; None for a filter that there is not."""
+    found: dict[str, arb | None] = {}
+    for which in ("outer", "inner"):
+        stiffness, mass = _lumped(prototype, f"{which}_beam", alloys)
+        ratio = _ball(prototype, f"{which}_beam", "damping_ratio")
+        found |= {
+            f"{which}_stiffness_N_per_m": stiffness,
+            f"{which}_mass_kg": mass,
+            f"{which}_damping_N_s_per_m": 2 * ratio * (stiffness * mass).sqrt(),
+        }
+    for place, names in (
+        ("actuator", ("oil_stiffness_N_per_m", "piston_area_m2")),
+        ("servovalve", ("flow_gain_m3_per_s_per_A", "leakage_m3_per_s_per_Pa")),
+        ("sensor", ("gain_V_per_m",)),
+    ):
+        found |= {("sensor_" if place == "sensor" else "") + name: _ball(prototype, place, name) for name in names}
+    found["valve_damping_ratio"] = _ball(prototype, "servovalve", "damping_ratio")
+    turn = 2 * arb.pi()
+    found["valve_frequency_rad_per_s"] = turn * _ball(prototype, "servovalve", "natural_frequency_Hz")
+    filtered = _of(prototype, "sensor", "filter_Hz") is not None
+    found["filter_frequency_rad_per_s"] = turn * _ball(prototype, "sensor", "filter_Hz") if filtered else None
+    return found
+
+
+def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]) -> tuple[arb, arb]:
+    """Stiffness and effective mass of a beam: measured where they stand, from the geometry otherwise."""
+    stiffness, mass = (_of(prototype, name, key) for key in ("stiffness_N_per_m", "effective_mass_kg"))
+    if stiffness is not None and mass is not None:
+        return _ball(prototype, name, "stiffness_N_per_m"), _ball(prototype, name, "effective_mass_kg")
+    material = _of(prototype, name, "material")
+    if material not in alloys:
+        raise Unreadable(f"the certificate states no [material.{material}], of which the prototype's {name} is")
+    keys = ("width_m", "wall_m", "corner_radius_m", "free_length_m", "end_mass_kg")
+    width, wall, radius, length, end = (_ball(prototype, name, key) for key in keys)
+    opening, inside = width - 2 * wall, radius - wall
+    if not inside > 0:
+        inside = arb(0)
+    area = width**2 - opening**2 - (4 - arb.pi()) * (radius**2 - inside**2)
+    second = (width**4 - opening**4) / 12 - _corners(width, radius) + _corners(opening, inside)
+    alloy = alloys[material]
+    from_section = 3 * arb(alloy.number("youngs_modulus_Pa")) * second / length**3
+    moving = end + arb(MODE_MASS_FRACTION * alloy.number("density_kg_per_m3")) * area * length
+    return (
+        from_section if stiffness is None else _ball(prototype, name, "stiffness_N_per_m"),
+        moving if mass is None else _ball(prototype, name, "effective_mass_kg"),
+    )
+
+
+def _corners(side: arb, radius: arb) -> arb:
+    """Second moment of what rounding takes from a square's corners: four squares less four quarter discs."""
+    to_centre = side / 2 - radius
+    square = radius**4 / 12 + radius**2 * (to_centre + radius / 2) ** 2
+    centroid = 4 * radius / (3 * arb.pi())
+    disc = arb.pi() * radius**2 / 4
+    quarter = arb.pi() * radius**4 / 16 - disc * centroid**2 + disc * (to_centre + centroid) ** 2
+    return 4 * (square - quarter)
+
+
+def _agree(stated: fmpq | None, value: arb) -> bool:
+    """Whether a figure is that of floats worked out of the prototype's."""
+    return bool(abs(arb(stated) - value) <= abs(value) * arb(ROUNDING))
+
+
+def _table(entries: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    value = entries.get(name, {})
+    if not isinstance(value, dict):
+        raise Unreadable(f"{name} of the prototype must be a table")
+    return value
+
+
+def _of(prototype: Mapping[str, Any], name: str, key: str) -> Any:
+    """An entry of a prototype, or what it has where it is left out."""
+    return _table(prototype, name).get(key, DEFAULTS.get("beam" if name.endswith("_beam") else name, {}).get(key))
+
+
+def _ball(prototype: Mapping[str, Any], name: str, key: str) -> arb:
+    return arb(_number(_of(prototype, name, key), f"{name}.{key}"))
+
+
+def _number(value: Any, place: str) -> fmpq:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+        raise Unreadable(f"{place} of the prototype must be a number")
+    return decimal(value)

@@ -1,0 +1,422 @@
+"""The rig that a certificate states, and the loops that follow from it: impedances of its parts by Cramer's rule.
+
+Effects stand as elements with numbers: springs, dashpots and masses between named coordinates, factors, filters. Where
+an effect lets a number of them vary, or the loop's gain, it states a span; the loops are those of every combination of
+the ends of all spans, at every gain.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from flint import fmpq, fmpq_mat, fmpq_poly
+
+from beamdesign.checker.law import SENSED, Law, same_frequency
+from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials, S
+
+FIGURES = (
+    "outer_stiffness_N_per_m", "outer_mass_kg", "outer_damping_N_s_per_m", "inner_stiffness_N_per_m", "inner_mass_kg",
+    "inner_damping_N_s_per_m", "oil_stiffness_N_per_m", "piston_area_m2", "flow_gain_m3_per_s_per_A",
+    "leakage_m3_per_s_per_Pa", "valve_frequency_rad_per_s", "valve_damping_ratio", "sensor_gain_V_per_m",
+)  # fmt: skip
+MAY_BE_ZERO = ("outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa")
+MOST_MEMBERS = 256
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}", re.ASCII)
+ONCE: Pair = (fmpq(1), fmpq(1))
+"""A factor of one."""
+
+Weights = Mapping[str, fmpq]
+"""A motion: weights of coordinates and points."""
+
+
+class Elements:
+    """What effects add to the parts of the rig, with numbers.
+
+    Attributes:
+        impedances: motions, and polynomials of what resists them, N/m, N s/m, kg.
+        points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip.
+        oil: factor on the stiffness of the oil.
+        spool: spring on the spool, relative to the pilot's.
+        asymmetry: of the piston's sides.
+        volts: numerators and denominators of what filters the sensor's volts.
+    """
+
+    def __init__(self) -> None:
+        self.impedances: list[tuple[Weights, fmpq_poly]] = []
+        self.points: dict[str, dict[str, fmpq]] = {"tip": {}, "rod": {}, "base": {}, "sensed": {}}
+        self.oil, self.spool, self.asymmetry = fmpq(1), fmpq(0), fmpq(0)
+        self.volts: list[Polynomials] = []
+
+
+Values = Mapping[str, fmpq]
+
+
+def _affine(text: Any, place: str) -> "dict[str, fmpq]":
+    """A number, or a sum of numbers and of numbers times spans: coefficients by the span's name, "" for none."""
+    found: dict[str, fmpq] = {}
+    for part in text.split(" + ") if isinstance(text, str) else (text,):
+        number, star, name = part.partition("*") if isinstance(part, str) else (part, "", "")
+        if (star and not _NAME.fullmatch(name)) or name in found:
+            raise Unreadable(f"{place} is not a number, nor a sum of numbers times spans: {str(text)[:60]!r}")
+        found[name] = rational(number, place)
+    return found
+
+
+class Entry:
+    """A number of an element, affine in the spans of its effect."""
+
+    def __init__(self, text: Any, place: str, spans: Mapping[str, Any]) -> None:
+        self._parts = _affine(text, place)
+        if unknown := sorted(self._parts.keys() - {"", *spans}):
+            raise Unreadable(f"{place}: no span {', '.join(unknown)}")
+
+    def at(self, values: Values) -> fmpq:
+        """Its value at some values of the spans."""
+        return sum((c * values[name] if name else c for name, c in self._parts.items()), fmpq(0))
+
+
+@dataclass(frozen=True)
+class Span:
+    """What a number of an effect takes, and where in it more than stability is asked."""
+
+    ends: Pair
+    performing: Pair
+
+
+class Effect:
+    """An effect as it stands in a proof.
+
+    Attributes:
+        name: what it is called.
+        parameters: as they are stated.
+        gain: factors on the loop's gain, for stability.
+        performing: those of them at which more is asked.
+        spans: by name.
+    """
+
+    def __init__(self, table: Table) -> None:
+        self.name = table.word("name")
+        given = table.table("parameters")
+        self.parameters = {key: given.number(key) for key in given.keys}
+        self.gain = table.range("gain", least=0) if "gain" in table else ONCE
+        self.performing = _within(table, "performing_gain", self.gain)
+        spans = table.optional("span")
+        self.spans = {name: _span(spans.table(name)) for name in spans.keys}
+        made = table.table("elements")
+        self._scalars = {key: self._entry(made, key) for key in ("oil", "spool", "asymmetry") if key in made}
+        points = made.optional("points")
+        self._points = {at: self._weights(points.table(at)) for at in points.keys}
+        if unknown := sorted(self._points.keys() - {"tip", "rod", "base", "sensed"}):
+            raise Unreadable(f"{made.place}.points: not known: {', '.join(unknown)}")
+        self._impedances = [
+            (self._weights(one.table("motion")), self._list(one, "resists")) for one in made.tables("impedance")
+        ]
+        if any(len(resists) > 3 for _, resists in self._impedances):
+            raise Unreadable(f"{made.place}.impedance: resists is a spring, a dashpot and a mass")
+        self._volts = [(self._list(one, "numerator"), self._list(one, "denominator")) for one in made.tables("volts")]
+
+    def _entry(self, table: Table, key: str) -> Entry:
+        return Entry(table.take(key), table.place_of(key), self.spans)
+
+    def _list(self, table: Table, key: str) -> list[Entry]:
+        return [Entry(text, table.place_of(key), self.spans) for text in table.entries(key)]
+
+    def _weights(self, table: Table) -> dict[str, Entry]:
+        if wrong := [name for name in table.keys if name.startswith("oil") or not _NAME.fullmatch(name)]:
+            raise Unreadable(f"{table.place}: not a coordinate: {', '.join(wrong)[:100]}")
+        return {name: self._entry(table, name) for name in table.keys}
+
+    def add_to(self, total: Elements, values: Values) -> None:
+        """Add its elements, at some values of its spans."""
+
+        def weights(table: Mapping[str, Entry]) -> Weights:
+            return {name: entry.at(values) for name, entry in table.items()}
+
+        def polynomial(entries: Sequence[Entry]) -> fmpq_poly:
+            return fmpq_poly([entry.at(values) for entry in entries])
+
+        total.impedances += [(weights(motion), polynomial(resists)) for motion, resists in self._impedances]
+        total.volts += [(polynomial(above), polynomial(below)) for above, below in self._volts]
+        for at, table in self._points.items():
+            _add(total.points[at], weights(table))
+        scalar = {key: entry.at(values) for key, entry in self._scalars.items()}
+        total.oil *= scalar.get("oil", fmpq(1))
+        total.spool += scalar.get("spool", fmpq(0))
+        total.asymmetry += scalar.get("asymmetry", fmpq(0))
+        sound = total.oil > 0 and total.spool >= 0 and -1 < total.asymmetry < 1
+        if not sound or any(low == 0 for _, low in total.volts):
+            raise Unreadable(f"effect {self.name}: its elements are of no rig")
+
+
+def _add(weights: dict[str, fmpq], more: Weights) -> None:
+    for name, weight in more.items():
+        weights[name] = weights.get(name, fmpq(0)) + weight
+
+
+def _span(table: Table) -> Span:
+    ends = table.range("ends")
+    return Span(ends, _within(table, "performing", ends))
+
+
+def _within(table: Table, key: str, ends: Pair) -> Pair:
+    """A range within another, which it is where nothing is stated."""
+    found = table.range(key) if key in table else ends
+    if not ends[0] <= found[0] <= found[1] <= ends[1]:
+        raise Unreadable(f"{table.place_of(key)} is not within what it is a part of")
+    return found
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A loop over the mass m and a factor g on its gain: opened + g returned, each (constant, slope) in the mass.
+
+    Attributes:
+        name: where its spans stand, in words; empty where there are none.
+        opened: denominator of L, times that of the controller.
+        returned: numerator of L.
+        disturbance: numerator of the closed loop's compliance.
+        law: the controller behind the displacement sensor, numerator and denominator.
+        gain: factors over which it is to be stable.
+        performing: factors over which it is to perform, None where it is not to.
+    """
+
+    name: str
+    opened: Polynomials
+    returned: Polynomials
+    disturbance: fmpq_poly
+    law: Polynomials
+    gain: Pair
+    performing: Pair | None
+
+    @property
+    def closed(self) -> Polynomials:
+        """The characteristic polynomial at a factor of one."""
+        return self.opened[0] + self.returned[0], self.opened[1] + self.returned[1]
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """Beams, mount, rod and oil: the determinant, and numerators over it.
+
+    Attributes:
+        opened: the determinant.
+        moved: what a force on the tip does to the tip, m/N.
+        sensed: what a flow does to what is sensed, by its name; of the displacement per volt of the sensor, in m.
+        crossed: of each of them, what a force and a flow together do: determinants with both columns replaced.
+    """
+
+    opened: fmpq_poly
+    moved: fmpq_poly
+    sensed: dict[str, fmpq_poly]
+    crossed: dict[str, fmpq_poly]
+
+
+class Rig:
+    """What a certificate states of the rig that it is about.
+
+    Attributes:
+        figures: lumped, SI, by name with unit.
+        inner_end_mass: kg.
+        law: its controller; None where the certificate states several stages.
+        effects: in their order.
+    """
+
+    def __init__(self, table: Table) -> None:
+        rig = table.table("rig")
+        rig.word("kind", "twin_beam")
+        filtered = "filter_frequency_rad_per_s" in rig
+        names = (*FIGURES, "filter_frequency_rad_per_s") if filtered else FIGURES
+        self.figures = {name: rig.at_least(name, 0, above=name not in MAY_BE_ZERO) for name in names}
+        self.inner_end_mass = rig.at_least("inner_end_mass_kg", 0)
+        for name in ("valve_frequency", "filter_frequency")[: 1 + filtered]:
+            if not same_frequency(rig.number(f"{name}_Hz"), self.figures[f"{name}_rad_per_s"]):
+                raise Unreadable(f"rig.{name}_Hz and rig.{name}_rad_per_s are not one frequency")
+        self.law = Law(table.table("controller")) if "controller" in table else None
+        self.effects = [Effect(one) for one in table.tables("effect")]
+
+    def statements(self) -> Iterator[tuple[bool, str]]:
+        """That what it states twice agrees."""
+        if self.law is not None and self.law.follows is not None:
+            good = self.law.follows
+            yield good, f"the controller's polynomials {'follow' if good else 'do not follow'} from its figures"
+
+    def left_open(self) -> Iterator[str]:
+        """What of it is not decided by what it states, in words."""
+        if self.law is not None and self.law.follows is None:
+            yield f"that the controller's polynomials follow from its figures: kind {self.law.kind!r} is not known here"
+        if names := ", ".join(effect.name for effect in self.effects):
+            yield f"that what is called {names} comes to the elements stated, which are what is proved"
+
+    def loops(self) -> Iterator[Loop]:
+        """The loop of every combination of the ends of all spans."""
+        places = [(k, name, span) for k, effect in enumerate(self.effects) for name, span in effect.spans.items()]
+        ends = [sorted(set(span.ends)) for _, _, span in places]
+        count = 1
+        for choice in ends:
+            count *= len(choice)
+        if count > MOST_MEMBERS:
+            raise Unreadable(f"the spans of effects have {count} combinations, more than {MOST_MEMBERS}")
+        gain, performing = ONCE, ONCE
+        for effect in self.effects:
+            gain = gain[0] * effect.gain[0], gain[1] * effect.gain[1]
+            performing = performing[0] * effect.performing[0], performing[1] * effect.performing[1]
+        for chosen in product(*ends):
+            values: list[dict[str, fmpq]] = [{} for _ in self.effects]
+            for (k, name, _), value in zip(places, chosen, strict=True):
+                values[k][name] = value
+            total = Elements()
+            for effect, own in zip(self.effects, values, strict=True):
+                effect.add_to(total, own)
+            performs = all(
+                span.performing[0] <= value <= span.performing[1]
+                for (_, _, span), value in zip(places, chosen, strict=True)
+            )
+            named = (
+                f"{self.effects[k].name}.{name} = {short(value)}"
+                for (k, name, _), value in zip(places, chosen, strict=True)
+            )
+            yield self._loop(", ".join(named), total, gain, performing if performs else None)
+
+    def _loop(self, name: str, elements: Elements, gain: Pair, performing: Pair | None) -> Loop:
+        """The polynomials of one combination."""
+        law, figure = self.law, self.figures
+        if law is None:
+            raise Unreadable("there is no [controller]")
+        bare, loaded = (self._mechanics(elements, fmpq(mass), list(law.numerators)) for mass in (0, 1))
+        valve = figure["valve_frequency_rad_per_s"]
+        spool = fmpq_poly([valve**2 * (1 + elements.spool), 2 * figure["valve_damping_ratio"] * valve, 1])
+        drive = figure["flow_gain_m3_per_s_per_A"] * valve**2
+        forward, lags = drive * figure["sensor_gain_V_per_m"] * law.numerators[SENSED[0]], ONE
+        if "filter_frequency_rad_per_s" in figure:
+            forward *= figure["filter_frequency_rad_per_s"]
+            lags *= S + figure["filter_frequency_rad_per_s"]
+        for above, below in elements.volts:
+            forward, lags = forward * above, lags * below
+        # What added sensors read passes none of the lags of the displacement's volts.
+        back = {SENSED[0]: forward} | {
+            name: drive * law.numerators[name] * lags for name in SENSED[1:] if name in law.numerators
+        }
+        around = spool * law.denominator * lags
+        returned, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
+        inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
+        return Loop(
+            name,
+            (bare.opened * around, (loaded.opened - bare.opened) * around),
+            (returned, heavier - returned),
+            bare.moved * around + inside,
+            law.of_displacement,
+            gain,
+            performing,
+        )
+
+    def _mechanics(self, elements: Elements, mass: fmpq, sensed: Sequence[str]) -> Mechanics:
+        """Beams and oil, and what effects are made of, with a mass on the outer tip.
+
+        The unknowns are the outer beam's first mode, the inner tip, the force of the oil, or of each chamber, and what
+        the elements name beside; each has one equation.
+        """
+        figure = self.figures
+        leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
+        # Both chambers show only where their sides differ and leak; else they act as one.
+        uneven = elements.asymmetry if leak != 0 else fmpq(0)
+        chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": fmpq(1)}
+        added = elements.points
+        points: dict[str, dict[str, fmpq]] = {"tip": {"first": fmpq(1)}, "rod": {"inner": fmpq(1)}, "base": {}}
+        for point, weights in points.items():
+            _add(weights, added[point])
+        points["sensed"] = dict(points["tip"])
+        _add(points["sensed"], added["sensed"])
+
+        def motion(weights: Mapping[str, fmpq]) -> dict[str, fmpq]:
+            """In coordinates alone."""
+            total: dict[str, fmpq] = {}
+            for name, weight in weights.items():
+                for coordinate, share in points.get(name, {name: fmpq(1)}).items():
+                    total[coordinate] = total.get(coordinate, fmpq(0)) + weight * share
+            return total
+
+        def parts() -> Iterator[tuple[dict[str, fmpq], fmpq_poly]]:
+            """What moves, and the impedance against it."""
+            one = fmpq(1)
+            for side in ("outer", "inner"):
+                own = {"outer": "first", "inner": "inner"}[side]
+                bending = [figure[f"{side}_stiffness_N_per_m"], figure[f"{side}_damping_N_s_per_m"]]
+                yield motion({own: one, "base": -one}), fmpq_poly(bending)
+            yield {"first": one}, fmpq_poly([0, 0, figure["outer_mass_kg"]])
+            yield {"inner": one}, fmpq_poly([0, 0, figure["inner_mass_kg"] + self.inner_end_mass])
+            yield points["tip"], fmpq_poly([0, 0, mass])
+            yield from ((motion(moved), resists) for moved, resists in elements.impedances)
+
+        network = list(parts())
+        names = list(dict.fromkeys(["first", "inner", *chambers, *(name for moved, _ in network for name in moved)]))
+        rows: dict[str, dict[str, fmpq_poly]] = {name: {} for name in names}
+
+        def add(row: str, column: str, value: fmpq_poly) -> None:
+            rows[row][column] = rows[row].get(column, ZERO) + value
+
+        for moved_by, impedance in network:
+            for row, share in moved_by.items():
+                for column, weight in moved_by.items():
+                    add(row, column, share * weight * impedance)
+        stroke, tip = motion({"tip": fmpq(1), "rod": fmpq(-1)}), points["tip"]
+        count = len(chambers)
+        for name, side in chambers.items():  # each adds a force to the cylinder, towards its own end
+            for row, weight in stroke.items():
+                add(row, name, -weight * ONE)
+                add(name, row, weight * S)
+            spring = elements.oil * figure["oil_stiffness_N_per_m"] * side / count
+            add(name, name, fmpq_poly([count * leak / (area * side) ** 2, 1 / spring]))
+        matrix = [[rows[row].get(column, ZERO) for column in names] for row in names]
+
+        def replaced(columns: Mapping[str, Sequence[fmpq]]) -> fmpq_poly:
+            """The determinant with the columns of some unknowns replaced by what drives each equation."""
+            return _determinant(
+                [
+                    [fmpq_poly([columns[name][k]]) if name in columns else row[j] for j, name in enumerate(names)]
+                    for k, row in enumerate(matrix)
+                ]
+            )
+
+        def moved(by: Sequence[fmpq], seen: Mapping[str, fmpq]) -> fmpq_poly:
+            """Numerator of a sum of coordinates over the forces that drive each equation."""
+            return sum((weight * replaced({name: by}) for name, weight in seen.items() if name in names), ZERO)
+
+        def crossed(seen: Mapping[str, fmpq]) -> fmpq_poly:
+            """The tip by a force and a sum of coordinates by a flow, in one determinant."""
+            total = ZERO
+            for one, share in tip.items():
+                for name, weight in seen.items():
+                    if name in names and name != one:
+                        total += share * weight * replaced({one: force, name: flow})
+            return total
+
+        flow = [1 / area if name in chambers else fmpq(0) for name in names]
+        force = [tip.get(name, fmpq(0)) for name in names]
+        # A chamber's unknown is its force; its pressure acts on its own side, and the two against each other.
+        pressure = {name: (1 / (area * side)) for name, side in chambers.items()}
+        read = {
+            "displacement_m": points["sensed"],
+            "inner_displacement_m": {"inner": fmpq(1)},
+            "load_pressure_Pa": pressure,
+        }
+        seen = {name: read[name] for name in sensed}
+        return Mechanics(
+            _determinant(matrix),
+            moved(force, tip),
+            {name: moved(flow, where) for name, where in seen.items()},
+            {name: crossed(where) for name, where in seen.items()},
+        )
+
+
+def _determinant(matrix: Sequence[Sequence[fmpq_poly]]) -> fmpq_poly:
+    """Determinant of a matrix of polynomials, interpolated from its values."""
+    degree = sum(max(max(entry.degree() for entry in row), 0) for row in matrix)
+    n, total, basis = len(matrix), ZERO, ONE
+    for point in (fmpq(k) for k in range(degree + 1)):
+        value = fmpq_mat(n, n, [entry(point) for row in matrix for entry in row]).det()
+        total += basis * ((value - total(point)) / basis(point))
+        basis *= S - point
+    return total

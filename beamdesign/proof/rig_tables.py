@@ -1,0 +1,188 @@
+"""What every certificate states of its rig, as tables of texts: parameters, controller, effects, payload, goal, arm."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from flint import fmpq, fmpq_poly
+
+from beamdesign.lumped import figures
+from beamdesign.materials import material
+from beamdesign.members import LinearFamily, family
+from beamdesign.parameters import PARAMETERS
+from beamdesign.polynomial import exact
+from beamdesign.proof.rational import text
+from beamdesign.prototype import Beam, Prototype
+from beamdesign.records import InputError, Record
+from beamdesign.rig.effect import Elements, Span
+from beamdesign.rig.effects import library
+from beamdesign.rig.parameters import effect_parameters_of
+
+Tables = dict[str, Any]
+_WHOLE = ("payload", "goal", "arm", "compliance")
+"""Tables of a prototype that a certificate repeats."""
+
+
+def rig_tables(prototype: Prototype, largest_outer_end_mass: float | None = None) -> Tables:
+    """Tables from which a checker builds the loop, numbers as exact decimals in quotes.
+
+    Args:
+        prototype: with one controller, or with several that take turns, of which it then states none.
+        largest_outer_end_mass: kg, whose weight is the load where an effect depends on it; else that of the payload.
+
+    Raises:
+        InputError: for effects for which no linear loop stands, or whose elements are not affine in their spans.
+    """
+    tables: Tables = {"rig": _rig(prototype)}
+    if prototype.controller is not None and prototype.schedule is None:
+        tables["controller"] = controller_table(prototype)
+    if prototype.effects:
+        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass))
+    for name in _WHOLE:
+        if (record := getattr(prototype, name)) is not None:
+            tables[name] = stated(plain(record))
+    return tables | ({"material": alloys} if (alloys := _alloys(prototype)) else {})
+
+
+def plain(record: Record) -> Tables:
+    """A record as a parsed table would be, every default filled in and what is absent left out."""
+    found: Tables = record.model_dump(mode="json", exclude_none=True)
+    return found
+
+
+def prototype_table(prototype: Prototype) -> Tables:
+    """A prototype as the checker compares it, every default filled in, those of its effects from the library."""
+    return plain(prototype) | {"effects": effect_parameters_of(prototype)}
+
+
+def stated(value: Any) -> Any:
+    """Numbers of a nested table as exact texts."""
+    if isinstance(value, Mapping):
+        return {key: stated(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [stated(item) for item in value]
+    return text(exact(value)) if isinstance(value, float | int) and not isinstance(value, bool) else value
+
+
+def texts(values: Sequence[fmpq]) -> list[str]:
+    """Rationals, or the coefficients of s^0, s^1, ... of a polynomial, as texts."""
+    return [text(value) for value in values]
+
+
+def coefficients(polynomial: fmpq_poly) -> list[str]:
+    """Those of s^0, s^1, ... as texts."""
+    return texts(polynomial.coeffs())
+
+
+def _rig(prototype: Prototype) -> Tables:
+    """The lumped figures, end masses not included; damping is that of fixed dashpots."""
+    filtered = prototype.sensor.filter_Hz
+    lumped = {name: value for name, value in figures(prototype).items() if filtered or name != "filter_frequency"}
+    table = {"kind": prototype.kind} | {PARAMETERS[name].key: text(exact(value)) for name, value in lumped.items()}
+    table["valve_frequency_Hz"] = text(exact(prototype.servovalve.natural_frequency_Hz))
+    if filtered is not None:
+        table["filter_frequency_Hz"] = text(exact(filtered))
+    return table | {"inner_end_mass_kg": text(exact(prototype.payload.inner_end_mass_kg))}
+
+
+def controller_table(prototype: Prototype) -> Tables:
+    """The controller's own figures, and its law: a numerator for each sensor and their denominator."""
+    controller = prototype.controller
+    assert controller is not None  # there is a loop
+    law = controller.sensed_law()
+    polynomials = {
+        "sensors": list(law.sensors),
+        "numerators": [coefficients(one) for one in law.numerators],
+        "denominator": coefficients(law.denominator),
+    }
+    return stated(plain(controller)) | {"law": polynomials}
+
+
+def _alloys(prototype: Prototype) -> Tables:
+    """Modulus and density of what the beams are of whose lumped figures are those of their geometry."""
+    found = {}
+    for beam in (prototype.outer_beam, prototype.inner_beam):
+        if _from_geometry(beam):
+            alloy = material(str(beam.material))
+            found[alloy.name] = stated(
+                {"youngs_modulus_Pa": alloy.youngs_modulus_Pa, "density_kg_per_m3": alloy.density_kg_per_m3}
+            )
+    return found
+
+
+def _from_geometry(beam: Beam) -> bool:
+    return beam.stiffness_N_per_m is None or beam.effective_mass_kg is None
+
+
+# Effects.
+
+
+def effect_tables(prototype: Prototype, found: LinearFamily) -> list[Tables]:
+    """Each effect with its parameters, its spans, its factors on the gain, and its elements, affine in its spans."""
+    tables = []
+    for name, own in effect_parameters_of(prototype).items():
+        spans = {key.partition(".")[2]: span for key, span in found.spans.items() if key.partition(".")[0] == name}
+        table: Tables = {"name": name, "parameters": stated(own)}
+        if (gain := found.gains.get(name)) is not None:
+            table |= {"gain": _pair(gain.low, gain.high), "performing_gain": _pair(*gain.performing)}
+        if spans:
+            table["span"] = {
+                key: {"ends": _pair(span.low, span.high), "performing": _pair(*span.performing)}
+                for key, span in spans.items()
+            }
+        tables.append(table | {"elements": _elements(prototype, name, own, spans)})
+    return tables
+
+
+def _pair(low: float, high: float) -> list[str]:
+    return [text(exact(low)), text(exact(high))]
+
+
+def _elements(prototype: Prototype, name: str, own: Mapping[str, float], spans: Mapping[str, Span]) -> Tables:
+    """Elements of an effect whose numbers are sums of numbers and of numbers times spans.
+
+    They are taken where all spans are at their low ends, and where one at a time is at its high end; that they are
+    affine is seen where all are.
+    """
+    linear = library()[name].linear
+    assert linear is not None  # it has members
+    figure = {key: exact(value) for key, value in figures(prototype).items()}
+    parameters = {key: exact(value) for key, value in own.items()}
+    low = {key: exact(span.low) for key, span in spans.items()}
+    width = {key: exact(span.high) - low[key] for key, span in spans.items() if span.low < span.high}
+
+    def at(*high: str) -> Tables:
+        return _nested(linear.elements(parameters | low | {key: low[key] + width[key] for key in high}, figure))
+
+    base, steps = at(), {key: at(key) for key in width}
+
+    def number(first: fmpq, others: Mapping[str, fmpq], last: fmpq) -> str:
+        slopes = {key: (value - first) / width[key] for key, value in others.items()}
+        if first + sum((slope * width[key] for key, slope in slopes.items()), fmpq(0)) != last:
+            words = "its elements are not affine in what it lets vary, so that no certificate states them"
+            raise InputError(prototype.name, [(f"effects.{name}", words)])
+        constant = first - sum((slope * low[key] for key, slope in slopes.items()), fmpq(0))
+        terms = [f"{text(slope)}*{key}" for key, slope in slopes.items() if slope != 0]
+        return " + ".join([text(constant)] * (constant != 0 or not terms) + terms)
+
+    def merged(first: Any, others: Mapping[str, Any], last: Any) -> Any:
+        if isinstance(first, dict):
+            return {k: merged(v, {key: one[k] for key, one in others.items()}, last[k]) for k, v in first.items()}
+        if isinstance(first, list):
+            return [merged(v, {key: one[k] for key, one in others.items()}, last[k]) for k, v in enumerate(first)]
+        return number(first, others, last)
+
+    found: Tables = merged(base, steps, at(*width))
+    return found
+
+
+def _nested(elements: Elements) -> Tables:
+    """Elements as tables and lists of rationals, what says nothing left out."""
+    found: Tables = {
+        "oil": elements.oil,
+        "spool": elements.spool,
+        "asymmetry": elements.asymmetry,
+        "points": {point: dict(weights) for point, weights in elements.points.items()},
+        "impedance": [{"motion": dict(motion), "resists": list(resists)} for motion, resists in elements.impedances],
+        "volts": [{"numerator": list(above), "denominator": list(below)} for above, below in elements.volts],
+    }
+    return {key: value for key, value in found.items() if value != {} and value != []}
