@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from beamdesign.checker import check
     from beamdesign.control_models import state_space
     from beamdesign.design.codesign import codesign
     from beamdesign.design.sizing import size
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
     from beamdesign.proof.certifying import certify
-    from beamdesign.proof.replay_any import replay
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
     from beamdesign.study.design_run import run_design
@@ -29,7 +29,7 @@ _ROOMS = {
     "critical_gain": "beamdesign.loop",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
-    "replay": "beamdesign.proof.replay_any",
+    "check": "beamdesign.checker",
     "run_design": "beamdesign.study.design_run",
     "size": "beamdesign.design.sizing",
     "state_space": "beamdesign.control_models",
@@ -42,11 +42,11 @@ __all__ = [
     "InputError",
     "Prototype",
     "certify",
+    "check",
     "codesign",
     "critical_gain",
     "read_problem",
     "read_prototype",
-    "replay",
     "run_design",
     "size",
     "state_space",

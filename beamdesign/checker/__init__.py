@@ -9,7 +9,7 @@ by another method than the prover's, boxes and Lyapunov functions by the same me
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
@@ -20,7 +20,7 @@ from flint import ctx
 
 from beamdesign.checker.about import about
 from beamdesign.checker.prototype import differences, left_open
-from beamdesign.checker.reading import LARGEST_BYTES, Unreadable, comments, read, sealed
+from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, comments, read, sealed
 from beamdesign.checker.rig import Rig
 
 __all__ = ["KINDS", "VERSION", "Unreadable", "Verdict", "check"]
@@ -33,13 +33,16 @@ KINDS = {
 PRECISION_BITS = 256
 
 
+PrototypeTable = Mapping[str, Any]
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What came of a certificate.
 
     Attributes:
         kind: of the certificate.
-        about: in words, the rig, its ranges, its effects and their sizes, as stated.
+        about: in words, the rig, its effects and their sizes, and what is asked of it, as stated.
         proved: in words with their numbers, the statements that were proved.
         failed: those that were not.
         open: what was not looked at.
@@ -56,13 +59,22 @@ class Verdict:
         """Whether every statement was proved, and there is one."""
         return bool(self.proved) and not self.failed
 
+    def lines(self) -> Iterator[str]:
+        """All of it, a line for each."""
+        told = {"about": self.about, "proved": self.proved, "not looked at": self.open, "NOT PROVED": self.failed}
+        return (f"{heading}: {words}" for heading, lines in told.items() for words in lines)
 
-def check(source: str | Path, prototype: str | Path | Mapping[str, Any] | None = None) -> Verdict:
+
+def check(
+    source: str | Path,
+    prototype: str | Path | PrototypeTable | Callable[[float | None], PrototypeTable] | None = None,
+) -> Verdict:
     """Prove a certificate again, and that it is of a prototype.
 
     Args:
         source: path of the certificate, or its text.
-        prototype: path of a prototype.toml, or its table with every default filled in.
+        prototype: path of a prototype.toml; or its table with every default filled in, and with the tables that stand
+            for its effects under `effect` where whoever asks can tell; or what gives that for a largest payload in kg.
 
     Raises:
         Unreadable: where either cannot be read, or is beyond the limits.
@@ -77,24 +89,29 @@ def check(source: str | Path, prototype: str | Path | Mapping[str, Any] | None =
     try:
         with ctx.workprec(PRECISION_BITS):
             rig = Rig(table)
-            told = tuple(about(table, rig))
+            given = None if prototype is None else _given(prototype, table)
             results = [sealed(table, text), *rig.statements(), *room.statements(table, rig)]
-            unread = (
-                ["lines that begin with # are not read, so nothing in them is proved"] if any(comments(text)) else []
-            )
-            unread += rig.left_open()
-            if prototype is not None:
-                given = prototype if isinstance(prototype, Mapping) else _toml(Path(prototype))
-                others = [f"not of this prototype: {words}" for words in differences(table, rig, given)]
-                results += [(False, words) for words in others] or [(True, "it is of this prototype")]
+            unread = ["lines that begin with #, in which nothing is proved"] if any(comments(text)) else []
+            if given is None or "effect" not in given:
+                unread += rig.left_open()
+            if given is not None:
+                others = [(False, f"not of this prototype: {words}") for words in differences(table, rig, given)]
+                results += others or [(True, "it is of this prototype")]
                 results += _named(given, data, source)
                 unread += left_open(table, rig, given)
+            told = tuple(about(table, rig))
             table.done()
     except (ArithmeticError, RecursionError, MemoryError) as error:
         raise Unreadable(f"its figures make no loop: {error}") from error
-    return Verdict(
-        kind, told, *(tuple(w for p, w in results if p is wanted) for wanted in (True, False)), tuple(unread)
-    )
+    proved, failed = (tuple(words for held, words in results if held is wanted) for wanted in (True, False))
+    return Verdict(kind, told, proved, failed, tuple(unread))
+
+
+def _given(prototype: Any, table: Table) -> PrototypeTable:
+    if callable(prototype):
+        masses = table.range("outer_end_mass_kg") if "outer_end_mass_kg" in table else None
+        return prototype(None if masses is None else int(masses[1].p) / int(masses[1].q))
+    return prototype if isinstance(prototype, Mapping) else _toml(Path(prototype))
 
 
 def _bytes(path: Path) -> bytes:
@@ -105,14 +122,14 @@ def _bytes(path: Path) -> bytes:
         raise Unreadable(f"cannot be read: {error.strerror or error}") from error
 
 
-def _toml(path: Path) -> Mapping[str, Any]:
+def _toml(path: Path) -> PrototypeTable:
     try:
         return tomllib.loads(_bytes(path).decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise Unreadable(f"the prototype is not valid TOML: {str(error)[:200]}") from error
 
 
-def _named(prototype: Mapping[str, Any], data: bytes, source: str | Path) -> list[tuple[bool, str]]:
+def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[tuple[bool, str]]:
     """Whether the guarantee that a prototype states rests on this certificate, where it says so."""
     guarantee = prototype.get("guarantee")
     if not isinstance(guarantee, dict):

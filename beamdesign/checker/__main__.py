@@ -17,14 +17,8 @@ def main(arguments: Sequence[str]) -> int:
     except Unreadable as error:
         print(f"{' '.join(arguments)}: {error}", file=sys.stderr)
         return 2
-    for heading, lines in (
-        ("about", verdict.about),
-        ("proved", verdict.proved),
-        ("not looked at", verdict.open),
-        ("NOT PROVED", verdict.failed),
-    ):
-        for words in lines:
-            print(f"{heading}: {words}")
+    for words in verdict.lines():
+        print(words)
     print("valid" if verdict.valid else "NOT valid")
     return 0 if verdict.valid else 1
 

@@ -54,8 +54,10 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         for key, value in _table(given, name).items():
             if stated_effects[name].get(key) != _number(value, f"effects.{name}.{key}"):
                 yield f"effects.{name}.{key} is not that of the prototype, {value}"
+    if "effect" in prototype and prototype["effect"] != (table.entries("effect") if "effect" in table else []):
+        yield "the elements stated are not those that stand for its effects"
     for name in TABLES:
-        stated_table, given_table = table.optional(name).whole_of_it(), _table(prototype, name)
+        stated_table, given_table = table.optional(name).whole_of_it(), dict(_table(prototype, name))
         if name in prototype or name in ("payload", "goal"):
             given_table = DEFAULTS.get(name, {}) | {key: _whole(value) for key, value in given_table.items()}
         if name == "payload" and _table(prototype, "controller").get("stage"):
@@ -69,7 +71,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
 def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
     """What cannot be told from the prototype's table alone, and what it asks for beyond what is proved, in words."""
     asked = _of(prototype, "payload", "outer_end_mass_kg")
-    if asked and "outer_end_mass_kg" in table:
+    if isinstance(asked, list) and len(asked) == 2 and "outer_end_mass_kg" in table:
         low, high = table.range("outer_end_mass_kg")
         if not low <= _number(asked[0], "payload") <= _number(asked[1], "payload") <= high:
             yield f"the prototype's payloads, {asked[0]:g} to {asked[1]:g} kg, are not all within those proved"
@@ -87,9 +89,11 @@ def _whole(value: Any) -> Any:
 def _within(payload: Mapping[str, Any], stated: Mapping[str, Any]) -> Any:
     """Payloads of one stage, as stated, where they are some of all."""
     given, own = payload.get("outer_end_mass_kg"), stated.get("outer_end_mass_kg")
-    some = isinstance(own, list) and isinstance(given, list) and len(own) == len(given) == 2
-    inside = some and decimal(given[0]) <= rational(own[0]) <= rational(own[1]) <= decimal(given[1])
-    return [float(int(v.p) / int(v.q)) for v in map(rational, own)] if inside else given
+    if not isinstance(own, list) or not isinstance(given, list) or not len(own) == len(given) == 2:
+        return given
+    ends = [rational(end) for end in own]
+    inside = decimal(given[0]) <= ends[0] <= ends[1] <= decimal(given[1])
+    return [int(end.p) / int(end.q) for end in ends] if inside else given
 
 
 def _laws(rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:

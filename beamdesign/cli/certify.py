@@ -276,25 +276,19 @@ def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
 
 
 def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
-    """Prove a certificate again from its text; exit status 1 where that fails."""
-    from beamdesign.proof.replay_any import replay
-    from beamdesign.proof.stated_figures import states_figures_of
+    """Prove a certificate again from what it states; exit status 1 where that fails."""
+    from beamdesign.checker import Unreadable, check
+    from beamdesign.proof.rig_tables import prototype_table
+    from beamdesign.records import InputError
 
-    outcome = replay(path)
-    reasons, checked, open_ones = list(outcome.reasons), list(outcome.claims), []
-    if record is None and "\n[effects]\n" in outcome.text:
-        open_ones.append("that the effects named come to the elements stated; give the prototype as well")
-    elif record is not None and states_figures_of(outcome.text, record):
-        checked.append(f"its figures are those of {record.name}")
-    elif record is not None:
-        reasons.append(f"its figures are not those of {record.name}")
-    for words in checked:
-        say(f"checked: {words}")
-    for words in open_ones:
-        say(f"not checked: {words}")
-    for words in reasons:
-        say(f"FAILED: {words}")
-    say(f"{path}: {'valid' if not reasons else 'NOT valid'}")
-    write_json(json, {"valid": not reasons, "reasons": reasons, "checked": checked, "not_checked": open_ones})
-    if reasons:
+    try:
+        verdict = check(path, None if record is None else lambda high: prototype_table(record, high))
+    except Unreadable as error:
+        raise InputError(path, [("(certificate)", str(error))]) from error
+    for words in verdict.lines():
+        say(words)
+    say(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
+    fields = {"valid": verdict.valid, "reasons": verdict.failed, "checked": verdict.proved}
+    write_json(json, fields | {"not_checked": verdict.open, "about": verdict.about})
+    if not verdict.valid:
         raise typer.Exit(1)

@@ -49,9 +49,10 @@ def plain(record: Record) -> Tables:
     return found
 
 
-def prototype_table(prototype: Prototype) -> Tables:
-    """A prototype as the checker compares it, every default filled in, those of its effects from the library."""
-    return plain(prototype) | {"effects": effect_parameters_of(prototype)}
+def prototype_table(prototype: Prototype, largest_outer_end_mass: float | None = None) -> Tables:
+    """A prototype as the checker compares it: every default filled in, and with what stands for its effects."""
+    found = plain(prototype) | {"effects": effect_parameters_of(prototype)}
+    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass))}
 
 
 def stated(value: Any) -> Any:
