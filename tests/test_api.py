@@ -87,7 +87,7 @@ def test_the_verbs_work_on_a_prototype(tmp_path, paper: Prototype):
     certificate = beamdesign.certify(firm, 2.0, 6.8)
     assert certificate.stable
     (tmp_path / "certificate.toml").write_text(certificate.text, encoding="utf-8")
-    assert beamdesign.replay(tmp_path / "certificate.toml").valid
+    assert beamdesign.check(tmp_path / "certificate.toml").valid
 
     model = beamdesign.state_space(firm, outer_end_mass_kg=3.0)
     assert isinstance(model, control.StateSpace)

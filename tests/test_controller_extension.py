@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
 from beamdesign.controllers.cascade import Factor
 from beamdesign.loop import loop
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
@@ -124,7 +124,7 @@ def test_its_loop_is_certified_and_the_certificate_checks(rig: Prototype, tmp_pa
     assert found.stable
     assert found.guaranteed is not None
     (tmp_path / "certificate.toml").write_text(found.text)
-    assert replay(tmp_path / "certificate.toml").valid
+    assert check(tmp_path / "certificate.toml").valid
     assert loop(rig).at(0.0).stable
 
 

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 from beamdesign import quantities
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.bench_simulation import simulate_bench
+from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.linear_reach import reach
 from beamdesign.loop import critical_gain
-from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototype
 from beamdesign.quantities import Plausible, range_of, unit_of
 from beamdesign.records import InputError, Record, parse
@@ -260,7 +260,7 @@ def test_a_certificate_beyond_all_limits_is_not_tried(
     path = tmp_path / "certificate.toml"
     path.write_text(with_entry(certificates[which], key, value))
     try:
-        valid = replay(path).valid
+        valid = check(path).valid
     except InputError:
         return
     assert not valid
@@ -275,13 +275,13 @@ def test_a_leaf_that_multiplies_out_to_millions_is_refused_by_its_name(
     found["leaf"][name] = "(a+b+c+d+e+s)**60"
     path.write_text(tomli_w.dumps(found))
     with pytest.raises(InputError, match=f"leaf.{name} comes to"):
-        replay(path)
+        check(path)
 
 
 def test_honest_certificates_are_within_the_limits(certificates: dict[str, str], tmp_path: Path) -> None:
     for name, text in certificates.items():
         (tmp_path / name).write_text(text)
-        assert replay(tmp_path / name).valid
+        assert check(tmp_path / name).valid
 
 
 def test_a_huge_certificate_and_a_pipe_are_not_read(tmp_path: Path) -> None:
@@ -290,4 +290,4 @@ def test_a_huge_certificate_and_a_pipe_are_not_read(tmp_path: Path) -> None:
         file.truncate(10**9)
     for odd in (path, Path("/dev/zero"), tmp_path):
         with pytest.raises(InputError):
-            replay(odd)
+            check(odd)

@@ -8,6 +8,7 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamdesign.checker.inequalities import Slack
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, loop
@@ -26,7 +27,6 @@ from beamdesign.proof.performance import (
 )
 from beamdesign.proof.quadratic import quadratic_nonnegative
 from beamdesign.proof.rational import nearest
-from beamdesign.proof.replay import Slack
 from beamdesign.proof.statements import frequency_below, shifted, squared_frequency_above
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 

@@ -19,10 +19,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_figures import cut_off
 
+from beamdesign.checker import check
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam
 from beamdesign.members import paper_model
-from beamdesign.proof.replay import replay
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.canvas import new_figure
@@ -114,7 +114,7 @@ def test_the_folder_holds_the_record_and_a_certificate_that_proves_it_again(
     assert prototype.guarantee is not None
     assert prototype.guarantee.certificate == folder["certificate"].name
     assert prototype.guarantee.certificate_sha256 == hashlib.sha256(folder["certificate"].read_bytes()).hexdigest()
-    assert replay(folder["certificate"]).valid
+    assert check(folder["certificate"]).valid
 
 
 def test_a_run_without_a_result_writes_nothing(run: DesignRun, tmp_path: Path) -> None:
@@ -314,8 +314,8 @@ def test_a_browser_has_nothing_to_complain_of(html: str, tmp_path: Path) -> None
 
 def test_every_check_stands_in_the_page_and_the_governing_one_is_named(run: DesignRun, page: Page) -> None:
     rows = {row[0]: row for row in page.rows if len(row) == 5}
-    for check in run.sizing.checks:
-        name, value, limit, used, *_ = check_row(check)
+    for one in run.sizing.checks:
+        name, value, limit, used, *_ = check_row(one)
         shown = f"{name} (governing)" if name == run.sizing.governing else name
         assert rows[shown][1:3] == [value, limit]
         assert rows[shown][3].startswith(used)

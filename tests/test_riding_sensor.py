@@ -10,6 +10,7 @@ from math import pi
 import numpy as np
 import pytest
 
+from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
@@ -18,7 +19,6 @@ from beamdesign.design.loop_search import best_gain, sampled_bandwidth
 from beamdesign.linear import LinearModel
 from beamdesign.loop import LoopAtMass, loop, rig_loop
 from beamdesign.members import family
-from beamdesign.proof.replay_members import replay
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.study.redesign import redesign
 
@@ -83,7 +83,7 @@ def test_what_is_tuned_keeps_its_promise_by_the_matrices_of_the_rig(riding: Prot
     made = redesign(riding, (0.0, 3.0))
     assert made.prototype is not None, made.reason
     assert made.certificate is not None
-    assert replay(made.certificate.text).valid
+    assert check(made.certificate.text).valid
     guarantee = made.prototype.guarantee
     assert guarantee is not None
     lines = np.concatenate([np.geomspace(0.01, guarantee.bandwidth_Hz, 100), [guarantee.bandwidth_Hz * 1.003]])

@@ -11,6 +11,7 @@ import pytest
 from delivered import delivered, drawn
 from typer.testing import CliRunner
 
+from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.design.loop_samples import Samples, samples, slacks
@@ -21,7 +22,6 @@ from beamdesign.design.tuning import Tuning, tune
 from beamdesign.design.worst_samples import WorstSamples, worst_samples
 from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.replay import replay
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.study.robust_proof import claims_of, draw_rigs, least_share
@@ -146,7 +146,7 @@ def test_every_rig_that_is_named_is_proved_and_its_certificate_is_proved_again(r
         found = certify(spread.rig(z), *MASSES_KG, claims_of(spread.prototype, proved))
         assert found.holds, found.reason
         text = (robust["folder"] / f"certificate.rig-{k}.toml").read_text()
-        assert replay(text).claims
+        assert check(text).claims
 
 
 def test_all_rigs_drawn_from_within_the_sigmas_keep_the_claim(robust: dict[str, Any]) -> None:

@@ -11,10 +11,10 @@ from flint import fmpq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Observer, Proportional
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.replay_any import replay
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.realisation.realise import floats
@@ -236,7 +236,7 @@ def test_the_circuit_is_proved_with_its_tolerances(rig: Prototype, tmp_path: Pat
             assert max(closed.poles().real) < 0
     text = found[0].tolerances[-1].certificate
     (tmp_path / "box.toml").write_text(text)
-    assert replay(tmp_path / "box.toml").valid
+    assert check(tmp_path / "box.toml").valid
 
 
 def test_components_that_make_the_loop_unstable_refute(rig: Prototype) -> None:

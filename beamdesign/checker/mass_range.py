@@ -22,6 +22,8 @@ def statements(table: Table, rig: Rig) -> Statements:
     """Every statement of the certificate: whether it was proved, and it or its failure in words."""
     masses = table.range("outer_end_mass_kg", least=0)
     members = [Member(loop) for loop in rig.loops()]
+    same = _same(table.tables("loop"), [member.loop for member in members])
+    yield same, f"the polynomials {'are' if same else 'are not'} those of the rig and its elements"
     if not any(member.loop.performing for member in members):
         raise Unreadable("no combination of the ends of the spans is to perform")
     stated, alone = table.table("stability"), members[0] if len(members) == 1 else None
@@ -39,6 +41,25 @@ def statements(table: Table, rig: Rig) -> Statements:
         yield agrees(stated, "stable", whole)
     for claim in table.tables("claim"):
         yield _claim(claim, members, whole, masses)
+
+
+def _same(stated: Sequence[Table], loops: Sequence[Loop]) -> bool:
+    """Whether the polynomials stated are those of the loops, of each but for one common positive factor.
+
+    Whoever wrote them has them from the effects' laws, and not from the elements.
+    """
+    if len(stated) != len(loops):
+        return False
+    good = True
+    for table, loop in zip(stated, loops, strict=True):
+        returned, closed = loop.returned, loop.closed
+        own = {"p0": closed[0], "p1": closed[1], "returned": returned[0], "returned_slope": returned[1]}
+        own |= {"disturbance": loop.disturbance}
+        found = {name: table.polynomial(name) for name in own}
+        lead = closed[1].degree()
+        factor = found["p1"][lead] / closed[1][lead]
+        good = good and factor > 0 and all(one * factor == found[name] for name, one in own.items())
+    return good
 
 
 @dataclass(frozen=True)

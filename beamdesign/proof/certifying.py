@@ -8,7 +8,7 @@ from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
 from beamdesign.proof.family_certificate import Proved, common_ranges, covered, rectangles, scope
-from beamdesign.proof.mass_tables import KIND, claim_tables, common_table, stability_table
+from beamdesign.proof.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
 from beamdesign.proof.performance import INEQUALITIES, Claim
 from beamdesign.proof.rational import nearest, text
 from beamdesign.proof.rectangle import bandwidth, largest_effort, largest_loop_gain, peak_sensitivity, prove
@@ -47,7 +47,8 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
         "outer_end_mass_kg": [text(low), text(high)],
         "stability": stability_table(stability) if alone else common_table(stability),
     }
-    written_text = certificate(KIND, prototype, body | claim_tables(written, alone), summary, high_kg)
+    body |= claim_tables(written, alone) | {"loop": [loop_table(part.stable.loop) for part in proved]}
+    written_text = certificate(KIND, prototype, body, summary, high_kg)
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
     about = tuple(covered(prototype, found)) if prototype.effects else ()
     return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, written_text, method, about)

@@ -8,16 +8,39 @@ from typing import Any
 from flint import arb, ctx, fmpq
 
 from beamdesign.crossing import Crossing
+from beamdesign.loop import Loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.performance import Claim
 from beamdesign.proof.rational import bounds, shortened, simple_between, text
-from beamdesign.proof.rig_tables import texts
+from beamdesign.proof.rig_tables import coefficients, texts
 from beamdesign.proof.stability import Range, StabilityMap
 
 KIND = "beamdesign.mass_range"
 _DIGITS = 12
 
 Tables = dict[str, Any]
+
+
+def loop_table(loop: Loop) -> Tables:
+    """A loop's polynomials over one common factor, so that every coefficient is a whole number.
+
+    With m the outer end mass in kg the characteristic polynomial is p0 + m p1, the numerator of the loop gain is
+    returned + m returned_slope, its denominator what the two differ by, and x / F_d is disturbance / (p0 + m p1).
+    """
+    named = {
+        "p0": loop.characteristic.constant,
+        "p1": loop.characteristic.slope,
+        "returned": loop.returned.constant,
+        "returned_slope": loop.returned.slope,
+        "disturbance": loop.disturbance,
+    }
+    factor, divisor = fmpq(1), fmpq(0)
+    for polynomial in named.values():
+        factor *= (polynomial * factor).denom()
+    for polynomial in named.values():
+        for value in (polynomial * factor).coeffs():
+            divisor = fmpq(value.p.gcd(divisor.p))
+    return {name: coefficients(polynomial * (factor / divisor)) for name, polynomial in named.items()}
 
 
 def common_table(stability: StabilityMap) -> Tables:

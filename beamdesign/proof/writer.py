@@ -15,6 +15,7 @@ _NOTES = {
     "rig": "The lumped figures of the model, end masses not included; damping is that of fixed dashpots. SI.",
     "controller": "From error volts to current; numerators and denominator list the coefficients of s^0, s^1, ...",
     "effect": "What stands for an effect: springs, dashpots, masses, filters; numbers may be times a span.",
+    "loop": "The closed loop p0 + m p1 over the end mass m, in kg, at every combination of the ends of spans.",
     "stability": "Over the outer end mass. Roots cross the imaginary axis at the crossings and nowhere else.",
 }
 
@@ -48,8 +49,7 @@ def certificate(
         f"version = {VERSION}",
         "",
     ]
-    tables = {"name": prototype.name} | _rest(body, plain=True)
-    tables |= rig_tables(prototype, largest_outer_end_mass) | _rest(body, plain=False)
+    tables = {"name": prototype.name} | rig_tables(prototype, largest_outer_end_mass) | dict(body)
     lines = tomli_w.dumps(tables).splitlines(keepends=True)
     words = {**_NOTES, **(notes or {})}
     for name, note in words.items():
@@ -58,8 +58,3 @@ def certificate(
             lines[heads[0]] = f"# {note}\n{lines[heads[0]]}"
     above, below = "\n".join(head), "".join(lines)
     return f'{above}sha256 = "{hashlib.sha256((above + below).encode()).hexdigest()}"\n{below}'
-
-
-def _rest(body: Mapping[str, Any], plain: bool) -> dict[str, Any]:
-    """The entries that stand before all tables, or the tables."""
-    return {key: value for key, value in body.items() if isinstance(value, dict) is not plain}

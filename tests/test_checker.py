@@ -1,0 +1,255 @@
+"""The checker by itself: it needs nothing of the rest, accepts every certificate, and reads strictly."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flint import fmpq, fmpq_poly
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import beamdesign
+from beamdesign import checker
+from beamdesign.checker import Unreadable, check
+from beamdesign.checker.reading import rational
+from beamdesign.checker.roots import bound, halve, isolate
+from beamdesign.checker.stability import _hurwitz_matrix, _routh
+from beamdesign.polynomial import roots
+from beamdesign.proof.certificate import Asked
+from beamdesign.proof.certifying import certify
+from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype, write_prototype
+
+ASKED = (
+    Asked("decay_rate", 3.0),
+    Asked("gain_margin", 1.05),
+    Asked("gain_margin", 1.5),
+    Asked("gain_margin", 0.5),
+    Asked("peak_sensitivity", 2.0),
+    Asked("compliance", COMPLIANCE_LIMIT_M_PER_N, 6.0),
+    Asked("compliance", COMPLIANCE_LIMIT_M_PER_N, 7.0),
+    Asked("decay_rate", 50.0),
+)
+
+
+@pytest.fixture
+def unstable(remedy: Prototype) -> str:
+    """Both crossings inside the range."""
+    return certify(remedy, 0.0, 20.0, ASKED[:2]).text
+
+
+@pytest.fixture
+def stable(remedy: Prototype) -> str:
+    """A stable range, with claims that hold and others that are refuted."""
+    return certify(remedy, 3.0, 6.8, ASKED).text
+
+
+def test_certificates_are_valid(remedy: Prototype, stable: str, unstable: str) -> None:
+    for text in (stable, unstable, certify(remedy, 5.0, 5.0).text, certify(remedy, 0.0, 1.0, ASKED).text):
+        outcome = check(text)
+        assert outcome.failed == ()
+        assert outcome.valid
+
+
+@pytest.mark.parametrize("kind", ["lag", "proportional"])
+@pytest.mark.parametrize("filter_Hz", [None, 400.0])
+def test_every_kind_of_loop_is_built_anew(remedy: Prototype, kind: str, filter_Hz: float | None) -> None:
+    controller = remedy.controller.but(gain_A_per_V=0.05) if kind == "lag" else {"kind": kind, "gain_A_per_V": 0.004}
+    prototype = remedy.but(controller=controller, sensor=remedy.sensor.but(filter_Hz=filter_Hz))
+    found = certify(prototype, 0.0, 6.8)
+    assert found.stable
+    assert check(found.text).valid
+
+
+def test_every_statement_is_repeated_with_its_number(stable: str, unstable: str) -> None:
+    said = check(unstable).proved
+    assert "unstable from 0 to 1.968442 kg" in said
+    assert "stable from 1.968442 to 17.79211 kg" in said
+    assert "stable: no" in said
+    said = check(stable).proved
+    assert "stays stable up to 17.79211 kg" in said
+    assert "refuted: peak sensitivity at most 2" in said
+    assert "every pole decays faster than 3 1/s" in said
+    assert "compliance at most 5.71e-08 m/N up to 6 Hz" in said
+
+
+def test_the_rig_is_named_with_its_figures(remedy: Prototype) -> None:
+    rig = remedy.but(effects={"valve_deadband": {"half_width_A": 0.0003}, "transport_delay": {"delay_s": 0.0002}})
+    told = "\n".join(check(certify(rig, 3.0, 5.0).text).about)
+    for figure in ("outer_stiffness_N_per_m 486800", "half_width_A 0.0003", "delay_s 0.0002", "gain times 0 to 1"):
+        assert figure in told
+
+
+def test_any_change_of_the_text_breaks_the_seal(stable: str) -> None:
+    for altered in (
+        stable.replace("# Proved", "# proved", 1),
+        stable + "\n",
+        stable.replace('name = "paper"', 'name = "x"'),
+    ):
+        assert check(altered).failed == ("the text was altered after it was written (sha256)",)
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda text: "no certificate at all\n", "not a certificate"),
+        (lambda text: text.replace("version = 2", "version = 1"), "make the certificate again"),
+        (lambda text: text.replace("version = 2", "version = 3"), "format 3"),
+        (lambda text: text.replace('kind = "beamdesign.mass_range"', 'kind = "other"'), "kind 'other'"),
+        (lambda text: text.replace('kind = "twin_beam"', 'kind = "bench"'), "rig.kind"),
+        (lambda text: text.replace('kind = "decay_rate"', 'kind = "beauty"'), "claim.*kind"),
+        (lambda text: text.replace("inner_mass_kg", "inner_mass"), "inner_mass_kg is missing"),
+        (lambda text: text.replace('"486800"', '"about 486800"'), "decimal"),
+        (lambda text: text.replace('"486800"', '"486800.0 "'), "decimal"),
+        (lambda text: text.replace('"486800"', '"486_800"'), "decimal"),
+        (lambda text: text.replace('"486800"', '"\u0664\u0668\u0666"'), "decimal"),
+        (lambda text: text.replace('"486800"', "486800"), "decimal"),
+        (lambda text: text.replace('"486800"', '"' + "9" * 4000 + '"'), "decimal"),
+        (lambda text: text.replace('"3.9"', '"-3.9"'), "above 0"),
+        (lambda text: text.replace("[rig]", "[rig]\nbandwidth_Hz = 30.0"), "not known.*rig.bandwidth_Hz"),
+        (lambda text: text.replace("[rig]", "[[claims]]\nholds = true\n[rig]"), "not known.*claims"),
+        (lambda text: text.replace("holds = true", 'holds = "yes"', 1), "true or false"),
+        (lambda text: text + "x = " + "[" * 100 + "]" * 100, "nested"),
+        (lambda text: text + "x = " + "[" * 100_000, "not a certificate|nested"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(stable: str, damage: Callable[[str], str], reason: str) -> None:
+    with pytest.raises(Unreadable, match=reason):
+        check(damage(stable))
+
+
+def test_a_certificate_is_of_its_own_prototype_and_of_no_other(remedy: Prototype, tmp_path: Path) -> None:
+    rig = remedy.but(effects={"sensor_lag": {"break_Hz": 900.0}})
+    path = tmp_path / "p.toml"
+    write_prototype(rig, path)
+    text = certify(rig, 3.0, 5.0).text
+    assert check(text, path).valid
+    assert check(text, prototype_table(rig, 5.0)).valid
+    others = [
+        rig.but(payload=remedy.payload.but(outer_end_mass_kg=(0.0, 9.0))),
+        rig.but(payload=remedy.payload.but(inner_end_mass_kg=1.0)),
+        rig.but(goal=remedy.goal.but(peak_sensitivity=3.0)),
+        rig.but(arm={"offset_m": (0.0, 0.9, 0.0)}),
+        rig.but(effects={}),
+        rig.but(effects={"sensor_lag": {"break_Hz": 901.0}}),
+        rig.but(controller=remedy.controller.but(pole_Hz=2.0)),
+        rig.but(outer_beam=remedy.outer_beam.but(damping_ratio=0.04)),
+        rig.but(servovalve=remedy.servovalve.but(natural_frequency_Hz=151.0)),
+        rig.but(sensor=remedy.sensor.but(filter_Hz=300.0)),
+    ]
+    for other in others:
+        write_prototype(other, path)
+        for found in (check(text, path), check(text, prototype_table(other, 5.0))):
+            assert not found.valid
+            assert all(words.startswith("not of this prototype") for words in found.failed)
+
+
+def test_figures_from_a_section_are_worked_out_anew(remedy: Prototype, tmp_path: Path) -> None:
+    """Rounded corners too; Zalucky and Hardt (1984), equations (3) and (5)."""
+    geometry = {"width_m": 0.14, "wall_m": 0.0023, "corner_radius_m": 0.006, "length_m": 1.5, "free_length_m": 1.195}
+    beam = geometry | {"material": "6061-T6", "end_mass_kg": 2.93}
+    rig = remedy.but(outer_beam=beam)
+    path = tmp_path / "p.toml"
+    write_prototype(rig, path)
+    text = certify(rig, 3.0, 3.1).text
+    assert tomllib.loads(text)["material"] == {
+        "6061-T6": {"youngs_modulus_Pa": "69000000000", "density_kg_per_m3": "2700"}
+    }
+    assert check(text, path).valid
+    write_prototype(rig.but(outer_beam=beam | {"wall_m": 0.0023001}), path)
+    assert len(check(text, path).failed) == 3  # stiffness, mass and damping of the outer beam
+
+
+def test_a_guarantee_rests_on_its_own_file(remedy: Prototype, tmp_path: Path) -> None:
+    path, text = tmp_path / "c.toml", certify(remedy, 3.0, 5.0).text
+    path.write_text(text)
+    table = prototype_table(remedy) | {"guarantee": {"certificate": "c.toml", "certificate_sha256": "0" * 64}}
+    assert len(check(path, table).failed) == 1
+    assert check(path, table | {"guarantee": {"certificate": "other.toml", "certificate_sha256": "0" * 64}}).valid
+
+
+ALONE = """
+import importlib.abc, runpy, sys
+class Closed(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        top, _, inner = name.partition(".")
+        inside = top == "beamdesign" and inner.split(".")[0] in ("", "checker", "__main__")
+        if not inside and top not in sys.stdlib_module_names and top not in ("flint",):
+            raise ImportError(name)
+sys.meta_path.insert(0, Closed())
+sys.argv = sys.argv[1:]
+runpy.run_module("beamdesign.checker", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.mark.parametrize(("verdict", "status"), [("valid", 0), ("altered", 1), ("malformed", 2)])
+def test_it_runs_where_nothing_else_can_be_imported(tmp_path: Path, stable: str, verdict: str, status: int) -> None:
+    text = {"valid": stable, "altered": stable.replace('"486800"', '"486801"'), "malformed": "kind = 1\n"}[verdict]
+    (tmp_path / "certificate.toml").write_text(text)
+    command = [sys.executable, "-W", "error", "-c", ALONE, "beamdesign.checker", "certificate.toml"]
+    home = str(Path(beamdesign.__file__).parents[1])
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False, env={"PYTHONPATH": home, "PATH": ""}
+    )
+    assert done.returncode == status, done.stderr
+
+
+def test_nothing_that_proves_imports_it_and_it_imports_nothing_that_proves() -> None:
+    home = Path(checker.__file__).parent
+    for path in home.glob("*.py"):
+        imported = set(re.findall(r"^(?:from|import) ([\w.]+)", path.read_text(), re.MULTILINE))
+        outside = {name for name in imported if name.split(".")[0] not in sys.stdlib_module_names}
+        assert all(name.startswith(("beamdesign.checker", "flint")) for name in outside), path.name
+    others = [path for path in home.parent.rglob("*.py") if home not in path.parents]
+    using = {path.relative_to(home.parent).as_posix() for path in others if "beamdesign.checker" in path.read_text()}
+    assert using <= {"__init__.py", "cli/certify.py", "proof/writer.py"}
+
+
+# Its own root isolation and Routh test.
+
+quick = settings(max_examples=60, deadline=None)
+
+
+@quick
+@given(st.lists(st.fractions(min_value=-4, max_value=4, max_denominator=6), min_size=1, max_size=6, unique=True))
+def test_isolation_by_signs_finds_every_root(points):
+    wanted = sorted(fmpq(x.numerator, x.denominator) for x in points)
+    polynomial = fmpq_poly([3, 0, 1])
+    for x in wanted:
+        polynomial *= fmpq_poly([-x, 1])
+    inside = [x for x in wanted if -3 < x < 5]
+    found = isolate(polynomial, fmpq(-3), fmpq(5))
+    assert len(found) == len(inside)
+    assert all(low < x < high or low == x == high for (low, high), x in zip(found, inside, strict=True))
+    assert all(abs(x) < bound(polynomial) for x in wanted)
+    for interval, x in zip(found, inside, strict=True):
+        for _ in range(20):
+            interval = halve(polynomial, interval)
+        assert interval[0] <= x <= interval[1]
+        assert interval[1] - interval[0] <= fmpq(8, 2**20)
+
+
+@quick
+@given(st.lists(st.integers(-6, 9), min_size=2, max_size=7), st.booleans())
+def test_its_routh_test_agrees_with_numerical_roots(coefficients, positive):
+    polynomial = fmpq_poly([abs(c) + 1 for c in coefficients] if positive else coefficients)
+    if polynomial.degree() < 1 or abs(largest := roots(polynomial).real.max()) < 1e-9:
+        return
+    assert _routh(polynomial) == (largest < 0)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
+def test_its_determinant_is_the_product_of_sums_of_roots(degree: int):
+    """Orlando's formula: the last but one Hurwitz determinant is a product over all pairs of roots."""
+    points = np.arange(1, degree + 1) * 0.5 - 1.25
+    polynomial = fmpq_poly([1])
+    for x in points:
+        polynomial *= fmpq_poly([-rational(str(x)), 1])
+    determinant = _hurwitz_matrix(polynomial, degree).det()
+    sums = np.prod([points[i] + points[k] for i in range(degree) for k in range(i)])
+    assert abs(float(determinant.p) / float(determinant.q)) == pytest.approx(abs(sums))
