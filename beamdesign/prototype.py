@@ -1,5 +1,6 @@
 """The prototype: one description of a rig, which every command takes and gives."""
 
+import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -10,7 +11,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Cascade, Controller, Scheduled
-from beamdesign.files import write_whole
+from beamdesign.files import read_bytes, write_whole
 from beamdesign.materials import unknown_material
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
@@ -380,14 +381,36 @@ def read_prototype(path: str | Path) -> Prototype:
     """Read a prototype.toml.
 
     Raises:
-        InputError: naming file, key and reason of everything wrong with it.
+        InputError: naming file, key and reason of everything wrong with it; also where the certificate that its
+            guarantee rests on lies beside it and has another content.
     """
     table = records.read_table(path)
     if table.get("kind", "twin_beam") != "twin_beam" and not str(table["kind"]).startswith("beamdesign."):
         raise records.InputError(
             path, [("kind", f"{table['kind']!r} is not a rig this command can work on; expected 'twin_beam'")]
         )
-    return records.parse(Prototype, table, path)
+    record = records.parse(Prototype, table, path)
+    if record.guarantee is not None and (reason := _changed(record.guarantee, Path(path).parent)):
+        raise records.InputError(path, [("guarantee.certificate_sha256", reason)])
+    return record
+
+
+def _changed(guarantee: Guarantee, folder: Path) -> str:
+    """That the certificate of a guarantee has another content than it had, in words; empty where it has not."""
+    if Path(guarantee.certificate).name != guarantee.certificate:
+        return ""  # a path to elsewhere, which is not followed
+    try:
+        data = read_bytes(folder / guarantee.certificate)
+    except FileNotFoundError:
+        return ""  # whoever has the prototype alone can still read it
+    except OSError as error:
+        return f"{guarantee.certificate} beside it cannot be read: {error.strerror or error}"
+    if hashlib.sha256(data).hexdigest() == guarantee.certificate_sha256:
+        return ""
+    return (
+        f"{guarantee.certificate} beside it is not the certificate that was written with it; make both again, or"
+        " remove [guarantee]"
+    )
 
 
 def write_prototype(prototype: Prototype, path: str | Path) -> None:

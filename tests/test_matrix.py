@@ -19,12 +19,12 @@ import pytest
 import tomli_w
 from typer.testing import CliRunner
 
+from beamdesign import checker
 from beamdesign.cli import app, progress
 from beamdesign.design import tuning
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.fitting.hypothesis import cause, singles
 from beamdesign.problem import read_problem
-from beamdesign.proof.replay_any import ROOMS
 from beamdesign.prototype import read_prototype
 from beamdesign.records import InputError
 from beamdesign.rig.effects import library
@@ -429,7 +429,7 @@ MADE: dict[str, tuple[dict[str, Any], str, str]] = {
 
 
 def test_no_kind_of_certificate_is_left_out_and_every_hole_is_of_a_cell() -> None:
-    assert set(MADE) == set(ROOMS)
+    assert set(MADE) == set(checker.KINDS)
     assert set(HOLES) <= set(product(COMMANDS, KINDS))
 
 

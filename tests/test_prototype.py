@@ -1,6 +1,7 @@
 """The prototype: TOML in and out without loss, and every refusal that a user may meet."""
 
 import copy
+import hashlib
 import tomllib
 from math import inf, nan
 from pathlib import Path
@@ -385,3 +386,25 @@ def test_whole_numbers_are_figures_too():
     prototype = prototype_from(table)
     assert isinstance(prototype.sensor.gain_V_per_m, float)
     assert prototype.payload.outer_end_mass_kg == (0.0, 7.0)
+
+
+@pytest.mark.parametrize(("content", "problems"), [(None, 0), (b"proof", 0), (b"another", 1)])
+def test_the_certificate_of_a_guarantee_has_the_content_it_had(
+    paper: Prototype, tmp_path: Path, content: bytes | None, problems: int
+) -> None:
+    guarantee = {
+        "bandwidth_Hz": 4.0,
+        "peak_sensitivity": 2.0,
+        "outer_end_mass_kg": (0.0, 1.0),
+        "certificate": "certificate.toml",
+        "certificate_sha256": hashlib.sha256(b"proof").hexdigest(),
+    }
+    write_prototype(paper.but(guarantee=guarantee), tmp_path / "prototype.toml")
+    if content is not None:
+        (tmp_path / "certificate.toml").write_bytes(content)
+    found = []
+    try:
+        read_prototype(tmp_path / "prototype.toml")
+    except InputError as error:
+        found = [problem.key for problem in error.problems]
+    assert found == ["guarantee.certificate_sha256"] * problems

@@ -63,7 +63,7 @@ class Certificate:
         stability: ranges and crossings, exact.
         claims: what was asked, each held or refuted.
         guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
-        text: the certificate as `beamdesign.proof.replay` reads it.
+        text: the certificate as `beamdesign.checker` reads it.
         method: how it was proved, in words.
         scope: for a prototype with effects, per effect what is covered and what is not, in words.
     """
