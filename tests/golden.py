@@ -174,7 +174,7 @@ Figures = dict[str, Any]
 
 _SKIPPED = re.compile(r"sha256|seconds|certificates$|\.P\b|version$")
 """Digests, effort, and matrices that a solver found: that these prove what they should is for the checker."""
-_EXACT = re.compile(r"\.toml:(rig|controller|polynomials|range|low$|high$|member\[)|\.c:")
+_EXACT = re.compile(r"\.toml:(rig|controller|effect|loop|polynomials|range|outer_end_mass_kg|low$|high$)|\.c:")
 """Figures that must not move by a digit: those of the rig and its polynomials, and the words of the code."""
 _WORD = re.compile(r"[A-Za-z_][\w:+-]*(\.[\w:+-]+)*")
 _RATIONAL = re.compile(r"[+-]?\d+(\.\d+)?(e[+-]?\d+)?(/\d+)?", re.IGNORECASE)
@@ -236,7 +236,7 @@ _READERS = {".json": json.loads, ".toml": tomllib.loads, ".csv": _csv, ".c": _de
 def _flat(tree: Any, path: str) -> Iterator[tuple[str, Any]]:
     """Paths with their figures. Lists of numbers stay whole; long lists are thinned, and state their length."""
     if isinstance(tree, dict):
-        if path.endswith("polynomials"):
+        if path.endswith("polynomials") or re.search(r"loop\[\d+\]$", path):
             tree = _up_to_a_factor(tree)
         for key, value in tree.items():
             yield from _flat(value, f"{path}.{key}" if path else key)

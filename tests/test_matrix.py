@@ -413,8 +413,7 @@ def test_every_effect_through_what_works_on_effects(command: str, effect: str) -
 # Every kind of certificate x its own prototype
 
 MADE: dict[str, tuple[dict[str, Any], str, str]] = {
-    "beamdesign.mass_range": ({}, "certify p.toml --out c.toml", "c.toml"),
-    "beamdesign.members": ({"effects": {"sensor_lag": {}}}, "certify p.toml --out c.toml", "c.toml"),
+    "beamdesign.mass_range": ({"effects": {"sensor_lag": {}}}, "certify p.toml --out c.toml", "c.toml"),
     "beamdesign.box": ({}, "certify-box p.toml --sigmas 0.01 --out b.toml", "b.toml"),
     "beamdesign.switching": ({}, "certify-switching p.toml --rate 0.01 --out s.toml", "s.toml"),
     "beamdesign.stages": (KINDS["scheduled"], "certify-switching p.toml --out s.toml", "s.toml"),
