@@ -12,10 +12,10 @@ from beamdesign.checker.roots import Pair
 
 LARGEST_BYTES = 8_000_000
 DEEPEST = 32
-LONGEST_NUMBER = 3_000
-"""Characters of a number."""
-LONGEST_LIST = 256
-"""Entries of a list: coefficients of a polynomial, entries of a row of a matrix, claims."""
+LONGEST_FIGURE, LONGEST_NUMBER = 700, 3_000
+"""Characters of a figure that stands alone, the decimals of the least float among them, and of a coefficient."""
+LONGEST_LIST = 64
+"""Entries of a list: coefficients of a polynomial, entries of a row of a matrix, ranges, claims."""
 LONGEST_WORDS = 20_000
 """Characters of a text that is no number, and entries of a list of such."""
 
@@ -27,13 +27,13 @@ class Unreadable(ValueError):
     """The text is not a certificate of this format."""
 
 
-def rational(text: Any, place: str = "an entry") -> fmpq:
+def rational(text: Any, place: str = "an entry", longest: int = LONGEST_FIGURE) -> fmpq:
     """A decimal or a quotient p/q of ASCII digits, exactly: nothing before, between or behind them but one sign.
 
     Raises:
         Unreadable: for anything else.
     """
-    if not isinstance(text, str) or len(text) > LONGEST_NUMBER or not _NUMBER.fullmatch(text):
+    if not isinstance(text, str) or len(text) > longest or not _NUMBER.fullmatch(text):
         raise Unreadable(f"{place} is not a decimal or a quotient in quotes: {str(text)[:60]!r}")
     above, _, below = text.partition("/")
     whole, _, decimals = above.partition(".")
@@ -93,7 +93,7 @@ class Table:
 
     def numbers(self, key: str) -> list[fmpq]:
         """A list of numbers."""
-        return [rational(value, self.place_of(key)) for value in self.entries(key)]
+        return [rational(value, self.place_of(key), LONGEST_NUMBER) for value in self.entries(key)]
 
     def rows(self, key: str) -> list[list[fmpq]]:
         """A list of lists of numbers."""

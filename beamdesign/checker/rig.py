@@ -23,7 +23,8 @@ FIGURES = (
     "leakage_m3_per_s_per_Pa", "valve_frequency_rad_per_s", "valve_damping_ratio", "sensor_gain_V_per_m",
 )  # fmt: skip
 MAY_BE_ZERO = ("outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa")
-MOST_MEMBERS = 256
+MOST_MEMBERS, HIGHEST_DEGREE = 64, 60
+"""Combinations of the ends of spans, and the power of s in a loop: several times what any rig here comes to."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}", re.ASCII)
 ONCE: Pair = (fmpq(1), fmpq(1))
 """A factor of one."""
@@ -300,6 +301,8 @@ class Rig:
             name: drive * law.numerators[name] * lags for name in SENSED[1:] if name in law.numerators
         }
         around = spool * law.denominator * lags
+        if bare.opened.degree() + around.degree() > HIGHEST_DEGREE:
+            raise Unreadable(f"its loop is of a higher degree than {HIGHEST_DEGREE}")
         returned, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
         return Loop(
