@@ -1,6 +1,6 @@
 """The closed loop of a prototype over its outer end mass: poles, gains, compliance, margins, sensitivity, bandwidth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import atan2, degrees, inf, pi, sqrt
 
@@ -30,17 +30,24 @@ class Loop:
         demanded: numerator of C S, current over noise of the displacement sensor and, but for the sign and a law's own
             `b_command`, over command volts; C is what the controller makes of that sensor. Of the same denominator as
             S; None where it is not known.
+        added: the part of `returned` that comes from added sensors, all but the displacement's; zero without any.
     """
 
     opened: Affine
     returned: Affine
     disturbance: fmpq_poly
     demanded: Affine | None = None
+    added: Affine = field(default_factory=lambda: Affine(fmpq_poly([0]), fmpq_poly([0])))
 
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial p0 + m p1."""
         return self.opened + self.returned
+
+    @cached_property
+    def cut(self) -> Affine:
+        """The same with the displacement sensor cut off, and the added ones not."""
+        return self.opened + self.added
 
     @property
     def gain_and_mass_apart(self) -> bool:
@@ -60,13 +67,18 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
     Raises:
         ValueError: for a plant with other sensors than the controller's.
     """
-    law, zero = controller.sensed_law(), fmpq_poly([0])
+    law = controller.sensed_law()
     if law.sensors != plant.sensors:
         raise ValueError(f"the plant has the sensors {plant.sensors}, the controller {law.sensors}")
-    returned, disturbance = Affine(zero, zero), plant.disturbance * law.denominator
-    for numerator, control, crossed in zip(law.numerators, plant.control, plant.crossed, strict=True):
-        returned, disturbance = returned + control * numerator, disturbance + crossed * numerator
-    return Loop(plant.denominator * law.denominator, returned, disturbance, plant.denominator * law.numerators[0])
+    own, *others = (control * above for control, above in zip(plant.control, law.numerators, strict=True))
+    crossed = (part * above for part, above in zip(plant.crossed, law.numerators, strict=True))
+    return Loop(
+        opened=plant.denominator * law.denominator,
+        returned=sum(others, own),
+        disturbance=sum(crossed, plant.disturbance * law.denominator),
+        demanded=plant.denominator * law.numerators[0],
+        added=sum(others, own * fmpq(0)),
+    )
 
 
 def rig_loop(rig: LinearModel, inner_end_mass: float, controller: Controller) -> Loop:
@@ -90,7 +102,9 @@ def _member_loop(prototype: Prototype, member: Member) -> Loop:
         raise ValueError("the prototype has no [controller]")
     closed = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, prototype.controller)
     factor = member.gain.high
-    return closed if factor == 1 else replace(closed, returned=closed.returned * exact(factor))
+    if factor == 1:
+        return closed
+    return replace(closed, returned=closed.returned * exact(factor), added=closed.added * exact(factor))
 
 
 @dataclass(frozen=True)

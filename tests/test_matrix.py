@@ -332,7 +332,6 @@ _LISTED = (
     ("certify-switching", f"{_SENSORS}", "to be closed: the certificate states one transfer function"),
     ("tune --robust", "compliant", "to be closed: a stiffness is given for the figures as they stand"),
     ("tune --robust", "scheduled", "to be closed: every stage by itself"),
-    ("arm", f"{_SENSORS}", "to be closed: the loops are those of the tips alone"),
     ("spec", "scheduled", "to be closed: circuit and difference equation are those of one law"),
     (
         "code",

@@ -84,9 +84,9 @@ class BothPlanes:
         scales = [*(loop.disturbance for loop in self.loops), fmpq_poly([1])]
         rows = [[mass * inertia[i, j] * _S2 * scales[i] for j in range(3)] for i in range(3)]
         for i, loop in enumerate(self.loops):
-            rows[i][i] += loop.opened.constant
+            rows[i][i] += loop.cut.constant
             for j in range(3):
-                rows[i][j] += sensed[i, j] * loop.returned.constant
+                rows[i][j] += sensed[i, j] * (loop.returned.constant - loop.added.constant)
         rows[2][2] += self.torsion
         (a, b, c), (d, e, f), (g, h, k) = rows
         return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
@@ -116,10 +116,12 @@ class BothPlanes:
         stiffness = np.zeros((len(s), 3, 3), dtype=complex)
         force = np.zeros((len(s), 3, 3), dtype=complex) + motions.T
         for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
-            scale = _values(loop.disturbance, s)
-            stiffness[:, i, i] = _values(loop.opened.constant, s) / scale
+            # What the tip gives way by is the slope in its mass, but for s^2: with no current, of the loop cut open.
+            passive = loop.cut if servo else loop.opened
+            scale = _values(fmpq_poly(passive.slope.coeffs()[2:]), s)
+            stiffness[:, i, i] = _values(passive.constant, s) / scale
             if servo:
-                fed = _values(loop.returned.constant, s) / scale
+                fed = _values(loop.returned.constant - loop.added.constant, s) / scale
                 stiffness[:, i, :] += fed[:, None] * sensed[i]
                 force[:, i, 1 + i] -= fed * int(plane.sensed_residual.p) / int(plane.sensed_residual.q)
         stiffness[:, 2, 2] = _values(self.torsion, s)

@@ -13,7 +13,8 @@ With the loop without torsion, p0 + m p1, p1 = s^2 q, and torsion t = k + b s + 
 
 and in the same way every other polynomial of the loop. Servos that measure at [s_x, s_y, s_z] from the tip see
 kappa_s u + e_s phi instead of u, with kappa_s and e_s as kappa and e; what they return is then
-R (kappa_s t + m s^2 e (kappa_s e - kappa e_s)) for R at the tip.
+R (kappa_s t + m s^2 e (kappa_s e - kappa e_s)) for R at the tip. What a controller makes of added sensors does not
+depend on where the displacement is measured: p0 and q are those of the loop that they close.
 
 A payload with offsets to both sides couples both planes and is in `beamdesign.arm.both_planes`.
 """
@@ -25,7 +26,6 @@ from typing import Literal
 from flint import fmpq, fmpq_poly
 
 from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
-from beamdesign.controllers import refuse
 from beamdesign.loop import Loop, LoopAtMass, loop
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
@@ -136,7 +136,7 @@ class PlaneLoop:
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial."""
-        return _sum(self.opened, self.returned)
+        return self.opened + self.returned
 
     def at(self, payload: float) -> LoopAtMass:
         """The loop at one payload, kg; its compliance is that of the tip."""
@@ -149,25 +149,18 @@ class PlaneLoop:
         return LoopAtMass(self.opened.at(mass), self.returned.at(mass), self.load.at(mass), self.demanded.at(mass))
 
 
-def _sum(one: Affine, other: Affine) -> Affine:
-    return Affine(one.constant + other.constant, one.slope + other.slope)
-
-
 def single_loop(prototype: Prototype, name: Name) -> Loop:
     """The loop of one plane without offset: that of the prototype, for y with the second controller if there is one.
 
     Raises:
-        InputError: for a prototype with effects, without a controller or with one of several sensors.
+        InputError: for a prototype with effects, or without a controller.
     """
     wrong = [(f"effects.{key}", "the arm is worked out without effects; remove it") for key in prototype.effects]
     if prototype.controller is None:
         wrong.append(("controller", "missing; the arm's loops are closed"))
     if wrong:
         raise InputError(prototype.name, wrong)
-    plane = in_plane(prototype, name)
-    assert plane.controller is not None  # a second one stands beside a first
-    refuse(plane.controller, "one sensor", "the arm, whose loops are those of its tips", prototype.name)
-    return loop(plane)
+    return loop(in_plane(prototype, name))
 
 
 def in_plane(prototype: Prototype, name: Name) -> Prototype:
@@ -199,14 +192,15 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
 
     assert single.demanded is not None  # the loop of a prototype knows its controller
-    fed, seen, seen_roll = single.returned.constant, figures.sensed_travel, figures.sensed_lever
+    fed = single.returned.constant - single.added.constant
+    cut, seen, seen_roll = single.cut.constant, figures.sensed_travel, figures.sensed_lever
     opened = joined(single.opened)
-    returned = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll))
-    characteristic = _sum(opened, returned)
+    returned = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll)) + joined(single.added)
+    characteristic = opened + returned
     # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
-    load = figures.travel**2 * single.disturbance * t + e**2 * single.opened.constant
+    load = figures.travel**2 * single.disturbance * t + e**2 * cut
     load += e * (seen * e - figures.travel * seen_roll) * fed - figures.sensed_residual * figures.travel * fed * t
-    roll = Affine(e * (single.opened.constant + seen * fed), _S2 * fed * e * figures.travel * figures.sensed_residual)
+    roll = Affine(e * (cut + seen * fed), _S2 * fed * e * figures.travel * figures.sensed_residual)
     return PlaneLoop(
         figures,
         opened,
