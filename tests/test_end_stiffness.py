@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beamdesign.proof.replay_contact import Malformed, replay
 from flint import fmpq
 from typer.testing import CliRunner
 
@@ -36,7 +37,6 @@ from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proof.bouncing import popov_slack
 from beamdesign.proof.contact import Wall, prove_contact, stable_walls
 from beamdesign.proof.passivity import absorbed
-from beamdesign.proof.replay_contact import Malformed, replay
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead

@@ -27,6 +27,8 @@ __all__ = ["KINDS", "VERSION", "Unreadable", "Verdict", "check"]
 
 VERSION = 2
 KINDS = {
+    "beamdesign.arm_plane": "arm",
+    "beamdesign.contact": "contact",
     "beamdesign.mass_range": "mass_range",
 }
 """Kinds of certificates, and the file of this package that proves what each states."""

@@ -1,8 +1,7 @@
 """Whether a prototype is the rig that a certificate states: parsed tables, number by number.
 
-What a prototype's geometry gives where no lumped figure stands is worked out here anew: Zalucky and Hardt (1984),
-equations (3) and (5), for a square tube with rounded corners of an alloy whose modulus and density the certificate
-states. What a prototype leaves out has the value that its format gives it.
+What a prototype's geometry gives where no lumped figure stands is worked out anew, for a square tube of an alloy whose
+modulus and density the certificate states. What a prototype leaves out has the value that its format gives it.
 """
 
 from collections.abc import Iterator, Mapping
@@ -10,14 +9,13 @@ from typing import Any
 
 from flint import arb, fmpq
 
-from beamdesign.checker.law import FLOAT_ROUNDING, decimal, same
+from beamdesign.checker.law import decimal, same
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Rig
+from beamdesign.checker.section import agree, area, second_moment
 
 MODE_MASS_FRACTION = fmpq(236, 1000)
 """Equation (2): the share of a uniform beam's mass that moves with its tip."""
-ROUNDING = 1000 * FLOAT_ROUNDING
-"""Of a figure that floats have worked out of a section's geometry."""
 DEFAULTS: dict[str, dict[str, Any]] = {
     "beam": {"damping_ratio": 0.05, "corner_radius_m": 0.0, "end_mass_kg": 0.0},
     "servovalve": {"damping_ratio": 0.5},
@@ -42,10 +40,11 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
     alloys = {name: materials.table(name) for name in materials.keys}
     for name, value in _figures(prototype, alloys).items():
         stated = rig.figures.get(name)
-        if (stated is None) is not (value is None) or (value is not None and not _agree(stated, value)):
+        if not (stated is value is None or (None not in (stated, value) and agree(stated, value))):
             there = "none" if value is None else f"{float(value.mid()):.8g}"
             yield f"{name} is {'none' if stated is None else short(stated)}, that of the prototype {there}"
-    yield from _laws(rig, prototype)
+    yield from _laws(table, rig, prototype)
+    yield from _plane(table, prototype)
     given = _table(prototype, "effects")
     stated_effects = {effect.name: effect.parameters for effect in rig.effects}
     if stated_effects.keys() != given.keys():
@@ -57,9 +56,9 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
     if "effect" in prototype and prototype["effect"] != (table.entries("effect") if "effect" in table else []):
         yield "the elements stated are not those that stand for its effects"
     for name in TABLES:
-        stated_table, given_table = table.optional(name).whole_of_it(), dict(_table(prototype, name))
+        stated_table, given_table = _full(table.optional(name).whole_of_it()), _full(_table(prototype, name))
         if name in prototype or name in ("payload", "goal"):
-            given_table = DEFAULTS.get(name, {}) | {key: _whole(value) for key, value in given_table.items()}
+            given_table = DEFAULTS.get(name, {}) | given_table
         if name == "payload" and _table(prototype, "controller").get("stage"):
             given_table = given_table | {"outer_end_mass_kg": _within(given_table, stated_table)}
         if not same(stated_table, given_table):
@@ -81,11 +80,6 @@ def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[
             yield f"the prototype does not state {', '.join(unstated)} of {effect.name}, which has a usual value"
 
 
-def _whole(value: Any) -> Any:
-    """A table within a table without what is empty."""
-    return _full(value) if isinstance(value, dict) else value
-
-
 def _within(payload: Mapping[str, Any], stated: Mapping[str, Any]) -> Any:
     """Payloads of one stage, as stated, where they are some of all."""
     given, own = payload.get("outer_end_mass_kg"), stated.get("outer_end_mass_kg")
@@ -96,9 +90,26 @@ def _within(payload: Mapping[str, Any], stated: Mapping[str, Any]) -> Any:
     return [int(end.p) / int(end.q) for end in ends] if inside else given
 
 
-def _laws(rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
-    """That the controller is the prototype's, or one of several that take turns."""
+def _plane(table: Table, prototype: Mapping[str, Any]) -> Iterator[str]:
+    """That a plane of an arm is that of the prototype's outer beam; what follows from its section is proved of it."""
+    if "plane" not in table:
+        return
+    stated, beam = dict(table.table("plane").whole_of_it()), _table(prototype, "outer_beam")
+    stated |= stated.get("section", {})
+    keys = ("width_m", "wall_m", "material")
+    section = () if None in map(beam.get, keys) else (*keys, "corner_radius_m")
+    for key in ("free_length_m", *section):
+        if key not in stated or not same(stated[key], _of(prototype, "outer_beam", key)):
+            yield f"plane: {key} of the outer beam is not that of the prototype"
+    if "section" in stated and not section:
+        yield "the prototype's outer beam has no section, of which the certificate states one"
+
+
+def _laws(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
+    """That the controller is the prototype's, or one of several that take turns or act in one plane."""
     given = _full(_table(prototype, "controller"))
+    if "plane" in table and table.table("plane").whole_of_it()["name"] == "y":
+        given = _full(_table(_table(prototype, "arm"), "second_controller")) or given
     laws = (given, *_each(given, given.get("stage", [])))
     if rig.law is not None and not any(same(_full(rig.law.figures), law) for law in laws):
         yield "[controller] is not that of the prototype"
@@ -113,8 +124,8 @@ def _each(scheduled: Mapping[str, Any], stages: Any) -> Iterator[dict[str, Any]]
 
 
 def _full(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A controller's table without what is empty, which says as much as nothing."""
-    return {key: value for key, value in table.items() if value != []}
+    """A table without lists that are empty, which say as much as nothing."""
+    return {key: _full(value) if isinstance(value, dict) else value for key, value in table.items() if value != []}
 
 
 def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[str, arb | None]:
@@ -152,33 +163,13 @@ def _lumped(prototype: Mapping[str, Any], name: str, alloys: Mapping[str, Table]
         raise Unreadable(f"the certificate states no [material.{material}], of which the prototype's {name} is")
     keys = ("width_m", "wall_m", "corner_radius_m", "free_length_m", "end_mass_kg")
     width, wall, radius, length, end = (_ball(prototype, name, key) for key in keys)
-    opening, inside = width - 2 * wall, radius - wall
-    if not inside > 0:
-        inside = arb(0)
-    area = width**2 - opening**2 - (4 - arb.pi()) * (radius**2 - inside**2)
-    second = (width**4 - opening**4) / 12 - _corners(width, radius) + _corners(opening, inside)
     alloy = alloys[material]
-    from_section = 3 * arb(alloy.number("youngs_modulus_Pa")) * second / length**3
-    moving = end + arb(MODE_MASS_FRACTION * alloy.number("density_kg_per_m3")) * area * length
+    from_section = 3 * arb(alloy.number("youngs_modulus_Pa")) * second_moment(width, wall, radius) / length**3
+    moving = end + arb(MODE_MASS_FRACTION * alloy.number("density_kg_per_m3")) * area(width, wall, radius) * length
     return (
         from_section if stiffness is None else _ball(prototype, name, "stiffness_N_per_m"),
         moving if mass is None else _ball(prototype, name, "effective_mass_kg"),
     )
-
-
-def _corners(side: arb, radius: arb) -> arb:
-    """Second moment of what rounding takes from a square's corners: four squares less four quarter discs."""
-    to_centre = side / 2 - radius
-    square = radius**4 / 12 + radius**2 * (to_centre + radius / 2) ** 2
-    centroid = 4 * radius / (3 * arb.pi())
-    disc = arb.pi() * radius**2 / 4
-    quarter = arb.pi() * radius**4 / 16 - disc * centroid**2 + disc * (to_centre + centroid) ** 2
-    return 4 * (square - quarter)
-
-
-def _agree(stated: fmpq | None, value: arb) -> bool:
-    """Whether a figure is that of floats worked out of the prototype's."""
-    return bool(abs(arb(stated) - value) <= abs(value) * arb(ROUNDING))
 
 
 def _table(entries: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -179,7 +179,8 @@ class Loop:
         opened: denominator of L, times that of the controller.
         returned: numerator of L.
         disturbance: numerator of the closed loop's compliance.
-        law: the controller behind the displacement sensor, numerator and denominator.
+        displacement: the part of `returned` that comes from the displacement sensor.
+        law: the controller behind it, numerator and denominator.
         gain: factors over which it is to be stable.
         performing: factors over which it is to perform, None where it is not to.
     """
@@ -188,6 +189,7 @@ class Loop:
     opened: Polynomials
     returned: Polynomials
     disturbance: fmpq_poly
+    displacement: Polynomials
     law: Polynomials
     gain: Pair
     performing: Pair | None
@@ -304,12 +306,14 @@ class Rig:
         if bare.opened.degree() + around.degree() > HIGHEST_DEGREE:
             raise Unreadable(f"its loop is of a higher degree than {HIGHEST_DEGREE}")
         returned, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
+        own = tuple(forward * at.sensed[SENSED[0]] for at in (bare, loaded))
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
         return Loop(
             name,
             (bare.opened * around, (loaded.opened - bare.opened) * around),
             (returned, heavier - returned),
             bare.moved * around + inside,
+            (own[0], own[1] - own[0]),
             law.of_displacement,
             gain,
             performing,

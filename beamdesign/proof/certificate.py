@@ -17,6 +17,11 @@ METHOD = (
     " one Routh test per range between them; inequalities over mass and frequency by real-root isolation"
 )
 
+_COMPLIANCES = {
+    "compliance": "compliance |x/F_d|",
+    "tip_compliance": "compliance of the tip",
+    "load_compliance": "compliance of the payload's centre",
+}
 _UNITS = {"controller_effort": " A/V", "decay_rate": " 1/s", "gain_margin": " times the gain"}
 
 
@@ -122,9 +127,9 @@ def implies(one: Claim, other: Claim) -> bool:
 
 def describe(claim: Claim) -> str:
     """A claim in words."""
-    if claim.kind == "compliance":
+    if claim.kind.endswith("compliance"):
         up_to = "at every frequency" if isinf(claim.bandwidth_Hz or 0) else f"up to {claim.bandwidth_Hz:.7g} Hz"
-        return f"compliance |x/F_d| at most {claim.limit:.6g} m/N {up_to}"
+        return f"{_COMPLIANCES[claim.kind]} at most {claim.limit:.6g} m/N {up_to}"
     if claim.kind == "loop_gain":
         return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
     name = {

@@ -34,7 +34,11 @@ from beamdesign.proof.statements import (
     squared_frequency_below,
 )
 
-Kind = Literal["compliance", "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin"]
+Kind = Literal[
+    "compliance", "tip_compliance", "load_compliance",
+    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
+]  # fmt: skip
+"""Of an arm the compliances are two, of the tip and of the payload's centre."""
 
 INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 """Claims about magnitudes, as opposed to those about poles."""

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 from beamdesign.design.compliant_law import controller_of
 from beamdesign.design.end_stiffness import SHARE, EndStiffness
-from beamdesign.loop import loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.contact import Wall
-from beamdesign.proof.contact_document import Statements, document
+from beamdesign.proof.contact_tables import KIND, NOTES, Statements, contact_tables
+from beamdesign.proof.writer import certificate as written
 from beamdesign.prototype import Compliance, Guarantee, Prototype
-from beamdesign.tip import tip
 
 CERTIFICATE_NAME = "certificate.toml"
 CONTACT_NAME = "certificate.contact.toml"
@@ -83,7 +82,7 @@ def contact_text(prototype: Prototype, found: EndStiffness, masses_kg: tuple[flo
             *in_words(found, wall),
         ]
     )
-    return document(prototype, tip(loop(prototype)), stated, summary)
+    return written(KIND, prototype, contact_tables(stated), summary, notes=NOTES)
 
 
 def in_words(found: EndStiffness, wall: Wall) -> list[str]:

@@ -1,0 +1,202 @@
+"""One plane of an arm over a range of payloads: bending of both beams, and torsion where the payload has a lever on it.
+
+The end of the outer beam moves by u in the plane, turns by 3 u / 2L and twists by phi; a payload at [x, y, z] from it
+is a point mass on a rigid lever. Its equilibrium with tip and twist is solved by Cramer's rule at single payloads,
+where the prover has closed forms in the payload; stability and inequalities are then settled as over a range of outer
+end masses, by other methods than the prover's. Torsional figures follow from [arm] and from the section stated.
+"""
+
+from collections.abc import Callable
+
+from flint import arb, fmpq, fmpq_poly
+
+from beamdesign.checker.inequalities import Bound, Slack, magnitudes
+from beamdesign.checker.ranges import Statements, stability
+from beamdesign.checker.reading import Table, Unreadable, short
+from beamdesign.checker.rig import Loop, Rig
+from beamdesign.checker.roots import ZERO, Pair, Polynomials, S
+from beamdesign.checker.section import agree, second_moment, torsion_constant
+from beamdesign.checker.stability import Family
+
+CLAIMS = ("tip_compliance", "load_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+TORSION_SHARE = fmpq(1, 3)
+"""Of a tube's polar inertia that turns with its end, where the twist grows evenly (Rayleigh)."""
+
+
+def statements(table: Table, rig: Rig) -> Statements:
+    """Every statement of the certificate: whether it was proved, and it or its failure in words."""
+    masses = table.range("outer_end_mass_kg", least=0)
+    if rig.effects:
+        raise Unreadable("an arm is proved without effects")
+    (loop,) = rig.loops()
+    arm = Arm(table, rig)
+    for holds, words in arm.figures(rig):
+        yield holds, words if holds else f"not so: {words}"
+    plane = Plane(loop, arm)
+    yield from stability(table.table("stability"), Family(*plane.closed), *masses)
+    stable = Family(*plane.closed).is_stable_over(*masses)
+    for claim in table.tables("claim"):
+        yield _claim(claim, plane, stable, masses)
+
+
+class Arm:
+    """What [arm] and [plane] state.
+
+    Attributes:
+        name: of the plane, the direction in which the tip moves.
+        offset: the payload's centre from the tip: along the beam, sideways, upwards, m.
+        sensor: where the servos measure, likewise.
+        length: of the outer beam, clamp to tip, m.
+        stiffness: of the outer beam's tip, N/m.
+        torsion: its stiffness, damping and polar inertia, N m/rad, N m s/rad and kg m2.
+    """
+
+    def __init__(self, table: Table, rig: Rig) -> None:
+        stated, arm = table.table("plane"), table.optional("arm")
+        self.name = stated.word("name", "y", "z")
+        origin = [fmpq(0)] * 3
+        points = {key: _point(arm, key) for key in ("offset_m", "sensor_m", "tool_m") if key in arm}
+        self.offset, self.sensor = points.get("offset_m", origin), points.get("sensor_m", origin)
+        self.length = stated.at_least("free_length_m", 0, above=True)
+        self.stiffness = rig.figures["outer_stiffness_N_per_m"]
+        self.torsion = [
+            stated.at_least("torsional_stiffness_N_m_per_rad", 0, above=True),
+            stated.at_least("torsional_damping_N_m_s_per_rad", 0),
+            stated.at_least("polar_inertia_kg_m2", 0, above=True),
+        ]
+        keys = ("end_polar_inertia_kg_m2", "payload_polar_inertia_kg_m2")
+        self._added = sum((arm.at_least(key, 0) for key in keys if key in arm), fmpq(0))
+        keys = ("torsional_stiffness_N_m_per_rad", "torsional_damping_ratio")
+        self._given, self._ratio = (arm.at_least(key, 0) if key in arm else None for key in keys)
+        self._second = arm.table("second_controller").whole_of_it() if "second_controller" in arm else None
+        self._section = Section(stated.table("section")) if "section" in stated else None
+
+    def figures(self, rig: Rig) -> Statements:
+        """That what it states twice agrees, but for the rounding of floats."""
+        if self.name == "y" and self._second is not None and rig.law is not None:
+            yield rig.law.figures == self._second, "the controller is the second one, which acts in y"
+        stiffness, damping, inertia = self.torsion
+        section, turning = self._section, arb(self._added)
+        if section is not None:
+            turning += arb(TORSION_SHARE * section.density * 2 * self.length) * second_moment(*section.sizes)
+        words = "polar inertia is that of end module and payload" + ("" if section is None else " and tube")
+        yield agree(inertia, turning), f"{words}: {short(inertia)} kg m2"
+        words = f"torsional stiffness {short(stiffness)} N m/rad"
+        if self._given is not None:
+            yield stiffness == self._given, f"{words} is that of [arm]"
+        elif section is not None:
+            computed = arb(section.shear_modulus / self.length) * torsion_constant(*section.sizes)
+            yield agree(stiffness, computed), f"{words} is that of the section"
+        else:
+            yield False, f"{words} is given by [arm] or a section"
+        # The ratio of bending where none is stated: that of the outer beam's own dashpot.
+        bending = arb(4 * self.stiffness * rig.figures["outer_mass_kg"]).sqrt()
+        ratio = arb(rig.figures["outer_damping_N_s_per_m"]) / bending if self._ratio is None else arb(self._ratio)
+        damped = agree(damping, 2 * ratio * (arb(stiffness) * arb(inertia)).sqrt())
+        yield damped, f"torsional damping {short(damping)} N m s/rad is that of the damping ratio"
+
+
+class Section:
+    """The outer beam's tube: outside width, wall and outside corner radius (m), and what it is of."""
+
+    def __init__(self, table: Table) -> None:
+        width, wall = (table.at_least(key, 0, above=True) for key in ("width_m", "wall_m"))
+        radius = table.at_least("corner_radius_m", 0)
+        if 2 * wall >= width or 2 * radius > width:
+            raise Unreadable(f"{table.place} is of no tube")
+        self.sizes = arb(width), arb(wall), arb(radius)
+        table.word("material")
+        self.shear_modulus = table.at_least("shear_modulus_Pa", 0, above=True)
+        self.density = table.at_least("density_kg_per_m3", 0, above=True)
+
+
+def _point(table: Table, key: str) -> list[fmpq]:
+    values = table.numbers(key)
+    if len(values) != 3:
+        raise Unreadable(f"{table.place_of(key)} must be three numbers")
+    return values
+
+
+class Plane:
+    """The loop of one plane, each polynomial as (constant, slope) in the payload.
+
+    Attributes:
+        closed: characteristic polynomial.
+        opened: denominator of L.
+        returned: numerator of L.
+        compliances: numerators over `closed`, by the claim that is about them.
+        law: the controller behind the displacement sensor.
+    """
+
+    def __init__(self, loop: Loop, arm: Arm) -> None:
+        across, up = (arm.offset[1], -arm.offset[2]) if arm.name == "y" else (arm.offset[2], arm.offset[1])
+        turning = fmpq(3, 2) / arm.length  # of the end, per deflection under a force on it
+        self._travel, self._along, self._lever = 1 + turning * arm.offset[0], turning * across, up
+        if self._along != 0 and self._lever != 0:
+            raise Unreadable("a payload that stands off to both sides couples both planes")
+        self._seen = 1 + turning * arm.sensor[0]
+        self._seen_roll = -arm.sensor[2] if arm.name == "y" else arm.sensor[1]
+        # Without a lever it has no part in the loop.
+        self._twist = fmpq_poly(arm.torsion) if self._lever != 0 else fmpq_poly([1])
+        # The end is held and turns under the moment F x: x^2 L / 4 E I, with E I = K L^3 / 3.
+        rest = 3 * arm.offset[0] / (4 * arm.stiffness * arm.length**2)
+        self._rest, self._seen_rest = rest * arm.offset[0], rest * arm.sensor[0]
+        self._fed, self._pushed, self.law = loop.displacement[0], loop.disturbance, loop.law
+        open_, closed = loop.opened, loop.closed
+        # With the displacement cut off, and added sensors not.
+        cut = closed[0] - loop.displacement[0], closed[1] - loop.displacement[1]
+        if loop.displacement[1] != 0 or cut[1] != S * S * self._pushed:
+            raise Unreadable("the payload does not act on the tip that the force acts on")
+        self.closed = _affine(lambda m: self._determinant(*self._tip(cut, m, self._fed), m))
+        self.opened = _affine(lambda m: self._determinant(*self._tip(open_, m, ZERO), m))
+        self.returned = self.closed[0] - self.opened[0], self.closed[1] - self.opened[1]
+        self.compliances = {
+            "tip_compliance": _affine(lambda m: self._pushed * self._twisted(m)),
+            "load_compliance": _affine(lambda m: self._load(*self._tip(cut, m, self._fed), m)),
+        }
+
+    def _twisted(self, m: fmpq) -> fmpq_poly:
+        return self._twist + m * self._lever**2 * S * S
+
+    def _both(self, m: fmpq) -> fmpq_poly:
+        """Force on the tip per twist, and moment per motion of the tip."""
+        return m * self._travel * self._lever * S * S
+
+    def _tip(self, part: Polynomials, m: fmpq, fed: fmpq_poly) -> Polynomials:
+        """The tip's equation times the denominator of its compliance: what tip and twist do in it."""
+        constant, per_mass = part  # s^2 and that denominator
+        tip = constant + m * (self._travel**2 + self._along**2) * per_mass + self._seen * fed
+        return tip, m * self._travel * self._lever * per_mass + self._seen_roll * fed
+
+    def _determinant(self, tip: fmpq_poly, twist: fmpq_poly, m: fmpq) -> fmpq_poly:
+        return tip * self._twisted(m) - twist * self._both(m)
+
+    def _load(self, tip: fmpq_poly, twist: fmpq_poly, m: fmpq) -> fmpq_poly:
+        """Motion of the payload in the plane under a force there."""
+        pushed = self._travel * self._pushed - self._seen_rest * self._fed
+        moved = pushed * self._twisted(m) - self._lever * twist
+        turned = self._lever * tip - pushed * self._both(m)
+        return self._travel * moved + self._lever * turned + self._rest * self._determinant(tip, twist, m)
+
+    def ratio(self, kind: str) -> tuple[Polynomials, Polynomials]:
+        """Denominator and numerator of what a claim bounds."""
+        if kind in self.compliances:
+            return self.closed, self.compliances[kind]
+        return magnitudes(kind, self.opened, self.returned, ZERO, self.law)
+
+
+def _affine(value: Callable[[fmpq], fmpq_poly]) -> Polynomials:
+    """Constant and slope of what is affine in the payload, which is checked: it is of degree 3 at most."""
+    at = [value(fmpq(m)) for m in range(4)]
+    if any(at[k] - at[k - 1] != at[1] - at[0] for k in (2, 3)):
+        raise Unreadable("the loop is not affine in the payload")
+    return at[0], at[1] - at[0]
+
+
+def _claim(claim: Table, plane: Plane, stable: bool, masses: Pair) -> tuple[bool, str]:
+    """One claim: it holds if it says so, and does not if it says so."""
+    bound, holds = Bound(claim, claim.word("kind", *CLAIMS)), claim.flag("holds")
+    slack = Slack(bound.limit, *plane.ratio(bound.kind))
+    if (stable and slack.nonnegative(*masses, bound.until, bound.start)) is not holds:
+        return False, f"{'not proved' if holds else 'holds after all'}: {bound.words}"
+    return True, bound.words if holds else f"refuted: {bound.words}"
