@@ -29,6 +29,7 @@ class Assembled:
         a: (n, n).
         b: (n, 3).
         motion: (4, n), motion of the payload's centre in x, y, z and twist.
+        passive: (n, n), A with no current in either valve.
         opened: (n, n), A with the controller of the plane z cut off at its valve.
         valve: (n,), how a current in the valve of the plane z enters.
         current: (n,), the current that the controller of the plane z asks for.
@@ -37,13 +38,20 @@ class Assembled:
     a: np.ndarray
     b: np.ndarray
     motion: np.ndarray
+    passive: np.ndarray
     opened: np.ndarray
     valve: np.ndarray
     current: np.ndarray
 
 
-def assemble(rig: Prototype, payload: float, offset: tuple[float, float, float], end_inertia: float) -> Assembled:
-    """Put the arm of the published tubes together."""
+def assemble(
+    rig: Prototype,
+    payload: float,
+    offset: tuple[float, float, float],
+    end_inertia: float,
+    pressure_A_per_Pa: float = 0.0,
+) -> Assembled:
+    """Put the arm of the published tubes together; load pressure takes this much from each current."""
     second, constant = tube(0.140, 0.0023)
     twist_stiffness = SHEAR_PA * constant / LENGTH_M
     inertia = end_inertia + DENSITY_KG_PER_M3 * 2 * second * LENGTH_M / 3
@@ -97,7 +105,7 @@ def assemble(rig: Prototype, payload: float, offset: tuple[float, float, float],
         error[:3] = -sensor.gain_V_per_m * seen[axis]
         a[h] = slow * error
         a[h, h] -= slow
-        current = law.gain_A_per_V * ratio * error
+        current = law.gain_A_per_V * ratio * error - pressure_A_per_Pa / area * force
         current[h] += law.gain_A_per_V * (1 - ratio)
         entry = np.zeros(n)
         entry[r] = w**2 * valve.flow_gain_m3_per_s_per_A
@@ -106,4 +114,4 @@ def assemble(rig: Prototype, payload: float, offset: tuple[float, float, float],
     opened = a + np.outer(*drives[0])
     there = np.zeros((4, n))
     there[:3, :3], there[3, 2] = motion, 1.0
-    return Assembled(closed, b, there, opened, *drives[1])
+    return Assembled(closed, b, there, a, opened, *drives[1])

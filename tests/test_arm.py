@@ -1,6 +1,7 @@
 """The arm: statics against closed forms and finite elements, coupled loops against matrices put together by hand."""
 
 import json
+import tomllib
 from math import pi
 from pathlib import Path
 
@@ -21,11 +22,14 @@ from beamdesign.arm.plane import plane_loop
 from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, remaining, twist_remedy
 from beamdesign.arm.result import frequencies, work_out
 from beamdesign.arm.statics import at_point, held, tip_compliance
+from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import loop
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.replay_any import replay
+from beamdesign.proof.replay_box import Statement, member
+from beamdesign.proof.replay_box import replay as replay_box
+from beamdesign.proof.rig_tables import prototype_table
 from beamdesign.prototype import Arm, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 
@@ -273,10 +277,66 @@ def test_servos_that_measure_elsewhere_are_those_put_together_by_hand(
             np.testing.assert_allclose(z.at(payload).loop_response(frequency), returned, rtol=1e-6)
 
 
+def with_pressure(link: Prototype, A_per_Pa: float) -> Prototype:
+    """The lag as a law of one state, with the load pressure fed back beside it."""
+    law = link.controller
+    assert isinstance(law, Lag)
+    rate, share = 2 * pi * law.pole_Hz, law.pole_Hz / law.zero_Hz
+    sensors = ("displacement_m", "load_pressure_Pa")
+    direct = [share, A_per_Pa / law.gain_A_per_V]
+    two = Observer.of(law.gain_A_per_V, sensors, [[-rate]], [[rate, 0.0]], [1 - share], direct)
+    return link.but(controller=two)
+
+
+@pytest.mark.parametrize("sensor", [None, (0.0, 0.1, 0.05)])
+@pytest.mark.parametrize("offset", [OFFSET, (0.0, 0.1, -0.1)])
+def test_added_sensors_are_those_put_together_by_hand(
+    link: Prototype, offset: tuple[float, float, float], sensor: tuple[float, float, float] | None
+):
+    """Load pressure fed back: poles, loop, payload with the servo and without, wherever displacement is measured."""
+    assert link.arm is not None
+    lag = link.but(arm=link.arm.but(offset_m=offset, sensor_m=sensor))
+    gain, frequency = 3e-9, np.array([0.5, 8.0, 40.0, 150.0])
+    rig, s = with_pressure(lag, gain), 2j * pi * frequency
+    rest = 3 * offset[0] ** 2 / (4 * 486_800.0 * LENGTH_M**2)
+    for payload in (0.0, 2.9, 6.8):
+        by_hand = assemble(lag, payload, offset, END_INERTIA, gain)
+        expected, found = np.linalg.eigvals(by_hand.a), both_planes(rig).poles(payload)
+        assert len(found) == len(expected)
+        assert max(np.abs(expected / pole - 1).min() for pole in found) < 1e-6
+        for servo, a in ((True, by_hand.a), (False, by_hand.passive)):
+            motion = by_hand.motion @ np.stack([np.linalg.solve(x * np.eye(len(a)) - a, by_hand.b) for x in s])
+            motion[:, [1, 2], [1, 2]] += rest
+            response = both_planes(rig).response(payload, frequency, servo)
+            np.testing.assert_allclose(response, motion, rtol=1e-6, atol=1e-14)
+            if servo and offset[2] == 0:
+                load = plane_loop(rig, "z").at_load(payload).compliance_response(frequency)
+                np.testing.assert_allclose(load, motion[:, 2, 2], rtol=1e-6)
+        if offset[2] == 0:
+            cut = [np.linalg.solve(x * np.eye(len(by_hand.a)) - by_hand.opened, by_hand.valve) for x in s]
+            loop_gain = plane_loop(rig, "z").at(payload).loop_response(frequency)
+            np.testing.assert_allclose(loop_gain, [-by_hand.current @ one for one in cut], rtol=1e-6)
+
+
+def test_certificates_of_added_sensors_are_proved_again(link: Prototype):
+    """In both planes, the second law among them; a limit below what was proved is not."""
+    rig = with_pressure(at(link, 0.05, 0.05, 0.0), 3e-9)
+    assert rig.arm is not None
+    goal = link.goal.but(loop_gain=0.25, controller_effort_A_per_V=0.06)
+    rig = rig.but(goal=goal, arm=rig.arm.but(second_controller=with_pressure(link, 1e-9).controller))
+    for name in ("y", "z"):
+        found = certify_plane(rig, name, 0.0, 6.8)
+        assert check(found.text, prototype_table(rig)).valid
+        (limit,) = (c["limit"] for c in tomllib.loads(found.text)["claim"] if c["kind"] == "peak_sensitivity")
+        assert not check(resealed(found.text.replace(f'limit = "{limit}"', f'limit = "{0.999 * float(limit)}"'))).valid
+
+
+@pytest.mark.parametrize("pressure", [0.0, 3e-9])
 @pytest.mark.parametrize("sensor", [None, (0.0, 0.15, 0.0), (0.08, 0.15, 0.0), (0.05, -0.1, 0.1)])
-def test_at_rest_the_loops_are_the_statics(link: Prototype, sensor: tuple[float, float, float] | None):
+def test_at_rest_the_loops_are_the_statics(link: Prototype, sensor: tuple[float, float, float] | None, pressure: float):
     """The mode's compliance and what stands beside it make up the exact one, wherever the servos measure."""
     assert link.arm is not None
+    link = with_pressure(link, pressure) if pressure else link
     rig = link.but(arm=link.arm.but(offset_m=OFFSET, sensor_m=sensor))
     closed = loop(link).at(0.0).static_compliance()
     servo = held(tip_compliance(arm_figures(rig)), (closed, closed), sensor or (0.0, 0.0, 0.0)).compliance
@@ -303,9 +363,11 @@ def test_servos_that_measure_at_the_payload_hold_it_but_not_its_roll(link: Proto
     assert goal[0].load_bandwidth_Hz == 0.0
     assert goal[1].guaranteed is not None
     assert goal[1].guaranteed.load_bandwidth_Hz > 3.0
-    outcome = replay_text(goal[1].text)
-    assert outcome.valid, outcome.reasons
-    assert not replay_text(resealed(goal[1].text.replace('sensor_m = ["0", "0.15"', 'sensor_m = ["0", "0"'))).valid
+    outcome = check(goal[1].text, prototype_table(rig))
+    assert outcome.valid, outcome.failed
+    elsewhere = goal[1].text.replace('sensor_m = [\n    "0",\n    "0.15"', 'sensor_m = [\n    "0",\n    "0"')
+    assert elsewhere != goal[1].text
+    assert not check(resealed(elsewhere)).valid
     with pytest.raises(InputError, match="sensor_m"):
         prove_anywhere(rig, (0.0, 6.8), (0.0, 0.01, 0.0))
 
@@ -344,7 +406,7 @@ def test_payloads_at_which_roots_cross_are_where_poles_by_hand_cross(link: Proto
     for factor, stable in ((1 - 1e-5, True), (1 + 1e-5, False)):
         poles = np.linalg.eigvals(assemble(rig, factor * crossing.value, offset, END_INERTIA).a)
         assert (poles.real.max() < 0) == stable
-    assert replay_text(found.text).valid
+    assert check(found.text, prototype_table(rig)).valid
 
 
 def test_guarantees_hold_and_are_tight_on_a_grid(link: Prototype):
@@ -376,7 +438,7 @@ def test_a_payload_off_to_both_sides_is_proved_in_ball_arithmetic(link: Prototyp
     rig = at(link, 0.0, 0.1, -0.1)
     verdict = both_planes(rig).prove(0.0, 6.8)
     assert verdict.stable
-    assert replay_text(verdict.certificate).valid
+    assert replay_box(verdict.certificate).valid
     near = work_out(at(link, 0.0, 0.03, -0.03), (5.0, 6.8), (0.0, 0.0, -100.0))
     assert near.stable
     assert near.sampled_load_Hz is not None
@@ -399,7 +461,7 @@ def test_a_payload_anywhere_within_bounds_is_proved_at_once(
     assert list(found) == (["both"] if within[2] else ["y", "z"])
     for verdict in found.values():
         assert verdict.stable, verdict.reason
-        assert replay_text(verdict.certificate).valid
+        assert replay_box(verdict.certificate).valid
     random = np.random.default_rng(5)
     for _ in range(30):
         place = tuple(float(a) for a in np.array(offset) + random.uniform(-1, 1, 3) * within)
@@ -409,13 +471,9 @@ def test_a_payload_anywhere_within_bounds_is_proved_at_once(
 
 def test_the_family_over_places_is_the_polynomial_of_the_place(link: Prototype):
     """The polynomial that a certificate states, put in numbers, against that of one place, exactly."""
-    from tomllib import loads
-
-    from beamdesign.proof.replay_box import Statement, member
-
     rig = at(link, 0.05, -0.1, 0.15)
     family = prove_anywhere(rig, (2.5, 2.5), (0.0, 0.0, 0.0))["both"]
-    table = loads(family.certificate)
+    table = tomllib.loads(family.certificate)
     assert "along_m 0.05, sideways_squared_m2 0.01, upwards_squared_m2 0.0225" in table["name"]
     assert member(Statement(table["p"], {}), {}).plain == both_planes(rig).at(2.5)
 
@@ -458,15 +516,6 @@ def test_the_second_controller_acts_sideways_only(link: Prototype):
 # Certificates.
 
 
-def replay_text(text: str):
-    from importlib import import_module
-    from tomllib import loads
-
-    from beamdesign.proof.replay_any import ROOMS
-
-    return import_module(ROOMS[loads(text)["kind"]]).replay(text)
-
-
 def resealed(text: str) -> str:
     """With the checksum of what the text has become."""
     from hashlib import sha256
@@ -477,24 +526,67 @@ def resealed(text: str) -> str:
     return "".join(own if line.startswith("sha256") else line for line in lines)
 
 
+FALSE = (
+    ('name = "z"', 'name = "y"', "not proved"),
+    ('offset_m = [\n    "0.05",\n    "0.05"', 'offset_m = [\n    "0.05",\n    "0.6"', "not proved"),
+    ('kind = "peak_sensitivity", limit = "1.', 'kind = "peak_sensitivity", limit = "0.', "not proved: peak"),
+    ('bandwidth_Hz = "', 'bandwidth_Hz = "1', "not proved: tip compliance"),
+    ("holds = true", "holds = false", "holds after all"),
+    ('torsional_stiffness_N_m_per_rad = "1', 'torsional_stiffness_N_m_per_rad = "2', "not so: torsional stiffness"),
+    ('torsional_damping_N_m_s_per_rad = "', 'torsional_damping_N_m_s_per_rad = "1', "not so: torsional damping"),
+    ('polar_inertia_kg_m2 = "0.01"', 'polar_inertia_kg_m2 = "0.02"', "not so: polar inertia"),
+    ('corner_radius_m = "0"', 'corner_radius_m = "0.004"', "not so: torsional stiffness"),
+    ('density_kg_per_m3 = "2700"', 'density_kg_per_m3 = "2800"', "not so: polar inertia"),
+)
+
+
 def test_certificates_are_proved_again_and_false_ones_refused(link: Prototype):
     rig = at(link, 0.05, 0.05, 0.0).but(goal=link.goal.but(loop_gain=0.25, controller_effort_A_per_V=0.06))
     for name in ("y", "z"):
         text = certify_plane(rig, name, 0.0, 6.8).text
-        outcome = replay_text(text)
-        assert outcome.valid, outcome.reasons
-        assert sum("compliance" in words for words in outcome.claims) == 2
-        assert any("loop_gain" in words for words in outcome.claims)
-        assert any("controller_effort" in words for words in outcome.claims)
-    assert not replay_text(text.replace('plane = "z"', 'plane = "y"')).valid
-    for old, new, words in (
-        ('"0.05", "0.05", "0"', '"0.05", "0.6", "0"', "not proved"),
-        ('kind = "peak_sensitivity"\nlimit = "1.', 'kind = "peak_sensitivity"\nlimit = "0.', "not proved: peak"),
-        ('up_to_Hz = "', 'up_to_Hz = "1', "not proved: tip_compliance"),
-    ):
+        outcome = check(text, prototype_table(rig))
+        assert outcome.valid, outcome.failed
+        assert sum("compliance" in words for words in outcome.proved) == 2
+        assert any("loop gain" in words for words in outcome.proved)
+        assert any("controller effort" in words for words in outcome.proved)
+    for old, new, words in FALSE:
         assert old in text
-        outcome = replay_text(resealed(text.replace(old, new, 1)))
-        assert any(words in reason for reason in outcome.reasons), (old, outcome.reasons)
+        outcome = check(resealed(text.replace(old, new, 1)))
+        assert any(words in reason for reason in outcome.failed), (old, outcome.failed)
+    with pytest.raises(Unreadable):
+        check(resealed(text.replace("free_length_m", "length_m")))
+
+
+def test_a_certificate_is_of_the_arm_that_it_was_made_for_and_of_no_other(link: Prototype):
+    """The payload elsewhere, another sensor, section, length or law in one plane: proved as before, of another arm."""
+    second = Lag(gain_A_per_V=0.03, pole_Hz=1.0, zero_Hz=20.0)
+    rig = at(link, 0.05, 0.05, 0.0)
+    assert rig.arm is not None
+    rig = rig.but(arm=rig.arm.but(second_controller=second))
+    beam = rig.outer_beam
+    others = {
+        "arm": rig.but(arm=rig.arm.but(offset_m=(0.05, 0.95, 0.0))),
+        "sensor": rig.but(arm=rig.arm.but(sensor_m=(0.0, 0.01, 0.0))),
+        "wall": rig.but(outer_beam=beam.but(wall_m=0.0024)),
+        "length": rig.but(outer_beam=beam.but(free_length_m=1.19)),
+        "material": rig.but(outer_beam=beam.but(material="6063-T6")),
+        "section": rig.but(outer_beam=beam.but(width_m=None, wall_m=None, material=None)),
+        "none": rig.but(arm=None),
+    }
+    for name in ("y", "z"):
+        text = certify_plane(rig, name, 0.0, 6.8).text
+        assert check(text, prototype_table(rig)).valid
+        for other in others.values():
+            assert any("not of this prototype" in words for words in check(text, prototype_table(other)).failed)
+    upwards = rig.but(controller=Lag(gain_A_per_V=0.04, pole_Hz=1.7, zero_Hz=20.0))
+    sideways = rig.but(arm=rig.arm.but(second_controller=second.but(gain_A_per_V=0.02)))
+    for name, other in (("y", sideways), ("z", upwards)):
+        assert not check(certify_plane(rig, name, 0.0, 6.8).text, prototype_table(other)).valid
+    given = rig.but(arm=rig.arm.but(torsional_stiffness_N_m_per_rad=1.2e5, torsional_damping_ratio=0.02))
+    bare = given.but(outer_beam=beam.but(width_m=None, wall_m=None, material=None))
+    for other in (given, bare):
+        assert check(certify_plane(other, "z", 0.0, 6.8).text, prototype_table(other)).valid
+    assert not check(certify_plane(given, "z", 0.0, 6.8).text, prototype_table(bare)).valid
 
 
 def test_a_lag_written_as_an_observer_is_the_lag(link: Prototype):
@@ -506,11 +598,8 @@ def test_a_lag_written_as_an_observer_is_the_lag(link: Prototype):
     assert other.guaranteed is not None
     assert other.guaranteed.tip_bandwidth_Hz == pytest.approx(own.guaranteed.tip_bandwidth_Hz, rel=1e-6)
     assert other.guaranteed.peak_sensitivity == pytest.approx(own.guaranteed.peak_sensitivity, rel=2e-4)
-    outcome = replay_text(other.text)
-    assert outcome.valid, outcome.reasons
-    two = Observer.of(0.05, ("displacement_m", "load_pressure_Pa"), [[-rate]], [[rate, 0.0]], [1 - share], [share, 0.0])
-    with pytest.raises(InputError, match="arm"):
-        plane_loop(rig.but(controller=two), "z")
+    outcome = check(other.text, prototype_table(rig.but(controller=same)))
+    assert outcome.valid, outcome.failed
 
 
 # Input and command line.
@@ -548,7 +637,8 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
     assert fields["with_servo"]["size_m"] < 0.1 * fields["without_servo"]["size_m"]
     assert [plane["coupled_with_torsion"] for plane in fields["planes"]] == [False, True]
     for name in ("certificate_y.toml", "certificate_z.toml"):
-        assert replay(tmp_path / name).valid
+        assert check(tmp_path / name, tmp_path / "prototype.toml").valid
+        assert not check(tmp_path / name, path).valid  # its payload stands elsewhere
     for name in ("compliance.csv", "remaining.csv", "response.csv", "arm.svg", "arm.png", "prototype.toml"):
         assert (tmp_path / name).stat().st_size > 0
     again = run(tmp_path / "prototype.toml", "--force-N", "500", "--json", tmp_path / "again.json")
