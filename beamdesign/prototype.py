@@ -355,6 +355,12 @@ class InStage(NamedTuple):
         """What tells its files from those of other stages; empty where there is one law."""
         return f".stage_{self.number}" if self.number else ""
 
+    @property
+    def looked_at_kg(self) -> tuple[float, ...]:
+        """Payloads that stand for its range where nothing is proved: both ends and the middle."""
+        low, high = self.outer_end_mass_kg
+        return tuple(sorted({low, (low + high) / 2, high}))
+
 
 def uncovered(schedule: Scheduled, masses_kg: tuple[float, float]) -> str:
     """That the laws of a schedule are not for all of some payloads, in words; empty where they are."""

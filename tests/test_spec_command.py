@@ -14,15 +14,18 @@ import pytest
 from ezdxf import recover
 from typer.testing import CliRunner
 
+from beamdesign.changed_figures import with_figures
 from beamdesign.checker import check
 from beamdesign.cli import app
-from beamdesign.controllers import Lag
+from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.fitting.holdout import held_out
-from beamdesign.prototype import read_prototype, write_prototype
+from beamdesign.prototype import Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
 from beamdesign.simulate import simulate
+from beamdesign.specification import analogue, tolerances
 from beamdesign.specification.data_folder import COLUMNS, acceptance_plan, believed, write_data_folder
 from beamdesign.specification.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 
@@ -292,3 +295,76 @@ def test_a_drawing_is_the_same_bytes_in_every_process() -> None:
         for seed in ("1", "4")
     }
     assert len(texts) == 1
+
+
+GAINS = (0.05, 0.04)
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The specification of two laws, with one series of components and one figure that has a tolerance."""
+    place = tmp_path_factory.mktemp("stages")
+    rig = read_prototype(PROTOTYPES / "tame_lag.toml")
+    payload = rig.payload.but(outer_end_mass_kg=(1.0, 3.0))
+    both = tuple(
+        Stage(outer_end_mass_kg=masses, gain_A_per_V=gain, pole_Hz=1.7, zero_Hz=20.0)
+        for gain, masses in zip(GAINS, ((1.0, 2.6), (1.7, 3.0)), strict=True)
+    )
+    write_prototype(
+        rig.but(controller=Scheduled(stage=both), payload=payload, tolerance=Tolerance()), place / "rig.toml"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(analogue, "SERIES", (("E96", "E6"),))
+        patch.setattr(analogue, "RESISTORS", (0.01,))
+        patch.setattr(tolerances, "toleranced_figures", lambda prototype: ("flow_gain",))
+        ran = spec(place / "rig.toml", "--out", place / "out")
+    assert ran.exit_code == 0, ran.output
+    return place / "out"
+
+
+def test_every_law_of_a_schedule_is_specified_over_its_own_payloads(stages: Path) -> None:
+    fields = json.loads((stages / "specification.json").read_text())
+    assert [law["outer_end_mass_kg"] for law in fields["stages"]] == [[1.0, 2.6], [1.7, 3.0]]
+    for gain, law in zip(GAINS, fields["stages"], strict=True):
+        realised = law["analogue"][0]
+        assert realised["stable"]
+        assert {one["verdict"] for one in realised["tolerances"]} == {"proved"}
+        assert realised["controller"]["gain_A_per_V"] == pytest.approx(gain, rel=0.05)
+        assert law["digital"]["equation"]["coefficients"]["gain"] == gain
+        assert 1 / law["digital"]["delay_s"] == pytest.approx(2000 / 1.5)  # as the schedule samples
+        assert law["digital"]["one_period_late"]["stable"]
+    reached = [law["guaranteed"]["bandwidth_Hz"] for law in fields["stages"]]
+    assert fields["guaranteed"]["bandwidth_Hz"] == min(reached)
+    assert reached[1] < reached[0]  # of the smaller gain
+    for path in (
+        *stages.glob("*.stage_?.toml"),
+        *(stages / "components").glob("*"),
+        stages / "stages.certificate.toml",
+    ):
+        assert check(path).valid, path.name
+    for number in (1, 2):
+        believed_rig = read_prototype(stages / f"acceptance.stage_{number}" / "prototype.toml")
+        assert believed_rig.controller is not None
+        assert believed_rig.controller.gain_A_per_V == GAINS[number - 1]
+
+
+def test_the_rule_of_the_switch_and_what_is_proved_of_it_are_told(stages: Path) -> None:
+    text = (stages / "specification.md").read_text()
+    rows = [line.split("|")[1:-1] for line in text.split("## Changes of stage")[1].splitlines()[4:6]]
+    assert [[cell.strip() for cell in row[2:]] for row in rows] == [["any", "2.2 kg"], ["2.1 kg", "any"]]
+    fields = json.loads((stages / "specification.json").read_text())["switching"]
+    assert fields["stable"]
+    assert fields["stage_change"]["status"] == "proved"
+    titles = re.findall(r"^## (.*)", text, re.MULTILINE)
+    assert {"Digital controller, stage 1", "Digital controller, stage 2", "Tolerances"} <= set(titles)
+    Page((stages / "specification.html").read_text())
+
+
+def test_a_tolerance_is_what_the_loop_bears_with_either_law(stages: Path) -> None:
+    """By python-control's eigenvalues."""
+    (row,) = json.loads((stages / "specification.json").read_text())["tolerances"]["figures"]
+    assert row["specified"] > 0.05
+    for law, masses, _ in read_prototype(stages / "prototype.toml").stages((1.0, 3.0)):
+        for side in (-1, 1):
+            member = with_figures(law, {"flow_gain": 1 + side * row["alone"]})
+            assert all(state_space(member, mass).poles().real.max() < 0 for mass in np.linspace(*masses, 9))

@@ -11,7 +11,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.checker import check
 from beamdesign.control_models import state_space
-from beamdesign.controllers import Lag
+from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.specification.acceptance_bands import acceptance_bands
@@ -49,7 +49,7 @@ def test_ratings_of_a_slow_load_are_statics(rig: Prototype) -> None:
 
     Stroke F/K, pressure F/A, flow A w F (1/K + 1/K_c), leakage K_pq F/A.
     """
-    need = ratings(rig, (0.0,), 1000.0, 0.05)
+    need = ratings(rig, (0.0, 0.0), 1000.0, 0.05)
     area, stiffness, oil = 1.13e-4, 157500.0, 1.3e7
     assert need.cylinder_force_N == pytest.approx(1000.0, rel=4e-3)
     assert need.load_pressure_Pa == pytest.approx(1000.0 / area, rel=4e-3)
@@ -66,7 +66,7 @@ def test_ratings_grow_with_the_load(rig: Prototype) -> None:
     assert large.flow_m3_per_s == pytest.approx(10 * small.flow_m3_per_s)
     # Through an orifice under load pressure more than in proportion.
     assert large.no_load_flow_m3_per_s > 10 * small.no_load_flow_m3_per_s
-    assert np.isinf(ratings(rig, (0.0,), 3000.0, 5.0).no_load_flow_m3_per_s)  # 3 kN are more than 20 MPa hold
+    assert np.isinf(ratings(rig, (0.0, 0.0), 3000.0, 5.0).no_load_flow_m3_per_s)  # 3 kN are more than 20 MPa hold
 
 
 def test_the_noise_bandwidth_is_the_h2_norm(rig: Prototype) -> None:
@@ -76,6 +76,21 @@ def test_the_noise_bandwidth_is_the_h2_norm(rig: Prototype) -> None:
         a, b, c = closed.A, closed.B, closed.C * 1180.0
         expected = 0.5 * (c @ solve_continuous_lyapunov(a, -b @ b.T) @ c.T).item()
         assert noise_bandwidth_Hz(rig, mass) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_schedule_of_one_law_asks_of_sensor_and_actuator_what_that_law_does(rig: Prototype) -> None:
+    stages = tuple(
+        Stage(outer_end_mass_kg=masses, gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0)
+        for masses in ((0.0, 3.9), (2.9, 6.8))
+    )
+    scheduled = rig.but(controller=Scheduled(stage=stages))
+    one, other = (sensor_need(each, MASSES, 100.0, 0.1) for each in (rig, scheduled))
+    assert (other.stable_from_Hz, other.performs_from_Hz) == (one.stable_from_Hz, one.performs_from_Hz)
+    assert other.bandwidth_Hz == one.bandwidth_Hz
+    assert other.noise_density_m_per_rtHz == pytest.approx(one.noise_density_m_per_rtHz)  # its worst payload is an end
+    less, more = (ratings(each, MASSES, 100.0, 4.0) for each in (rig, scheduled))
+    assert more.cylinder_force_N == pytest.approx(less.cylinder_force_N)
+    assert more.supply_flow_m3_per_s == pytest.approx(less.supply_flow_m3_per_s)
 
 
 def test_the_sensor_may_be_as_slow_as_is_said(rig: Prototype) -> None:
@@ -135,7 +150,7 @@ def test_boxes_hold_at_their_corners(rig: Prototype, kept: Tolerances, tmp_path:
             assert damped(with_figures(rig, factors), random.uniform(*MASSES))
     for row in kept.figures:
         assert row.shared / SAFETY * 0.9 <= row.specified <= row.shared / SAFETY
-    for text in (kept.certificate, kept.certificate_equal):
+    for text in (*kept.certificates, *kept.certificates_equal):
         (tmp_path / "box.toml").write_text(text)
         assert check(tmp_path / "box.toml").valid
 

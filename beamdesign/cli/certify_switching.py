@@ -1,8 +1,7 @@
 """`beamdesign certify-switching`: what is proved while the payload changes in motion."""
 
-from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -10,9 +9,6 @@ from beamdesign.cli.certificate_file import certificate_file, write_certificate
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, progress, say, write_json
-
-if TYPE_CHECKING:
-    from beamdesign.proof.lyapunov import Switching
 
 
 def certify_switching(
@@ -53,10 +49,7 @@ def certify_switching(
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
     for law, _ in record.controller.laws:
         refuse(law, "one sensor", "certify-switching, whose certificate states one transfer function", prototype)
-    try:
-        families = stage_families(record)
-    except ValueError as error:
-        raise InputError(prototype, [("controller.stage", str(error))]) from error
+    families = stage_families(record)
     low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     problems = []
     if not low < high:
@@ -65,7 +58,7 @@ def certify_switching(
     path = certificate_file(out, f"{prototype.stem}.{'stages' if schedule else 'switching'}.toml")
     refuse_implausible("certify-switching", {"--rate": (rate, q.MassRate)}, problems)
 
-    from beamdesign.proof.lyapunov import describe, switching
+    from beamdesign.proof.lyapunov import describe, switching, switching_fields
     from beamdesign.proof.switching_document import switching_document
 
     with progress("Lyapunov functions") as update:
@@ -82,59 +75,3 @@ def certify_switching(
     write_json(json, switching_fields(found) | {"not_covered": list(record.effects), "certificate": path})
     if not found.stable:
         raise typer.Exit(1)
-
-
-def switching_fields(found: "Switching") -> dict[str, Any]:
-    """What is proved while payload and stage change, for a JSON file."""
-    from beamdesign.proof.rational import nearest
-
-    common, cycle, stages = found.any_change, found.any_change.counterexample, found.stages
-    return {
-        "stable": found.stable,
-        "reason": found.reason,
-        "outer_end_mass_kg": found.outer_end_mass_kg,
-        "rate_kg_per_s": found.wanted_kg_per_s,
-        "stable_while_the_mass_stays": found.frozen.stable,
-        "at_any_time": stages.kind == "any_time",
-        "stage_change": {
-            "status": stages.status,
-            "reason": stages.reason,
-            "dwell_s": nearest(stages.dwell_s) if stages.status == "proved" else None,
-        },
-        "any_change": {
-            "status": common.status,
-            "reason": common.reason,
-            "joining": "matched",
-            "proved_up_to_kg": common.proved_up_to_kg,
-            "counterexample": None
-            if cycle is None
-            else {
-                "stages": [k + 1 for k in cycle.stages],
-                "outer_end_mass_kg": cycle.outer_end_mass_kg,
-                "time_s": cycle.time_s,
-                "growth_per_cycle": cycle.factor,
-                "proved": cycle.proved,
-            },
-        },
-        "bounded_rate": [
-            {
-                "joining": r.joining,
-                "status": r.status,
-                "reason": r.reason,
-                "rate_kg_per_s": r.rate_kg_per_s,
-                "unlimited": r.rate_kg_per_s is not None and isinf(r.rate_kg_per_s),
-                "not_proved_at_kg_per_s": r.refused_kg_per_s,
-            }
-            for r in found.rates
-        ],
-        "sudden_change": [
-            {
-                "joining": s.joining,
-                "status": s.status,
-                "reason": s.reason,
-                "dwell_s": None if s.dwell_s is None else nearest(s.dwell_s),
-                "decay_per_s": nearest(s.decay_per_s),
-            }
-            for s in found.sudden
-        ],
-    }

@@ -49,16 +49,16 @@ def spec(
     """Specify what to build and how to accept it.
 
     Sections, drawing (DXF and SVG), ratings, sensor, the controller as a circuit and as code, each proved again as it
-    is
-    realised; tolerances that keep the proof; an acceptance test with limits, and the data set folder to fill in for
-    `beamdesign gap diagnose`. Exit status 1 if the loop is not stable over the range, with the reason.
+    is realised; tolerances that keep the proof; an acceptance test with limits, and the data set folder to fill in for
+    `beamdesign gap diagnose`. Of a scheduled controller circuit, code and acceptance test of each law over its own
+    payloads, and the rule by which they change. Exit status 1 if the loop is not stable over the range, with the
+    reason.
     """
     from beamdesign import quantities as q
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
     from beamdesign.rig.effects import problems
     from beamdesign.rig.parameters import problem_without_controller
-    from beamdesign.specification.difference_equation import upper_break_Hz
 
     figures = {
         "--sampling-rate-Hz": (sampling_rate_Hz, q.SamplingRate),
@@ -72,14 +72,6 @@ def spec(
         faults.append(problem_without_controller())
     if faults:
         raise InputError(prototype, faults)
-    assert record.controller is not None
-    try:
-        upper = upper_break_Hz(record.controller)
-    except ValueError as error:
-        raise InputError(prototype, [("controller", str(error))]) from error
-    if sampling_rate_Hz is not None and sampling_rate_Hz <= 2 * upper:
-        reason = f"{sampling_rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz"
-        raise InputError("--sampling-rate-Hz", [("rate", reason)])
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.specification.folder import json_fields, write_specification
@@ -107,24 +99,25 @@ def _say(found: "Specification") -> None:
     from beamdesign.report.quantity import at_least, at_most, decimal
     from beamdesign.specification.words_build import masses_text, optional
 
-    guaranteed, tolerances, digital, sensor = (
-        found.certificate.guaranteed, found.tolerances, found.digital, found.sensor,
-    )  # fmt: skip
+    guaranteed, tolerances, sensor = found.guaranteed, found.tolerances, found.sensor
     assert guaranteed is not None
-    assert digital is not None
     assert sensor is not None
     rows = [
         ("for every outer end mass of", masses_text(found.masses_kg), ""),
         ("guaranteed bandwidth", at_least(guaranteed.bandwidth_Hz, "Hz"), "proved"),
         ("guaranteed peak sensitivity", at_most(guaranteed.peak_sensitivity, "1"), "proved"),
     ]
-    for one in found.analogue:
-        verdicts = [f"{100 * t.resistors:g}/{100 * t.capacitor:g} % {t.verdict}" for t in one.tolerances]
-        rows.append((f"circuit of {one.circuit.resistors}, {one.circuit.capacitors}", "; ".join(verdicts), ""))
-    late = digital.one_period_late
-    basis = "not worked out" if late is None else {True: "proved", False: "refuted", None: "undecided"}[late.stable]
+    for law in found.laws:
+        name = f"stage {law.stage.number}: " if law.stage.number else ""
+        for one in law.analogue:
+            verdicts = [f"{100 * t.resistors:g}/{100 * t.capacitor:g} % {t.verdict}" for t in one.tolerances]
+            words = f"{name}circuit of {one.circuit.resistors}, {one.circuit.capacitors}"
+            rows.append((words, "; ".join(verdicts), ""))
+        assert law.digital is not None
+        late = law.digital.one_period_late
+        basis = "not worked out" if late is None else {True: "proved", False: "refuted", None: "undecided"}[late.stable]
+        rows.append((f"{name}code at, current one period late", f"{law.digital.equation.rate_Hz:g} Hz", basis))
     rows += [
-        ("code at, current one period late", f"{digital.equation.rate_Hz:g} Hz", basis),
         ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
         ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m)} µm", "computed"),
     ]

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from beamdesign.cli.certify_switching import switching_fields
 from beamdesign.cli.output import progress, say, say_table, write_json
 from beamdesign.files import write_set
 
@@ -39,7 +38,7 @@ def tune_scheduled(
         typer.Exit: with status 1 where a stage, or changes between stages, were not proved.
     """
     from beamdesign.design.schedule import tune_schedule
-    from beamdesign.proof.lyapunov import describe, switching
+    from beamdesign.proof.lyapunov import describe, switching, switching_fields
     from beamdesign.proof.stage_family import stage_families
     from beamdesign.proof.switching_document import switching_document
     from beamdesign.records import InputError, to_toml

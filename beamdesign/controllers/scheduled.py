@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
+from math import inf
 from typing import Annotated, Any, ClassVar, Literal, NoReturn, Self
 
 from pydantic import Field
@@ -94,6 +95,15 @@ class Scheduled(Controller):
     def outer_end_mass_kg(self) -> tuple[float, float]:
         """The payloads that its stages cover together."""
         return self.stage[0].outer_end_mass_kg[0], self.stage[-1].outer_end_mass_kg[1]
+
+    @property
+    def kept_kg(self) -> tuple[tuple[float, float], ...]:
+        """Between which estimates of the payload each stage acts on; the ends of the whole range are open."""
+        band, last = self.estimator.band_kg, len(self.stage) - 1
+        return tuple(
+            (-inf if k == 0 else low + band, inf if k == last else high - band)
+            for k, (_, (low, high)) in enumerate(self.laws)
+        )
 
     @property
     def schedule(self) -> Self:

@@ -1,6 +1,6 @@
 """Certificates made: stability and claims decided over a range of outer end masses, and the proof written."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import isinf
 
@@ -14,7 +14,7 @@ from beamdesign.proof.rational import nearest, text
 from beamdesign.proof.rectangle import bandwidth, largest_effort, largest_loop_gain, peak_sensitivity, prove
 from beamdesign.proof.stability import StabilityMap
 from beamdesign.proof.writer import certificate
-from beamdesign.prototype import Goal, Prototype
+from beamdesign.prototype import Goal, InStage, Prototype
 
 
 def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
@@ -52,6 +52,22 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
     about = tuple(covered(prototype, found)) if prototype.effects else ()
     return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, written_text, method, about)
+
+
+def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
+    """The worst of what is proved with each law over its own payloads; None where a loop is not stable."""
+    each = [certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed for stage in stages]
+    found = [one for one in each if one is not None]
+    if len(found) < len(each):
+        return None
+    return Guaranteed(
+        min(one.bandwidth_Hz for one in found),
+        max(one.peak_sensitivity for one in found),
+        max((one.loop_gain for one in found if one.loop_gain is not None), default=None),
+        max(
+            (one.controller_effort_A_per_V for one in found if one.controller_effort_A_per_V is not None), default=None
+        ),
+    )
 
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:

@@ -4,7 +4,8 @@ A law that stays is the case of one stage.
 """
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, isinf
+from typing import Any
 
 from flint import fmpq
 
@@ -220,3 +221,57 @@ def _head(status: Status) -> str:
 
 def _spaced(joining: Joining) -> str:
     return joining.replace("_", " ")
+
+
+def switching_fields(found: Switching) -> dict[str, Any]:
+    """What is proved while payload and stage change, for a JSON file."""
+    common, cycle, stages = found.any_change, found.any_change.counterexample, found.stages
+    return {
+        "stable": found.stable,
+        "reason": found.reason,
+        "outer_end_mass_kg": found.outer_end_mass_kg,
+        "rate_kg_per_s": found.wanted_kg_per_s,
+        "stable_while_the_mass_stays": found.frozen.stable,
+        "at_any_time": stages.kind == "any_time",
+        "stage_change": {
+            "status": stages.status,
+            "reason": stages.reason,
+            "dwell_s": nearest(stages.dwell_s) if stages.status == "proved" else None,
+        },
+        "any_change": {
+            "status": common.status,
+            "reason": common.reason,
+            "joining": "matched",
+            "proved_up_to_kg": common.proved_up_to_kg,
+            "counterexample": None
+            if cycle is None
+            else {
+                "stages": [k + 1 for k in cycle.stages],
+                "outer_end_mass_kg": cycle.outer_end_mass_kg,
+                "time_s": cycle.time_s,
+                "growth_per_cycle": cycle.factor,
+                "proved": cycle.proved,
+            },
+        },
+        "bounded_rate": [
+            {
+                "joining": r.joining,
+                "status": r.status,
+                "reason": r.reason,
+                "rate_kg_per_s": r.rate_kg_per_s,
+                "unlimited": r.rate_kg_per_s is not None and isinf(r.rate_kg_per_s),
+                "not_proved_at_kg_per_s": r.refused_kg_per_s,
+            }
+            for r in found.rates
+        ],
+        "sudden_change": [
+            {
+                "joining": s.joining,
+                "status": s.status,
+                "reason": s.reason,
+                "dwell_s": None if s.dwell_s is None else nearest(s.dwell_s),
+                "decay_per_s": nearest(s.decay_per_s),
+            }
+            for s in found.sudden
+        ],
+    }

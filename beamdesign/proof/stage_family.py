@@ -21,6 +21,7 @@ from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.mass_family import Families, MassFamily, closed_loop
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
 
 Row = list[fmpq]
 
@@ -29,14 +30,17 @@ def stage_families(prototype: Prototype) -> Families:
     """The matrices A(m) with every law of a prototype's controller; those of several in the same states.
 
     Raises:
-        InputError: where the prototype carries effects.
-        ValueError: without a controller, or where one of several laws has sections and no filter before them: they
-            would feel accelerations, which the mass sets.
+        InputError: where the prototype carries effects, or where one of several laws has sections and no filter before
+            them: they would feel accelerations, which the mass sets.
+        ValueError: without a controller.
     """
     if prototype.schedule is None:
         return (closed_loop(prototype),)
     plant, inner = paper_model(prototype), exact(prototype.payload.inner_end_mass_kg)
-    return tuple(stage_family(plant, inner, stage.law) for stage in prototype.schedule.stage)
+    try:
+        return tuple(stage_family(plant, inner, stage.law) for stage in prototype.schedule.stage)
+    except ValueError as error:
+        raise InputError(prototype.name, [("sensor.filter_Hz", str(error))]) from error
 
 
 def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFamily:

@@ -50,12 +50,12 @@ class Ratings:
     envelope: Envelope
 
 
-def ratings(prototype: Prototype, masses_kg: tuple[float, ...], load_N: float, up_to_Hz: float) -> Ratings:
-    """Ratings over a few outer end masses, the largest of each.
+def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float) -> Ratings:
+    """Ratings over both ends and the middle of a payload range, of each law its own; the largest of each.
 
     Args:
         prototype: with a controller whose loop is stable at these masses.
-        masses_kg: outer end masses to look at.
+        masses_kg: range of outer end mass.
         load_N: amplitude of the force on the tip.
         up_to_Hz: highest frequency of it.
     """
@@ -64,8 +64,9 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, ...], load_N: float, u
     stall = supply * area
     force = flow = current = stroke = no_load = 0.0
     turn = np.exp(2j * np.pi * np.arange(_PHASES) / _PHASES)
-    for mass in masses_kg:
-        asked = demand(prototype, mass, grid)
+    stages = prototype.stages(masses_kg)
+    for law, mass in ((stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg):
+        asked = demand(law, mass, grid)
         force = max(force, load_N * float(np.abs(asked.force).max()))
         flow = max(flow, load_N * float(np.abs(asked.flow).max()))
         stroke = max(stroke, load_N * float(np.abs(asked.stroke).max()))
@@ -85,5 +86,5 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, ...], load_N: float, u
     shown = np.array(SHOWN_HZ)
     return Ratings(
         load_N, up_to_Hz, force, force / area, force / area / PRESSURE_SHARE, flow, MARGIN * no_load, MARGIN * current,
-        2 * MARGIN * stroke, MARGIN * flow, given, envelope(prototype, max(masses_kg), 0.0, shown),
+        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, shown),
     )  # fmt: skip

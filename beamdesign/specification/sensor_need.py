@@ -9,9 +9,9 @@ import numpy as np
 
 from beamdesign.loop import loop
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.certifying import certify
+from beamdesign.proof.certifying import guaranteed_by_all
 from beamdesign.proof.rig_family import rig_family
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import InStage, Prototype
 from beamdesign.rig.effects import library
 from beamdesign.specification.tolerances import why_no_box
 
@@ -84,19 +84,23 @@ def sensor_need(
         told: what is being done.
     """
     told("bandwidth of the sensor")
-    nominal = certify(prototype, *masses_kg).guaranteed
+    stages = prototype.stages(masses_kg)
+    nominal = guaranteed_by_all(stages)
+
+    def reaches(break_Hz: float) -> "Guaranteed | None":
+        return guaranteed_by_all(lagging(prototype, break_Hz).stages(masses_kg))
+
     stable = performs = reached = None
     breaks = _breaks_Hz(prototype)
     if nominal is not None:
-        if not why_no_box(prototype):
-            stable = _least(lambda f: certify(lagging(prototype, f), *masses_kg).stable, breaks)
+        if not why_no_box(stages[0].prototype):
+            stable = _least(lambda f: reaches(f) is not None, breaks)
         while stable is not None and not _proved_above(prototype, masses_kg, stable):
             stable = None if 1.1 * stable >= breaks[1] else 1.1 * stable
-        performs = _least(lambda f: _kept(certify(lagging(prototype, f), *masses_kg).guaranteed, nominal), breaks)
-        reached = None if performs is None else certify(lagging(prototype, performs), *masses_kg).guaranteed
+        performs = _least(lambda f: _kept(reaches(f), nominal), breaks)
+        reached = None if performs is None else reaches(performs)
     motion = prototype.goal.compliance_m_per_N * load_N
-    looked_at = sorted({masses_kg[0], sum(masses_kg) / 2, masses_kg[1]})
-    band = max(noise_bandwidth_Hz(prototype, mass) for mass in looked_at)
+    band = max(noise_bandwidth_Hz(stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg)
     density = share * motion / sqrt(band)
     sensor = prototype.sensor
     return SensorNeed(
@@ -136,13 +140,16 @@ def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
 
 def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz: float) -> bool:
     """Whether every break from this one up is proved stable with every outer end mass."""
-    rig, ends = lagging(prototype, break_Hz), (break_Hz, _breaks_Hz(prototype)[1])
+    varied, name, factor = ["sensor_lag.break_Hz"], "sensor_lag_break_Hz", 1.0
     if prototype.sensor.filter_Hz is None:
-        found, name, factor = rig_family(rig), "filter_frequency", 2 * pi
-    else:
-        found, name, factor = rig_family(rig, varied=["sensor_lag.break_Hz"]), "sensor_lag_break_Hz", 1.0
-    box = box_of({"outer_end_mass": masses_kg, name: (factor * ends[0], factor * ends[1])})
-    return certify_box(found, box, _BUDGET, volumes=False).stable is True
+        varied, name, factor = [], "filter_frequency", 2 * pi
+    ends = (factor * break_Hz, factor * _breaks_Hz(prototype)[1])
+
+    def proved(stage: InStage) -> bool:
+        box = box_of({"outer_end_mass": stage.outer_end_mass_kg, name: ends})
+        return certify_box(rig_family(stage.prototype, varied=varied), box, _BUDGET, volumes=False).stable is True
+
+    return all(map(proved, lagging(prototype, break_Hz).stages(masses_kg)))
 
 
 def _kept(found: "Guaranteed | None", nominal: "Guaranteed") -> bool:

@@ -1,14 +1,18 @@
 """The specification of a prototype: what to build, what of it is proved, and how to accept what was built."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 from beamdesign.loop import loop
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.certificate import Certificate
-from beamdesign.proof.certifying import certify
-from beamdesign.prototype import Prototype
+from beamdesign.proof.certificate import Certificate, Guaranteed
+from beamdesign.proof.certifying import certify, guaranteed_by_all
+from beamdesign.proof.lyapunov import Switching, switching
+from beamdesign.proof.stage_family import stage_families
+from beamdesign.prototype import InStage, Prototype
 from beamdesign.realisation.loop import realised_loop
+from beamdesign.records import InputError
 from beamdesign.specification.acceptance_bands import AcceptanceAtMass, acceptance_bands
 from beamdesign.specification.analogue import AnalogueController, analogue_controllers
 from beamdesign.specification.data_folder import DURATION_S, AcceptancePlan, acceptance_plan
@@ -59,15 +63,38 @@ class DigitalController:
 
 
 @dataclass(frozen=True)
+class LawSpecification:
+    """How a law is realised, and what is to be measured while it acts; a fixed law is the only one.
+
+    The parts after `certificate` are None or empty where not every loop is stable over its range.
+
+    Attributes:
+        stage: the prototype with this law, and the payloads that it is for.
+        certificate: stability, bandwidth and peak sensitivity over these.
+        analogue_reason: why there is no circuit, in words; empty where there is one.
+    """
+
+    stage: InStage
+    certificate: Certificate
+    analogue: tuple[AnalogueController, ...] = ()
+    analogue_reason: str = ""
+    digital: DigitalController | None = None
+    acceptance: tuple[AcceptanceAtMass, ...] = ()
+    plan: AcceptancePlan | None = None
+
+
+@dataclass(frozen=True)
 class Specification:
-    """Everything; the parts after `certificate` are None where the loop is not stable over the range.
+    """Everything; the parts after `laws` are None where the loop is not stable over the range.
 
     Attributes:
         prototype: what is specified.
         masses_kg: range of outer end mass.
-        certificate: stability, bandwidth and peak sensitivity over the range.
         load_N: reference load of the ratings.
         load_words: where it comes from.
+        laws: of the controller, each over its own payloads.
+        switching: what is proved of changes between them; None for one law.
+        guaranteed: the worst that is proved with any of the laws over its own payloads.
         stock: nearest stock sizes; None where a beam has no geometry.
         tolerances_reason: why no tolerances are proved, in words; empty where they are.
         reason: why there is no specification, in words; empty where there is one.
@@ -75,19 +102,16 @@ class Specification:
 
     prototype: Prototype
     masses_kg: tuple[float, float]
-    certificate: Certificate
     load_N: float
     load_words: str
+    laws: tuple[LawSpecification, ...]
+    switching: Switching | None = None
+    guaranteed: Guaranteed | None = None
     stock: tuple[StockChoice, ...] | None = None
     ratings: Ratings | None = None
     sensor: SensorNeed | None = None
-    analogue: tuple[AnalogueController, ...] = ()
-    analogue_reason: str = ""
-    digital: DigitalController | None = None
     tolerances: Tolerances | None = None
     tolerances_reason: str = ""
-    acceptance: tuple[AcceptanceAtMass, ...] = ()
-    plan: AcceptancePlan | None = None
     reason: str = ""
 
 
@@ -105,50 +129,92 @@ def specify(
     Args:
         prototype: with a controller.
         masses_kg: range of outer end mass it is to be built for.
-        rate_Hz: sampling rate of the difference equation; chosen where it is None.
+        rate_Hz: sampling rate of the difference equations; chosen where it is None, as the schedule's of several laws.
         load_N: reference load; else the prototype's largest force, else the weight of the largest payload.
         noise_share: share of the motion that the goal allows, which sensor noise may cause.
         duration_s: of each record of the acceptance test.
         progress: told the share done and what is being done.
 
     Raises:
-        ValueError: without a controller, or for a sampling rate that is too low for it.
-        InputError: for effects for which no linear loop stands.
+        InputError: for a sampling rate that is too low for its laws, or one that cannot be sampled; for effects for
+            which no linear loop stands; for several laws and one payload, or several laws and effects.
     """
+    stages, schedule = prototype.stages(masses_kg), prototype.schedule
+    rate_Hz = rate_Hz or (1 / schedule.period_s if schedule else None)
+    _refuse_slow(prototype, rate_Hz)
     progress(0.0, "certificate")
-    certificate = certify(prototype, *masses_kg)
+    laws = tuple(LawSpecification(stage, certify(stage.prototype, *stage.outer_end_mass_kg)) for stage in stages)
     load, words = _reference_load(prototype, masses_kg, load_N)
-    if not certificate.stable or certificate.guaranteed is None:
-        reason = f"not certifiable from {masses_kg[0]:g} to {masses_kg[1]:g} kg: {certificate.reason}"
-        return Specification(prototype, masses_kg, certificate, load, words, reason=reason)
-    looked_at = tuple(dict.fromkeys((masses_kg[0], sum(masses_kg) / 2, masses_kg[1])))
+    found = Specification(prototype, masses_kg, load, words, laws)
+    for one in laws:
+        if one.certificate.guaranteed is None:
+            low, high = one.stage.outer_end_mass_kg
+            reason = f"not certifiable from {low:g} to {high:g} kg: {one.certificate.reason}"
+            return replace(found, reason=reason)
+    if schedule is not None:
+        if not masses_kg[0] < masses_kg[1]:
+            reason = f"{masses_kg[0]:g} kg is one payload, which is not for a scheduled controller; give one law"
+            raise InputError(prototype.name, [("payload.outer_end_mass_kg", reason)])
+        progress(0.01, "changes of stage")
+        switched = switching(stage_families(prototype), *masses_kg, dwell_s=schedule.dwell_s)
+        found = replace(found, switching=switched)
+        if not switched.stable:
+            return replace(found, reason=f"changes between its laws are not proved: {switched.reason}")
+    reached = guaranteed_by_all(stages)
+    assert reached is not None
     progress(0.02, "sections and ratings")
     stock = stock_choices(prototype, masses_kg)
-    needed = ratings(prototype, looked_at, load, certificate.guaranteed.bandwidth_Hz)
+    needed = ratings(prototype, masses_kg, load, reached.bandwidth_Hz)
     sensor = sensor_need(prototype, masses_kg, load, noise_share, lambda text: progress(0.05, text))
+    unboxed = why_no_box(stages[0].prototype)
+    kept = None
+    if not unboxed:
+        kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.1 + 0.4 * share, text))
+    specified = {} if kept is None else kept.specified
+
+    def told(share: float, text: str, law: int) -> None:
+        progress(0.5 + 0.5 * (law + share) / len(laws), text)
+
+    laws = tuple(_realised(one, specified, rate_Hz, duration_s, partial(told, law=k)) for k, one in enumerate(laws))
+    return replace(
+        found, laws=laws, guaranteed=reached, stock=stock, ratings=needed, sensor=sensor, tolerances=kept,
+        tolerances_reason=unboxed
+    )  # fmt: skip
+
+
+def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
+    """Refuse a sampling rate that is too low for a law."""
+    assert prototype.controller is not None
+    try:
+        upper = max(upper_break_Hz(law) for law, _ in prototype.controller.laws)
+    except ValueError as error:
+        raise InputError(prototype.name, [("controller", str(error))]) from error
+    if rate_Hz is not None and rate_Hz <= 2 * upper:
+        reason = f"{rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz"
+        raise InputError("--sampling-rate-Hz", [("rate", reason)])
+
+
+def _realised(
+    law: LawSpecification, specified: Mapping[str, float], rate_Hz: float | None, duration_s: float, progress: Progress
+) -> LawSpecification:
+    """A law that is proved stable over its payloads with its circuit, code and acceptance test."""
+    prototype, masses_kg, _ = law.stage
     analogue: tuple[AnalogueController, ...] = ()
     why = ""
     try:
-        analogue = analogue_controllers(prototype, masses_kg, lambda text: progress(0.12, text))
+        analogue = analogue_controllers(prototype, masses_kg, lambda text: progress(0.0, text))
     except ValueError as error:
         why = str(error)
-    progress(0.18, "difference equation")
-    digital = digital_controller(prototype, masses_kg, looked_at, rate_Hz)
-    unboxed = why_no_box(prototype)
-    kept = None
-    if not unboxed:
-        kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.25 + 0.45 * share, text))
+    progress(0.2, "difference equation")
+    digital = digital_controller(prototype, masses_kg, law.stage.looked_at_kg, rate_Hz)
     plan = acceptance_plan(prototype, masses_kg, duration_s)
     expected = acceptance_bands(
         prototype,
-        tuple(sorted({*looked_at, *plan.masses_kg})),
-        {} if kept is None else kept.specified,
-        lambda share, text: progress(0.7 + 0.3 * share, text),
+        tuple(sorted({*law.stage.looked_at_kg, *plan.masses_kg})),
+        specified,
+        lambda share, text: progress(0.4 + 0.6 * share, text),
     )
-    return Specification(
-        prototype, masses_kg, certificate, load, words, stock, needed, sensor, analogue, why, digital, kept, unboxed,
-        expected, plan
-    )  # fmt: skip
+    return replace(law, analogue=analogue, analogue_reason=why, digital=digital, acceptance=expected, plan=plan)
 
 
 def digital_controller(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from beamdesign import section
 from beamdesign.lumped import lumped_beam
-from beamdesign.proof.certifying import certify
+from beamdesign.proof.certifying import guaranteed_by_all
 from beamdesign.prototype import Prototype
 from beamdesign.report.specification import TubeToMake, nearest_stock_tube, tube_to_make
 from beamdesign.section import SquareTube
@@ -63,8 +63,8 @@ def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> 
     made, changed = tube_to_make(name, record), tube_to_make(name, other)
     stable = reached = None
     if not same and after > 0:
-        certificate = certify(prototype.but(**{f"{name}_beam": other}, guarantee=None), *masses_kg)
-        stable, reached = certificate.stable, certificate.guaranteed
+        reached = guaranteed_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
+        stable = reached is not None
     found, exchanged = lumped_beam(record), lumped_beam(other)
     return StockChoice(
         made,

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
+from typing import NamedTuple
 
 from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.members import family
-from beamdesign.proof.certifying import certify
+from beamdesign.proof.certifying import guaranteed_by_all
 from beamdesign.proof.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proof.scaling import Scaling, largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box
@@ -24,6 +25,7 @@ holds rigs that hardly damp anything."""
 _UNIT = 0.01
 _WITHIN, _COARSE = 0.02, 0.05
 _BUDGET = 400
+_SIGMAS = 10.0
 
 
 @dataclass(frozen=True)
@@ -59,17 +61,17 @@ class Tolerances:
         equal_refuted: at which a member is unstable; None where none was found.
         stated_sigmas: the prototype's own standard deviations, all at once, are proved up to this many; None where it
             states none.
-        certificate: of the box of shared tolerances, which `beamdesign certify --replay` proves again; empty where
-            nothing was proved.
-        certificate_equal: of the box of equal tolerances.
+        certificates: of the box of shared tolerances or a wider one, for each law, which `beamdesign certify --replay`
+            proves again; empty texts where nothing was proved.
+        certificates_equal: of the box of equal tolerances, likewise.
     """
 
     figures: tuple[FigureTolerance, ...]
     equal: float
     equal_refuted: float | None
     stated_sigmas: float | None
-    certificate: str
-    certificate_equal: str
+    certificates: tuple[str, ...]
+    certificates_equal: tuple[str, ...]
 
     @property
     def specified(self) -> dict[str, float]:
@@ -103,18 +105,25 @@ def tolerances(
 ) -> Tolerances:
     """Prove tolerances of a prototype whose nominal loop is proved stable for every outer end mass of a range.
 
+    With several laws the tolerances are those that the loop bears with each of them, over the payloads that it is for.
+
     Args:
         prototype: with a controller.
-        masses_kg: range of outer end mass, all of which is in every box.
+        masses_kg: range of outer end mass, all of which is in every box, or of several laws' boxes together.
         told: the share done, and with what.
     """
-    names = toleranced_figures(prototype)
+    stages = prototype.stages(masses_kg)
+    names = toleranced_figures(stages[0].prototype)
 
-    def scale(spread: Mapping[str, float], most: float, within: float = _WITHIN) -> Scaling:
-        box = tolerance_box(prototype, 1.0, tuple(spread), masses_kg, spread=spread)
-        return largest_scaling(prototype, box, within, _BUDGET, most)
+    def scale(spread: Mapping[str, float] | None, most: float, within: float = _WITHIN) -> _Borne:
+        found: list[Scaling] = []
+        for law, masses, _ in stages:
+            box = tolerance_box(law, 1.0, None if spread is None else tuple(spread), masses, spread=spread)
+            found.append(largest_scaling(law, box, within, _BUDGET, most))
+            most = found[-1].proved or most  # no more counts than what the law before it bears
+        return _Borne(tuple(found))
 
-    alone: dict[str, Scaling] = {}
+    alone: dict[str, _Borne] = {}
     for k, name in enumerate(names):
         told(0.5 * k / len(names), f"tolerance of {name.replace('_', ' ')}")
         alone[name] = scale({name: _UNIT}, LARGEST / _UNIT)
@@ -125,14 +134,20 @@ def tolerances(
     shared = scale(weights, 1.0, _COARSE)
     stated = None
     if any(prototype.tolerance.model_dump().values()):
-        own = tolerance_box(prototype, 1.0, None, masses_kg)
+        own = tolerance_box(stages[0].prototype, 1.0, None, masses_kg)
         if set(own.names) - own.rigid:
-            stated = largest_scaling(prototype, own, _WITHIN, _BUDGET).proved
+            stated = scale(None, _SIGMAS).proved
     rows = []
     for k, name in enumerate(names):
         told(0.7 + 0.3 * k / len(names), "performance at the ends of the tolerances")
         specified = _rounded_down(shared.proved * weights[name] / SAFETY)
-        reached = _at_ends(prototype, masses_kg, name, specified) if name in CHANGEABLE else (None, None)
+        ends = None
+        if name in CHANGEABLE:
+            ends = guaranteed_by_all(
+                stage._replace(prototype=with_figures(stage.prototype, {name: 1 + side * specified}))
+                for stage in stages
+                for side in (-1, 1)
+            )
         refuted = alone[name].refuted
         rows.append(
             FigureTolerance(
@@ -141,7 +156,8 @@ def tolerances(
                 None if refuted is None else refuted * _UNIT,
                 shared.proved * weights[name],
                 specified,
-                *reached,
+                None if ends is None else ends.bandwidth_Hz,
+                None if ends is None else ends.peak_sensitivity,
             )
         )
     return Tolerances(
@@ -149,26 +165,29 @@ def tolerances(
         equal.proved * _UNIT,
         None if equal.refuted is None else equal.refuted * _UNIT,
         stated,
-        shared.verdict.certificate if shared.verdict else "",
-        equal.verdict.certificate if equal.verdict else "",
+        shared.certificates,
+        equal.certificates,
     )
+
+
+class _Borne(NamedTuple):
+    """How far a box can be drawn out with each of the laws; the weakest counts."""
+
+    each: tuple[Scaling, ...]
+
+    @property
+    def proved(self) -> float:
+        return min(one.proved for one in self.each)
+
+    @property
+    def refuted(self) -> float | None:
+        return min((one.refuted for one in self.each if one.refuted is not None), default=None)
+
+    @property
+    def certificates(self) -> tuple[str, ...]:
+        return tuple(one.verdict.certificate if one.verdict else "" for one in self.each)
 
 
 def _rounded_down(tolerance: float) -> float:
     """To two significant digits: a figure that a workshop can be given."""
     return float(decimal(tolerance, 2, ROUND_FLOOR)) if tolerance > 0 else 0.0
-
-
-def _at_ends(
-    prototype: Prototype, masses_kg: tuple[float, float], name: str, tolerance: float
-) -> tuple[float | None, float | None]:
-    """Least bandwidth and largest peak sensitivity proved with one figure at either end of its tolerance."""
-    reached = [
-        certify(with_figures(prototype, {name: 1 + side * tolerance}), *masses_kg).guaranteed for side in (-1, 1)
-    ]
-    if any(one is None for one in reached):
-        return None, None
-    return (
-        min(one.bandwidth_Hz for one in reached if one is not None),
-        max(one.peak_sensitivity for one in reached if one is not None),
-    )

@@ -1,22 +1,23 @@
 """The part of the specification that says how to accept what was built."""
 
 from beamdesign.lumped import lumped_beam
+from beamdesign.prototype import Prototype
 from beamdesign.report.quantity import decimal, quantity
 from beamdesign.scenario import LoadSteps, Multisine, ScenarioRecord
 from beamdesign.specification.acceptance_bands import MEASURED_WITHIN, Band
 from beamdesign.specification.document import Block, Code, Items, Paragraph, Part, Table
-from beamdesign.specification.specification import Specification
+from beamdesign.specification.specification import LawSpecification
 
 FOLDER = "acceptance"
 
 
-def acceptance_part(spec: Specification) -> Part:
+def acceptance_part(spec: LawSpecification) -> Part:
     """Excitations, expected measurements with limits, and the folder to fill in."""
-    plan, controller = spec.plan, spec.prototype.controller
+    plan, controller, folder = spec.plan, spec.stage.prototype.controller, f"{FOLDER}{spec.stage.suffix}"
     assert plan is not None
     assert controller is not None
     scenario = plan.scenario
-    bare = _bare(spec)
+    bare = _bare(spec.stage.prototype)
     blocks: list[Block] = [
         Items(
             (
@@ -26,7 +27,7 @@ def acceptance_part(spec: Specification) -> Part:
                 f"Take the records below with the controller at {quantity(controller.gain_A_per_V, 'A/V')}, each"
                 " from rest,"
                 f" sampled every {1e3 * scenario.sample_s:g} ms for {scenario.duration_s:g} s. Forces and volts are in"
-                f" `{FOLDER}/excitation`, peaks as in the table.",
+                f" `{folder}/excitation`, peaks as in the table.",
                 "Then raise the gain, all else as specified, until an oscillation keeps up by itself; stop there.",
             )
         ),
@@ -85,19 +86,19 @@ def acceptance_part(spec: Specification) -> Part:
             )
         ),
         Paragraph(
-            f"The folder `{FOLDER}` is a data set to fill in: one CSV file per record in `{FOLDER}/records`, whose"
+            f"The folder `{folder}` is a data set to fill in: one CSV file per record in `{folder}/records`, whose"
             " column"
             " names stand there already (`displacement_m` is the sensor's volts over its believed gain, measured"
             " from rest)."
             " Critical gains go into its `dataset.toml`, where lines for them are prepared. Its `prototype.toml` states"
             " as standard deviations what the prototype does, or else the specified tolerances over √3. Then"
         ),
-        Code(f"beamdesign gap diagnose {FOLDER}"),
+        Code(f"beamdesign gap diagnose {folder}"),
         Paragraph(
             "says where the rig differs from this specification, and why. To rehearse it with a simulated rig first:"
         ),
         Code(
-            f"beamdesign simulate {FOLDER}/prototype.toml --scenario {FOLDER}/scenario.toml --out rehearsal\n"
+            f"beamdesign simulate {folder}/prototype.toml --scenario {folder}/scenario.toml --out rehearsal\n"
             "# then copy the CSV files of rehearsal into the records of a copy of the folder"
         ),
     ]
@@ -123,11 +124,11 @@ def _excitation(row: ScenarioRecord) -> tuple[str, ...]:
     return row.name, quantity(row.outer_end_mass_kg, "kg"), f"{where}: {words}", peak, band
 
 
-def _bare(spec: Specification) -> tuple[float, float]:
+def _bare(rig: Prototype) -> tuple[float, float]:
     from math import pi, sqrt
 
-    outer, inner = lumped_beam(spec.prototype.outer_beam), lumped_beam(spec.prototype.inner_beam)
-    added = spec.prototype.payload.inner_end_mass_kg
+    outer, inner = lumped_beam(rig.outer_beam), lumped_beam(rig.inner_beam)
+    added = rig.payload.inner_end_mass_kg
     return (
         sqrt(outer.stiffness / outer.mass) / (2 * pi),
         sqrt(inner.stiffness / (inner.mass + added)) / (2 * pi),

@@ -1,47 +1,79 @@
 """The part of the specification that a controls engineer builds from: certificate, circuit, code, tolerances."""
 
 from decimal import ROUND_CEILING, ROUND_FLOOR
+from math import isinf
 
+from beamdesign.proof.lyapunov import describe
 from beamdesign.proof.rational import nearest
 from beamdesign.report.foundations import proved_statements
 from beamdesign.report.quantity import decimal, mass_range_text, quantity
 from beamdesign.specification.analogue import AnalogueController
 from beamdesign.specification.document import Block, Code, Items, Paragraph, Part, Table
 from beamdesign.specification.sampled_loop import SampledVerdict
-from beamdesign.specification.specification import Specification
-from beamdesign.specification.tolerances import LARGEST, SAFETY
+from beamdesign.specification.specification import LawSpecification, Specification
+from beamdesign.specification.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.specification.words_build import masses_text, optional
 
 
-def guaranteed(spec: Specification) -> Part:
+def guaranteed(law: LawSpecification) -> Part:
     """What the certificate says."""
-    limit = spec.prototype.goal.compliance_m_per_N
-    whole = mass_range_text(spec.masses_kg)
+    rig, masses, _ = law.stage
     rows = tuple(
-        (one.claim.replace(whole, masses_text(spec.masses_kg)), one.foundation, one.how)
-        for one in proved_statements(spec.certificate, limit)
+        (one.claim.replace(mass_range_text(masses), masses_text(masses)), one.foundation, one.how)
+        for one in proved_statements(law.certificate, rig.goal.compliance_m_per_N)
     )
     blocks: list[Block] = [
         Table(("claim", "foundation", "by"), rows),
         Paragraph(
             "Proved about the linear model with the nominal figures. To prove it again:"
-            " `beamdesign certify --replay certificate.toml`."
+            f" `beamdesign certify --replay certificate{law.stage.suffix}.toml`."
         ),
     ]
-    if spec.certificate.scope:
-        blocks.append(Items(spec.certificate.scope))
+    if law.certificate.scope:
+        blocks.append(Items(law.certificate.scope))
     return Part("What is guaranteed", tuple(blocks))
 
 
-def controller(spec: Specification) -> Part:
+def changes(spec: Specification) -> Part:
+    """Which law acts when, and what is proved of the changes."""
+    schedule = spec.prototype.schedule
+    assert schedule is not None
+    assert spec.switching is not None
+    rows = tuple(
+        (str(k), law.words(), *("any" if isinf(edge) else f"{edge:.6g} kg" for edge in edges))
+        for k, ((law, _), edges) in enumerate(zip(schedule.laws, schedule.kept_kg, strict=True), start=1)
+    )
+    told = schedule.estimator
+    rule = (
+        f"The payload is estimated every {told.update_s:g} s from current and sensor voltage, sampled every"
+        f" {schedule.period_s:g} s; an estimate whose standard deviation is above {told.largest_std_kg:g} kg changes"
+        " nothing.",
+        "A stage acts on while the estimate lies between its thresholds. Beyond them the stage takes over in which the"
+        f" estimate lies deepest, at least {schedule.dwell_s:g} s after the change before. So the payload is one that"
+        f" the stage is for as long as the estimate errs by no more than {told.band_kg:g} kg.",
+        "The law that takes over goes on from the current and from outputs and rates of second-order sections as they"
+        " are, so that nothing jumps; that is what is proved of changes. Circuits that are switched, each with charges"
+        " of its own, do not hand over so: of them each stage by itself is proved.",
+        "Changes are proved with nominal figures; what follows of stock tubes, sensor, tolerances, circuits and code is"
+        " about each stage while it acts, over its own payloads.",
+    )
+    heads = ("stage", "law", "acts on down to an estimate of", "acts on up to")
+    proved = Items(tuple(f"{line[:1].upper()}{line[1:]}." for line in describe(spec.switching)))
+    again = Paragraph(f"To prove it again: `beamdesign certify --replay {CHANGES_NAME}`.")
+    return Part("Changes of stage", (Table(heads, rows), Items(rule), proved, again))
+
+
+def controller(spec: LawSpecification) -> Part:
     """The law, figure by figure."""
-    law = spec.prototype.controller
+    law = spec.stage.prototype.controller
     assert law is not None
     words = f"Valve current from command − sensor voltage: {law.words()}."
     if law.added:
         words = f"{words[:-1]}, and from {', '.join(law.added)}, each with its sign turned."
     return Part("Controller", (Paragraph(words), Table(("figure", "value", "means"), tuple(law.rows()))))
 
+
+CHANGES_NAME = "stages.certificate.toml"
 
 _STAGES = {
     "amplifier": "inverting amplifier: R1 to its inverting input, Rf from its output back to it; gain = Rf/R1",
@@ -57,7 +89,7 @@ _STAGES = {
 }
 
 
-def circuit(spec: Specification) -> Part:
+def circuit(spec: LawSpecification) -> Part:
     """The analogue realisation."""
     if not spec.analogue:
         return Part("Analogue controller", (Paragraph(f"None: {spec.analogue_reason}."),))
@@ -149,9 +181,9 @@ def _value(name: str, value: float | None) -> str:
     return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"
 
 
-def code(spec: Specification) -> Part:
+def code(spec: LawSpecification) -> Part:
     """The difference equation."""
-    found = spec.digital
+    found, unboxed = spec.digital, why_no_box(spec.stage.prototype)
     assert found is not None
     law = found.equation
     units = {channel.gain_name: f"   # A/{channel.unit}" for channel in law.asked.channels}
@@ -173,9 +205,7 @@ def code(spec: Specification) -> Part:
         (
             f"continuous law with every pure delay from 0 to {decimal(1e6 * found.delay_s)} µs (1.5 periods)",
             {True: "proved", False: "refuted", None: "undecided"}[found.delay_stable],
-            f"not looked at: {spec.tolerances_reason}"
-            if spec.tolerances_reason
-            else "zero exclusion over payload and delay",
+            f"not looked at: {unboxed}" if unboxed else "zero exclusion over payload and delay",
         ),
     ]
     return Part(
@@ -264,11 +294,16 @@ def tolerance_part(spec: Specification) -> Part:
         f"Relative tolerances with which the loop stays stable for every payload of {masses_text(spec.masses_kg)}"
         f" (proved, asked up to ± {100 * LARGEST:g} %), tightest first"
     )
+    names = [law.stage.suffix for law in spec.laws]
     again = (
-        "`beamdesign certify --replay tolerances.toml` proves the box of the column together again,"
-        " `equal_tolerances.toml` that of equal shares."
+        f"`beamdesign certify --replay` of {_files('tolerances', names)} proves the box of the column together again,"
+        f" or a wider one, of {_files('equal_tolerances', names)} that of equal shares."
     )
     return Part("Tolerances", (Table(heads, tuple(rows), caption), Items(tuple(words)), Paragraph(again)))
+
+
+def _files(stem: str, suffixes: list[str]) -> str:
+    return " and ".join(f"`{stem}{suffix}.toml`" for suffix in suffixes)
 
 
 def figure_words(name: str) -> str:
