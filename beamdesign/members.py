@@ -1,7 +1,7 @@
 """The linear members of a prototype: a set of linear models that brackets it with its effects, one without any."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from math import prod
 
@@ -32,6 +32,10 @@ class Interval:
 
 
 ONE = Interval(1.0, 1.0)
+
+
+BEYOND = 0.03
+"""Share of all payloads by which a law that is for some of them is stable beyond the heaviest."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,32 @@ class LinearFamily:
     load_N: float
     depends_on_load: bool = False
     gains: Mapping[str, Span] = field(default_factory=dict)
+
+
+def served(
+    prototype: Prototype, largest_kg: float, stage: tuple[tuple[float, float], tuple[float, float]] | None = None
+) -> tuple[Member, ...]:
+    """Linear members that a law has to serve: its own payloads with performance, all payloads with stability.
+
+    The second are members of their own: the same plants, their payload stretched from the law's range to the whole one
+    and a little more, which only have to be stable.
+
+    Args:
+        prototype: with or without effects.
+        largest_kg: as of `family`.
+        stage: payloads (least, most) of the law, and all payloads; None where these are the same.
+
+    Raises:
+        InputError: as of `family`.
+    """
+    own = family(prototype, largest_kg).members
+    if stage is None:
+        return own
+    (low, high), (least, most) = stage
+    factor = (1 + BEYOND) * (most - least) / (high - low)
+    offset = least - factor * low
+    stretched = [replace(one, rig=replace(one.rig, stretch=(offset, factor)), performance=None) for one in own]
+    return (*own, *stretched)
 
 
 def family(prototype: Prototype, largest_outer_end_mass: float | None = None) -> LinearFamily:

@@ -92,8 +92,8 @@ class Safety(Record):
     )
 
 
-Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf"]
-"""Kinds of controller that are tuned; of lqg and hinf an observer comes out."""
+Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf", "scheduled"]
+"""Kinds of controller that are tuned; of lqg and hinf an observer comes out, of scheduled a lag for each stage."""
 
 
 class Sought(Record):
@@ -101,10 +101,17 @@ class Sought(Record):
 
     largest_inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="most mass the tuner may add inside")] = 6.0
     sections: Annotated[int, Field(ge=1, le=3, description="second-order sections of a structured controller")] = 3
+    stages: Annotated[int, Field(ge=2, le=12, description="laws of a scheduled controller")] = 3
     added_sensors: Annotated[
         tuple[Literal["inner_displacement_m", "load_pressure_Pa"], ...],
         Field(description="what lqg and hinf read beside the displacement"),
     ] = ()
+
+    @property
+    def sought(self) -> dict[str, Any]:
+        """What `beamdesign.design.schedule.tune_laws` is asked for, beside rig, payloads and kind."""
+        names = ("largest_inner_end_mass_kg", "sections", "stages")
+        return {name: getattr(self, name) for name in names} | {"sensors": self.sensors}
 
     @property
     def sensors(self) -> tuple[Sensed, ...]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from limit_trades_picture import LIMITS, Limit, Trade, plot_limit_trades
 from matplotlib.figure import Figure
 
-from beamdesign.design.robust_tuning import tune_robust
+from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.tuning import tune
 from beamdesign.prototype import Prototype, read_prototype
 
@@ -27,10 +27,10 @@ def reached(prototype: Prototype, sections: int, sigmas: float) -> float | None:
     """Bandwidth that is proved of a prototype tuned over its payload, Hz; None where nothing is."""
     masses = prototype.payload.outer_end_mass_kg
     assert masses is not None
+    spread = None
     if sigmas > 0:
-        best = tune_robust(prototype, masses, sigmas, "structured", sections=sections).tuning.best
-    else:
-        best = tune(prototype, masses, "structured", sections=sections).best
+        spread = rig_spread(prototype.but(controller=None, guarantee=None), masses[1], sigmas)
+    best = tune(prototype, masses, "structured", sections=sections, spread=spread).best
     return None if best is None else best.bandwidth_Hz
 
 

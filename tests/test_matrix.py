@@ -332,7 +332,6 @@ _SENSORS = "sensors, compliant"
 _LISTED = (
     ("certify-switching", f"{_SENSORS}", "to be closed: the certificate states one transfer function"),
     ("tune --robust", "compliant", "to be closed: a stiffness is given for the figures as they stand"),
-    ("tune --robust", "scheduled", "to be closed: every stage by itself"),
     (
         "code",
         "scheduled",
@@ -341,7 +340,6 @@ _LISTED = (
     ("gap diagnose", "scheduled", "to be closed: the model of a data set has one law"),
     ("gap diagnose --redesign", "scheduled", "to be closed: the data set is not read"),
     ("run", "compliant", "by its kind: an end stiffness is given to a prototype that stands"),
-    ("run", "scheduled", "to be closed: a study asks for one law"),
 )
 HOLES = {(command, kind): reason for command, kinds, reason in _LISTED for kind in kinds.split(", ")}
 """What is refused today, by command and kind of controller, and why."""

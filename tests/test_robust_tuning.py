@@ -13,11 +13,12 @@ from typer.testing import CliRunner
 
 from beamdesign.checker import check
 from beamdesign.cli import app
+from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.design.loop_samples import Samples, samples, slacks
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread, rig_spread
-from beamdesign.design.robust_tuning import tune_robust, worst_of
+from beamdesign.design.robust_tuning import worst_of
 from beamdesign.design.tuning import Tuning, tune
 from beamdesign.design.worst_samples import WorstSamples, worst_samples
 from beamdesign.members import paper_model
@@ -229,10 +230,24 @@ def test_the_shipped_design_delivers_what_is_proved_on_nonlinear_rigs(name: str)
 
 def test_tolerances_that_are_missing_or_reach_zero_are_refused(rig: Prototype) -> None:
     with pytest.raises(InputError, match="no figure has a tolerance"):
-        tune_robust(rig.but(tolerance=Tolerance()), MASSES_KG, 1.0)
+        rig_spread(rig.but(tolerance=Tolerance()), MASSES_KG[1], 1.0)
     with pytest.raises(InputError, match=r"10 standard deviations of 0\.15 reach zero"):
-        tune_robust(rig, MASSES_KG, 10.0)
+        rig_spread(rig, MASSES_KG[1], 10.0)
     with pytest.raises(ValueError, match="sigmas must be positive"):
-        tune_robust(rig, MASSES_KG, 0.0)
+        rig_spread(rig, MASSES_KG[1], 0.0)
     with pytest.raises(ValueError, match="no tuning of kind"):
-        tune_robust(rig, MASSES_KG, 1.0, kind="integral")
+        tune(rig, MASSES_KG, "integral")
+
+
+def test_a_stage_is_tuned_for_its_worst_rigs_and_is_stable_with_all_payloads_in_each(rig: Prototype) -> None:
+    """By python-control's eigenvalues, of the rigs that are named and of all payloads."""
+    spread, whole_kg = rig_spread(rig.but(controller=None), 4.0, SIGMAS), (0.0, 4.0)
+    found = tune(rig, MASSES_KG, spread=spread, stable_kg=whole_kg)
+    assert found.best is not None
+    assert found.worst
+    built = rig_spread(found.prototype, 4.0, SIGMAS)
+    for member in (found.prototype, *map(built.rig, found.worst)):
+        assert all(state_space(member, mass).poles().real.max() < 0 for mass in np.linspace(*whole_kg, 9))
+        reached = certify(member, *MASSES_KG).guaranteed
+        assert reached is not None
+        assert reached.bandwidth_Hz >= found.best.bandwidth_Hz * (1 - 1e-6)

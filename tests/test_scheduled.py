@@ -1,24 +1,31 @@
 """Laws chosen by the payload: estimate, switch, proof of any change between stages, record and commands."""
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
+from beamdesign.proof.replay_any import replay as replay_any
 from flint import fmpq, fmpq_mat
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.cli.tune_scheduled import kept_apart
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
-from beamdesign.design.schedule import stage_members, stage_ranges
+from beamdesign.design import schedule
+from beamdesign.design.refinement import Proved
+from beamdesign.design.rig_spread import rig_spread
+from beamdesign.design.schedule import kept_apart, stage_ranges, tune_laws
+from beamdesign.design.tuning import Tuning
 from beamdesign.gap.predict import Inputs, predict
 from beamdesign.loop import loop
-from beamdesign.members import paper_model
+from beamdesign.members import paper_model, served
 from beamdesign.polynomial import exact
+from beamdesign.proof.certifying import certify
 from beamdesign.proof.decrease import holds_at_rate
 from beamdesign.proof.lyapunov import Switching, describe, switching
 from beamdesign.proof.mass_family import MassFamily, closed_loop
@@ -299,7 +306,7 @@ def test_sections_without_a_filter_are_refused(rig: Prototype) -> None:
 
 
 def test_the_stretched_member_is_the_plant_at_the_ends_of_all_payloads(rig: Prototype) -> None:
-    own, stretched = stage_members(rig, (1.8, 5.0), (0.0, 6.8))
+    own, stretched = served(rig, 6.8, ((1.8, 5.0), (0.0, 6.8)))
     beyond = 6.8 + 0.03 * 6.8
     for stage_kg, whole_kg in ((1.8, 0.0), (5.0, beyond)):
         here = stretched.rig.plant(1.5).denominator.at(exact(stage_kg))
@@ -315,6 +322,63 @@ def test_every_shipped_stage_keeps_its_goal_and_is_stable_for_all_payloads(rig: 
         assert all(closed.at(mass).stable for mass in np.linspace(0, 6.8, 18))
         assert max(closed.at(mass).peak_sensitivity() for mass in np.linspace(low, high, 5)) <= 2.0
         assert min(closed.at(mass).bandwidth_Hz() for mass in np.linspace(low, high, 5)) > 5.05
+
+
+@pytest.fixture
+def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, object]]:
+    """What every stage's tuning is asked for; its answer is the shipped law that is for most of its payloads."""
+    asked: list[dict[str, object]] = []
+
+    def tuned(prototype: Prototype, masses: tuple[float, float], *more: object, **options: object) -> Tuning:
+        asked.append(options)
+        law = min(schedule_of(rig).laws, key=lambda one: abs(sum(one[1]) - sum(masses)))[0]
+        found = prototype.but(controller=law, payload=rig.payload.but(outer_end_mass_kg=masses))
+        reached = certify(found, *masses).guaranteed
+        assert reached is not None
+        inside = rig.payload.inner_end_mass_kg
+        best = Proved(law, inside, reached.bandwidth_Hz, reached.peak_sensitivity, np.zeros(0))
+        return Tuning(found, masses, best, (best.bandwidth_Hz,), 1)
+
+    monkeypatch.setattr(schedule, "tune", tuned)
+    return asked
+
+
+def test_stages_are_tuned_for_the_same_tolerances_and_their_changes_proved(
+    rig: Prototype, proved: Switching, given: list[dict[str, object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bare = rig.but(controller=None, tolerance=rig.tolerance.but(flow_gain=0.05))
+    spread = rig_spread(bare, 6.8, 1.0)
+    monkeypatch.setattr(schedule, "switching", lambda families, *masses, **more: proved)  # of the shipped stages
+    found = tune_laws(bare, (0.0, 6.8), "scheduled", spread=spread, stages=3)
+    assert all(one["stable_kg"] == (0.0, 6.8) and one["spread"] is spread for one in given)
+    assert len(given) == len(found.laws) == 3  # one mass inside: nothing more is tried
+    assert [stage.prototype.controller for stage in found.stages] == [law for law, _ in schedule_of(rig).laws]
+    assert found.switching is not None
+    assert found.switching.stages is proved.stages
+
+
+def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[dict[str, object]], tmp_path: Path) -> None:
+    study = tomllib.loads((ROOT / "studies/prototype.toml").read_text(encoding="utf-8"))
+    study["controller"] = {"kind": "scheduled", "stages": 2}
+    study["payload"]["outer_end_mass_kg"] = [0.0, 3.0]
+    study["sections"]["choose"] = "fixed"
+    (tmp_path / "study.toml").write_text(tomli_w.dumps(study))
+    out, told = tmp_path / "out", tmp_path / "run.json"
+    asked = ["run", str(tmp_path / "study.toml"), "--out", str(out), "--json", str(told)]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    fields = json.loads(told.read_text())
+    designed = read_prototype(out / "prototype.toml")
+    assert [stage.outer_end_mass_kg for stage in schedule_of(designed).stage] == [(0.0, 2.0), (1.0, 3.0)]
+    for number, one in enumerate(schedule_of(designed).stage, start=1):
+        text = out / f"certificate.stage_{number}.toml"
+        assert replay_any(text).valid
+        assert one.outer_end_mass_kg in [tuple(each["outer_end_mass_kg"]) for each in fields["stages"]]
+        assert f"stage {number}" in (out / f"report.stage_{number}.html").read_text()
+    assert replay_any(out / "stages.certificate.toml").valid
+    least = min(each["bandwidth_Hz"] for each in fields["stages"])
+    assert fields["guaranteed"]["bandwidth_Hz"] == least
+    assert (out / fields["guaranteed"]["certificate"]) == Path(fields["certificate"])
 
 
 def test_ranges_overlap_and_too_many_do_not_fit() -> None:

@@ -34,13 +34,22 @@ def by_stage(
         typer.Exit: with status 1 where an answer is no.
     """
     found = [work(stage) for stage in record.stages(masses_kg)]
-    answer, yes = min(found, key=lambda one: (one[1], getattr(one[0].get("guaranteed"), "bandwidth_Hz", 0.0)))
     if record.schedule is not None:
         say("each stage by itself, while the payload stays in its range; of changes: beamdesign certify-switching")
-        answer = answer | {"stages": [fields for fields, _ in found]}
-    write_json(json, answer)
-    if not yes:
+    write_json(json, of_all(record, found))
+    if not all(yes for _, yes in found):
         raise typer.Exit(1)
+
+
+def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> dict[str, Any]:
+    """The answer of the stage that governs; of several stages with those of all under `stages`."""
+
+    def reached(fields: dict[str, Any]) -> float:
+        guaranteed = fields.get("guaranteed")
+        return guaranteed["bandwidth_Hz"] if isinstance(guaranteed, dict) else getattr(guaranteed, "bandwidth_Hz", 0.0)
+
+    answer, _ = min(found, key=lambda one: (one[1], reached(one[0])))
+    return answer if record.schedule is None else answer | {"stages": [fields for fields, _ in found]}
 
 
 def beside(path: Path | None, stage: "InStage") -> Path | None:

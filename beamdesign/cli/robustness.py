@@ -8,11 +8,10 @@ from beamdesign.cli.certificate_file import write_certificate
 from beamdesign.cli.output import say, say_table
 
 if TYPE_CHECKING:
-    from beamdesign.design.refinement import Proved
     from beamdesign.design.rig_spread import RigSpread, Shape
-    from beamdesign.design.robust_tuning import RobustTuning
+    from beamdesign.design.tuning import Tuning
     from beamdesign.proof.certificate import Asked
-    from beamdesign.prototype import Prototype
+    from beamdesign.prototype import InStage, Prototype
 
 DRAWS = 32
 """Rigs that are drawn at random, each decided in exact arithmetic."""
@@ -29,20 +28,25 @@ def with_stated_tolerances(record: "Prototype") -> "Prototype":
 
 
 def told_of_rigs(
-    found: "RobustTuning", best: "Proved", masses: tuple[float, float], texts: dict[str, tuple[str, str]]
+    stage: "InStage", law: "Tuning", shape: tuple[float, "Shape"], texts: dict[str, tuple[str, str]]
 ) -> dict[str, Any]:
     """Prove the worst rigs, draw others, say what they keep; what the JSON file says of it.
 
     Certificates are added to `texts`, name of the file and content by kind.
     """
+    from beamdesign.design.rig_spread import rig_spread
+    from beamdesign.design.robust_tuning import rigs_of
     from beamdesign.study.robust_proof import CONFIDENCE, draw_rigs, prove_rigs
 
-    spread = found.spread
+    best, masses, end = law.best, stage.outer_end_mass_kg, stage.suffix
+    assert best is not None
+    spread = rig_spread(stage.prototype, masses[1], *shape)
+    found = rigs_of(spread, law.worst)
     certificates = prove_rigs(found.rigs, best, masses)
     if refuted := [certificate.reason for certificate in certificates if not certificate.holds]:
         raise AssertionError(f"a rig that was proved is refuted: {refuted[0]}")
     for k, certificate in enumerate(certificates, start=1):
-        texts[f"certificate_rig_{k}"] = (f"certificate.rig-{k}.toml", certificate.text)
+        texts[f"certificate_rig_{k}{end.replace('.', '_')}"] = (f"certificate{end}.rig-{k}.toml", certificate.text)
     _table(spread, found.factors)
     say(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
     draws = draw_rigs(spread, best, masses, DRAWS)

@@ -2,10 +2,11 @@
 
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.by_stage import of_all
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.figures import mass_range, refuse_implausible
 from beamdesign.cli.output import (
@@ -22,7 +23,9 @@ from beamdesign.files import write_set
 if TYPE_CHECKING:
     from beamdesign.controllers import Sensed
     from beamdesign.design.rig_spread import Shape
-    from beamdesign.prototype import Goal, Prototype
+    from beamdesign.design.tuning import Tuning
+    from beamdesign.proof.certificate import Certificate
+    from beamdesign.prototype import Goal, InStage, Prototype
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
 """Of the package itself; a kind that is registered beside them is taken as well where it has seeds."""
@@ -105,11 +108,16 @@ def tune(
     status 1 if no design can be proved.
     """
     from beamdesign import quantities as q
+    from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances
     from beamdesign.design import tuning
+    from beamdesign.design.rig_spread import rig_spread
+    from beamdesign.design.schedule import tune_laws
+    from beamdesign.proof.between import between, in_words
+    from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
+    from beamdesign.proof.switching_document import switching_document
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError, to_toml
-    from beamdesign.report.quantity import at_least, at_most, mass_range_text
-    from beamdesign.study.design_run import CERTIFICATE_NAME, certified
+    from beamdesign.study.design_run import certified_laws
 
     record = read_prototype(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
@@ -138,84 +146,88 @@ def tune(
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
     record = record.but(goal=tuning.limited(record.goal, controller, given))
-    if controller == "scheduled":
-        from beamdesign.cli.tune_scheduled import tune_scheduled
-
-        if robust > 0:
-            raise InputError("--robust", [(f"{robust:g}", "is not for a scheduled controller")])
-        tune_scheduled(record, masses, stages, largest_inner_end_mass_kg, out, json)
-        return
     if controller == "compliance" or end_stiffness_N_per_m is not None:
         if robust > 0:
             raise InputError("--robust", [(f"{robust:g}", "is not for --controller compliance")])
         _compliant(record, controller, end_stiffness_N_per_m, masses, out, json)
         return
-    spread_out = None
+    shape: tuple[float, Shape] = (robust, "box" if robust_box else "ball")
+    spread = None
     if robust > 0:
-        from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances
-        from beamdesign.design.robust_tuning import tune_robust
-
         record = with_stated_tolerances(record)
-        shape: Shape = "box" if robust_box else "ball"
-        asked = (record, masses, robust, controller, largest_inner_end_mass_kg)
-        with progress("tuning") as update:
-            spread_out = tune_robust(*asked, update, sections, shape, sensors)
-        found = spread_out.tuning
-    else:
-        with progress("tuning") as update:
-            found = tuning.tune(record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors)
-    if found.best is None:
+        spread = rig_spread(record.but(controller=None, guarantee=None), masses[1], *shape)
+    with progress("tuning") as update:
+        asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
+        found = tune_laws(*asked)
+    if found.reason:
         say(found.reason)
         write_json(json, {"controller": None, "inner_end_mass_kg": None, "guaranteed": None, "reason": found.reason})
         raise typer.Exit(1)
-    best = found.best
-    certificate, guaranteed = certified(found.prototype, best, masses)
-    texts = {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)}
+    guaranteed, each = certified_laws(found)
+    texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
+    answers = []
+    for stage, law, (certificate, _) in zip(found.stages, found.laws, each, strict=True):
+        end = stage.suffix.replace(".", "_")
+        texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
+        answers.append((_of_law(stage, law, certificate), True))
+        if spread is not None:
+            answers[-1][0]["robust"] = told_of_rigs(stage, law, shape, texts)
+        if record.effects:
+            verdict = between(guaranteed, *masses)
+            if words := in_words(verdict):
+                say(f"  {words}")
+            if verdict is not None and verdict.certificate:
+                texts["certificate_between"] = ("certificate.between.toml", verdict.certificate)
+    answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
+    if (changes := found.switching) is not None:
+        lines = describe(changes)
+        for line in (*lines, *(["changes are proved of the nominal rig alone"] if spread is not None else [])):
+            say(f"  {line}")
+        summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
+        texts["certificate_switching"] = (CHANGES_NAME, switching_document(guaranteed, changes, summary))
+        answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
+    paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
+    for name, path in paths.items():
+        say(f"{name}: {path}")
+    write_json(json, answer | paths)
+    if changes is not None and not changes.stable:
+        raise typer.Exit(1)
+
+
+def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
+    """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text
+
+    best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
+    assert best is not None
     rows = [
         *best.controller.summary(),
         ("inner_end_mass_kg", str(best.inner_end_mass_kg)),
         ("guaranteed bandwidth", at_least(best.bandwidth_Hz, "Hz")),
         ("guaranteed peak sensitivity", at_most(best.peak_sensitivity, "1")),
-        *_kept(record.goal),
+        *_kept(goal),
         ("for every outer end mass", mass_range_text(masses)),
     ]
-    say_table(f"{record.name}: tuned {controller} controller", ("figure", "value"), rows)
-    say(f"proved in exact arithmetic; {found.certificates} stability certificates on the way")
+    say_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
+    say(f"proved in exact arithmetic; {law.certificates} stability certificates on the way")
     for line in certificate.scope:
         say(f"  {line}")
-    kept = None if spread_out is None else told_of_rigs(spread_out, best, masses, texts)
-    if record.effects:
-        from beamdesign.proof.between import between, in_words
-
-        verdict = between(guaranteed, *masses)
-        if words := in_words(verdict):
-            say(f"  {words}")
-        if verdict is not None and verdict.certificate:
-            texts["certificate_between"] = ("certificate.between.toml", verdict.certificate)
-    paths = {} if out is None else write_set(out, texts, ("certificate.*.toml",))
-    for kind, path in paths.items():
-        say(f"{kind}: {path}")
-    write_json(
-        json,
-        {
-            "controller": best.controller.model_dump(),
-            "inner_end_mass_kg": best.inner_end_mass_kg,
-            "guaranteed": {
-                "bandwidth_Hz": best.bandwidth_Hz,
-                "peak_sensitivity": best.peak_sensitivity,
-                "outer_end_mass_kg": list(masses),
-                "loop_gain": record.goal.loop_gain,
-                "loop_gain_from_Hz": record.goal.loop_gain_from_Hz,
-                "controller_effort_A_per_V": record.goal.controller_effort_A_per_V,
-                "method": certificate.method,
-                "scope": certificate.scope,
-            },
-            "starts_bandwidth_Hz": found.starts,
-            "stability_certificates": found.certificates,
-            **({} if kept is None else {"robust": kept}),
-            **paths,
+    return {
+        "controller": best.controller.model_dump(),
+        "inner_end_mass_kg": best.inner_end_mass_kg,
+        "guaranteed": {
+            "bandwidth_Hz": best.bandwidth_Hz,
+            "peak_sensitivity": best.peak_sensitivity,
+            "outer_end_mass_kg": list(masses),
+            "loop_gain": goal.loop_gain,
+            "loop_gain_from_Hz": goal.loop_gain_from_Hz,
+            "controller_effort_A_per_V": goal.controller_effort_A_per_V,
+            "method": certificate.method,
+            "scope": certificate.scope,
         },
-    )
+        "starts_bandwidth_Hz": law.starts,
+        "stability_certificates": law.certificates,
+    }
 
 
 def _compliant(

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from beamdesign.changed_figures import CHANGEABLE, with_figures
-from beamdesign.members import Member, family
+from beamdesign.members import Member, served
 from beamdesign.parameters import TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -30,6 +30,7 @@ class RigSpread:
         sigmas: how far the figures are off, in standard deviations.
         shape: "box": each of them up to so many, whatever the others are; "ball": so many in all, the root of the sum
             of the squares, which is how far normal figures are off in any one direction that matters.
+        stage: payloads of the law that serves them and all payloads, as of `beamdesign.members.served`.
     """
 
     prototype: Prototype
@@ -37,6 +38,7 @@ class RigSpread:
     deviations: Mapping[str, float]
     sigmas: float
     shape: Shape = "ball"
+    stage: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     def rig(self, z: np.ndarray) -> Prototype:
         """The prototype with its figures off by (d,) standard deviations."""
@@ -48,8 +50,8 @@ class RigSpread:
         return {name: 1 + float(value) * size for value, (name, size) in pairs if value}
 
     def members(self, z: np.ndarray) -> tuple[Member, ...]:
-        """Linear members of the prototype with its figures off by (d,)."""
-        return family(self.rig(z), self.largest_outer_kg).members
+        """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
+        return served(self.rig(z), self.largest_outer_kg, self.stage)
 
     def worst(self, slopes: np.ndarray) -> np.ndarray:
         """(d, n) deviations that lower n quantities most whose derivatives by the deviations are (d, n)."""
@@ -80,7 +82,10 @@ def rig_spread(prototype: Prototype, largest_outer_kg: float, sigmas: float, sha
 
     Raises:
         InputError: where no figure has a tolerance, or one could reach zero.
+        ValueError: for sigmas that are not positive.
     """
+    if not sigmas > 0:
+        raise ValueError("robust against nothing: sigmas must be positive")
     lacks = {"filter_frequency"} if prototype.sensor.filter_Hz is None else set()
     every = {name: getattr(prototype.tolerance, TOLERANCES[name]) for name in CHANGEABLE if name in TOLERANCES}
     deviations = {

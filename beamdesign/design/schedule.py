@@ -1,8 +1,7 @@
 """Tuning of a scheduled controller: one law for each part of the payload's range, all with the same mass inside.
 
 Every stage performs over its own payloads and is stable over all of them and a little more, so that no estimate of the
-payload, however wrong, destabilises the loop. The second is a member of its own to the tuner: the same plant, its
-payload stretched from the stage's range to the whole one, which only has to be stable.
+payload, however wrong, destabilises the loop: see `beamdesign.members.served`. A fixed law is the case of one stage.
 
 The mass inside is one for all stages. Alone, each stage is tuned with a mass of its own, which bounds what it can
 reach. Then these masses and those halfway between them are tried for all stages. Of those that leave the worst stage
@@ -14,64 +13,72 @@ each is tuned from the law that acts in its middle, with the prototype's mass in
 would take hours for.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import prod
+from math import ceil, prod
 
-import numpy as np
-
-from beamdesign.controllers import Estimator, Lag, Scheduled, Stage
-from beamdesign.design.law_search import Search, from_seeds, search
-from beamdesign.design.refinement import Proved
-from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ
-from beamdesign.members import Member, family
-from beamdesign.prototype import Goal, Prototype
-
-Progress = Callable[[float, str], None]
-
-BEYOND = 0.03
-"""Share of the payload's range by which every stage is stable beyond its heaviest."""
+from beamdesign.controllers import SENSED, Estimator, Scheduled, Sensed, Stage
+from beamdesign.design.rig_spread import RigSpread
+from beamdesign.design.tuning import Progress, Tuning, tune
+from beamdesign.proof.lyapunov import Switching, switching
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stage_family import stage_families
+from beamdesign.prototype import InStage, Prototype
+from beamdesign.records import InputError
 
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
 
 
-def stage_members(
-    prototype: Prototype, stage_kg: tuple[float, float], whole_kg: tuple[float, float]
-) -> tuple[Member, ...]:
-    """What the law of a stage has to serve: its own payloads with performance, all payloads with stability.
-
-    Args:
-        prototype: with or without effects.
-        stage_kg: payloads of the stage.
-        whole_kg: all payloads.
-
-    Raises:
-        InputError: for effects for which no linear loop stands.
-    """
-    own = family(prototype, whole_kg[1]).members
-    factor = (1 + BEYOND) * (whole_kg[1] - whole_kg[0]) / (stage_kg[1] - stage_kg[0])
-    offset = whole_kg[0] - factor * stage_kg[0]
-    stretched = [replace(one, rig=replace(one.rig, stretch=(offset, factor)), performance=None) for one in own]
-    return (*own, *stretched)
-
-
 @dataclass(frozen=True)
-class ScheduleTuning:
-    """Outcome of `tune_schedule`.
+class LawsTuning:
+    """Outcome of `tune_laws`.
 
     Attributes:
-        rig: the prototype with its laws; None where a stage was not proved.
-        proved: of every stage, what it guarantees over its own payloads.
-        alone_Hz: bandwidth of every stage tuned with a mass inside of its own: what no common mass can exceed.
+        prototype: with its controller and the mass inside; as given where nothing was found.
+        outer_end_mass_kg: the payloads of all laws.
+        laws: of every law its tuning over its own payloads; of a fixed law the only one.
         reason: why there is no answer, empty where there is one.
+        alone_Hz: of several laws, the bandwidth of each tuned with a mass inside of its own: what no common mass can
+            exceed.
+        switching: what is proved of changes between several laws.
     """
 
-    rig: Prototype | None
-    proved: tuple[Proved, ...]
-    alone_Hz: tuple[float, ...]
+    prototype: Prototype
+    outer_end_mass_kg: tuple[float, float]
+    laws: tuple[Tuning, ...]
     reason: str = ""
+    alone_Hz: tuple[float, ...] = ()
+    switching: Switching | None = None
+
+    @property
+    def stages(self) -> tuple[InStage, ...]:
+        """The tuned prototype with each law."""
+        return self.prototype.stages(self.outer_end_mass_kg)
+
+
+def tune_laws(
+    prototype: Prototype,
+    outer_end_mass_kg: tuple[float, float],
+    kind: str = "lag",
+    largest_inner_end_mass_kg: float = 6.0,
+    progress: Progress | None = None,
+    sections: int = 3,
+    sensors: Sequence[Sensed] = SENSED[:1],
+    spread: RigSpread | None = None,
+    stages: int = 3,
+) -> LawsTuning:
+    """Tune a controller of one law, or of a law for each part of the payloads.
+
+    Arguments and errors are those of `beamdesign.design.tuning.tune`, and of `tune_schedule`, which is for the kind
+    "scheduled" and a number of stages.
+    """
+    if kind == Scheduled.model_fields["kind"].default:
+        asked = (largest_inner_end_mass_kg, None, progress, spread)
+        return tune_schedule(prototype, outer_end_mass_kg, stages, *asked)
+    found = tune(prototype, outer_end_mass_kg, kind, largest_inner_end_mass_kg, progress, sections, sensors, spread)
+    return LawsTuning(found.prototype, outer_end_mass_kg, (found,), found.reason)
 
 
 def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
@@ -95,33 +102,6 @@ def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -
     ]
 
 
-@dataclass(frozen=True)
-class _Task:
-    prototype: Prototype
-    whole_kg: tuple[float, float]
-    largest_inner: float
-
-    @property
-    def goal(self) -> Goal:
-        return self.prototype.goal
-
-    def tuned(self, stage_kg: tuple[float, float], inner: float | None) -> tuple[Proved | None, str]:
-        """The best law of a stage, with a given mass inside or with the best; or why there is none."""
-        members = stage_members(self.prototype, stage_kg, self.whole_kg)
-        own, middle = self.prototype.controller, sum(stage_kg) / 2
-        law = next((law for law, (low, high) in own.laws if low <= middle <= high), None) if own is not None else None
-        if law is not None and law.sections and (opened := law.form()) is not None:
-            inside = self.prototype.payload.inner_end_mass_kg
-            task = Search(members, self.goal, stage_kg, (inside, inside))
-            starts = [(opened[0], np.append(opened[1], inside))]
-        else:
-            least, most = (0.0, self.largest_inner) if inner is None else (inner, inner)
-            task = Search(members, self.goal, stage_kg, (least, most))
-            starts = from_seeds(task, Lag)
-        found = search(task, starts)
-        return found.proved, found.reason
-
-
 def tune_schedule(
     prototype: Prototype,
     whole_kg: tuple[float, float],
@@ -129,8 +109,11 @@ def tune_schedule(
     largest_inner_end_mass_kg: float = 6.0,
     estimator: Estimator | None = None,
     progress: Progress | None = None,
-) -> ScheduleTuning:
+    spread: RigSpread | None = None,
+) -> LawsTuning:
     """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all.
+
+    Changes between the laws are proved, and set as far apart as that needs.
 
     Args:
         prototype: the rig; its goal sets the limits, and a structured controller of its own the form of the stages.
@@ -139,75 +122,122 @@ def tune_schedule(
         largest_inner_end_mass_kg: most mass that may be added inside.
         estimator: of the payload; stages overlap by two and a half times its band, of which half a band is hysteresis.
         progress: told the share done and what is being done.
+        spread: rigs that are off, of which the worst for every stage are proved as well; none: the nominal rig alone.
 
     Raises:
-        ValueError: where so many stages do not fit into the range.
-        InputError: for effects for which no linear loop stands.
+        InputError: where so many stages do not fit into the range, for effects, and for structured stages without a
+            filter before them.
     """
     told = progress or (lambda fraction, text: None)
     figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
-    ranges = stage_ranges(whole_kg, stages, 2.5 * figures.band_kg)
-    task = _Task(prototype, whole_kg, largest_inner_end_mass_kg)
-    steps, done = 2 * stages * stages, 0
-    alone: list[Proved] = []
-    for k, stage_kg in enumerate(ranges):
-        told(done / steps, f"stage {k + 1} of {stages} by itself")
-        proved, reason = task.tuned(stage_kg, None)
-        done += 1
-        if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
-            return ScheduleTuning(None, (), tuple(p.bandwidth_Hz for p in alone), _no_stage(stage_kg, reason))
-        alone.append(proved)
+    ranges = _ranges(prototype, whole_kg, stages, 2.5 * figures.band_kg)
+    steps, done = 2 * stages * stages + 1, 0
 
-    def together(inner: float) -> list[Proved | None]:
+    def tuned(stage_kg: tuple[float, float], inner: float | None) -> Tuning:
         nonlocal done
-        found: list[Proved | None] = []
-        for k, stage_kg in enumerate(ranges):
-            told(done / steps, f"stage {k + 1} of {stages} with {inner:.4g} kg inside")
-            done += 1
-            found.append(task.tuned(stage_kg, inner)[0])
-        return found
+        begun, done = done, done + 1
+        words = "by itself" if inner is None else f"with {inner:.4g} kg inside"
+        words = f"stage {ranges.index(stage_kg) + 1} of {stages} {words}"
+        own, middle = prototype.controller, sum(stage_kg) / 2
+        law = next((law for law, (low, high) in own.laws if low <= middle <= high), None) if own is not None else None
+        near = law is not None and bool(law.sections)
+        if near:  # from the law that acts there, with the mass that it has inside
+            inner = prototype.payload.inner_end_mass_kg
+        least, most = (0.0, largest_inner_end_mass_kg) if inner is None else (inner, inner)
+        return tune(
+            prototype.but(controller=law),
+            stage_kg,
+            "structured" if near else "lag",
+            most,
+            lambda share, _: told((begun + share) / steps, words),
+            spread=spread,
+            near=near,
+            stable_kg=whole_kg,
+            least_inner_end_mass_kg=least,
+        )
 
-    def least(found: list[Proved | None]) -> float:
+    alone: list[Tuning] = []
+    for k, stage_kg in enumerate(ranges, start=1):
+        alone.append(tuned(stage_kg, None))
+        if alone[-1].best is None:
+            reason = f"stage {k}, stable for all payloads as well: {alone[-1].reason}"
+            return LawsTuning(prototype, whole_kg, (), reason, tuple(map(_hertz, alone[:-1])))
+
+    def least(found: list[Tuning]) -> float:
         return min(map(_hertz, found))
 
-    own_kg = sorted({round(proved.inner_end_mass_kg, 2) for proved in alone})
+    own_kg = sorted({round(one.best.inner_end_mass_kg, 2) for one in alone if one.best is not None})
     inside_kg = sorted({*own_kg, *(round((one + two) / 2, 2) for one, two in pairwise(own_kg))})
-    same = len({proved.inner_end_mass_kg for proved in alone}) == 1
-    tried: list[list[Proved | None]] = [[*alone]] if same else [together(inner) for inner in inside_kg]
+    same = len({one.best.inner_end_mass_kg for one in alone if one.best is not None}) == 1
+    tried = [alone] if same else [[tuned(stage_kg, inner) for stage_kg in ranges] for inner in inside_kg]
     enough = NEARLY * max(least(found) for found in tried)
     best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
-    complete = tuple(proved for proved in best if proved is not None)
-    bandwidths = tuple(proved.bandwidth_Hz for proved in alone)
-    if len(complete) < stages or least(best) < SMALLEST_BANDWIDTH_HZ:
-        return ScheduleTuning(None, (), bandwidths, "no mass inside was found with which every stage can be proved")
-    schedule = Scheduled(
-        stage=tuple(_stage(proved, stage_kg) for proved, stage_kg in zip(complete, ranges, strict=True)),
-        estimator=figures,
+    bandwidths = tuple(map(_hertz, alone))
+    if least(best) == 0:
+        reason = "no mass inside was found with which every stage can be proved"
+        return LawsTuning(prototype, whole_kg, (), reason, bandwidths)
+    schedule = Scheduled(stage=tuple(map(_stage, best)), estimator=figures)
+    inside = best[0].prototype.payload.inner_end_mass_kg
+    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside)
+    rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
+    proved = switching(
+        stage_families(rig),
+        *whole_kg,
+        dwell_s=schedule.dwell_s,
+        update=lambda share, text: told((steps - 1 + share) / steps, text),
     )
-    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=complete[0].inner_end_mass_kg)
-    found = prototype.but(controller=schedule, payload=payload, guarantee=None)
-    return ScheduleTuning(found, complete, bandwidths)
+    rig = kept_apart(rig, proved)
+    assert rig.schedule is not None
+    return LawsTuning(rig, whole_kg, tuple(best), "", bandwidths, replace(proved, dwell_s=rig.schedule.dwell_s))
 
 
-def _hertz(proved: Proved | None) -> float:
-    return 0.0 if proved is None else proved.bandwidth_Hz
+def kept_apart(rig: Prototype, found: Switching) -> Prototype:
+    """The rig with changes of stage at least so far apart as is proved to be enough."""
+    schedule = rig.schedule
+    if schedule is None or found.stages.status != "proved" or found.stages.suffices(schedule.dwell_s):
+        return rig
+    needed = ceil(100 * nearest(found.stages.dwell_s)) / 100
+    return rig.but(controller=schedule.but(dwell_s=needed))
 
 
-def _stage(proved: Proved, stage_kg: tuple[float, float]) -> Stage:
-    law = proved.controller
-    lag = law.lag
-    assert lag is not None
+def _ranges(
+    prototype: Prototype, whole_kg: tuple[float, float], stages: int, overlap_kg: float
+) -> list[tuple[float, float]]:
+    """Payloads of the stages; what stands against them, all at once."""
+    problems, found = [], []
+    if not whole_kg[0] < whole_kg[1]:
+        reason = f"{whole_kg[0]:g}:{whole_kg[1]:g} holds one payload, which needs no stages"
+        problems.append(("payload.outer_end_mass_kg", reason))
+    else:
+        try:
+            found = stage_ranges(whole_kg, stages, overlap_kg)
+        except ValueError as error:
+            problems.append(("stages", str(error)))
+    if prototype.effects:
+        names = ", ".join(prototype.effects)
+        problems.append(("effects", f"changes of stage are proved without effects ({names}); take them out"))
+    laws = () if prototype.controller is None else prototype.controller.laws
+    if prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
+        problems.append(
+            ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
+        )
+    if problems:
+        raise InputError(f"{prototype.name}: scheduled", problems)
+    return found
+
+
+def _hertz(found: Tuning) -> float:
+    return 0.0 if found.best is None else found.best.bandwidth_Hz
+
+
+def _stage(found: Tuning) -> Stage:
+    assert found.best is not None
+    law = found.best.controller
+    assert law.lag is not None
     return Stage(
-        outer_end_mass_kg=stage_kg,
+        outer_end_mass_kg=found.outer_end_mass_kg,
         gain_A_per_V=law.gain_A_per_V,
-        pole_Hz=lag.pole_Hz,
-        zero_Hz=lag.zero_Hz,
+        pole_Hz=law.lag.pole_Hz,
+        zero_Hz=law.lag.zero_Hz,
         section=law.sections,
-    )
-
-
-def _no_stage(stage_kg: tuple[float, float], reason: str) -> str:
-    return (
-        f"no law was proved for the stage of {stage_kg[0]:g} to {stage_kg[1]:g} kg that is stable for every payload"
-        f" ({reason}); more inner end mass, a larger peak sensitivity or a larger compliance may allow one"
     )

@@ -5,7 +5,7 @@ that is not proved over the continuous range.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from types import MappingProxyType
 
@@ -16,7 +16,7 @@ from beamdesign.design.law_search import Found, Search, Told, from_seeds, search
 from beamdesign.design.observer_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread
-from beamdesign.members import Member, family
+from beamdesign.members import Member, served
 from beamdesign.proof.family_certificate import gain_and_mass
 from beamdesign.prototype import Goal, Prototype
 from beamdesign.records import InputError
@@ -66,6 +66,8 @@ def tune(
     sensors: Sequence[Sensed] = SENSED[:1],
     spread: RigSpread | None = None,
     near: bool = False,
+    stable_kg: tuple[float, float] | None = None,
+    least_inner_end_mass_kg: float = 0.0,
 ) -> Tuning:
     """Tune controller and inner end mass for the largest guaranteed bandwidth.
 
@@ -81,6 +83,8 @@ def tune(
         spread: rigs that are off, of which the worst are proved as well; none: the nominal rig alone.
         near: begin with the prototype's own controller, where it is of this kind and its loop stable, instead of
             growing or synthesising others.
+        stable_kg: payloads for all of which it is to be stable, beside those it is for; None: for these alone.
+        least_inner_end_mass_kg: least mass on the inner tip.
 
     Returns:
         the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
@@ -93,10 +97,12 @@ def tune(
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
     told = progress or (lambda share, text: None)
-    members = family(prototype, outer_end_mass_kg[1]).members
+    stage = None if stable_kg is None else (outer_end_mass_kg, stable_kg)
+    members = served(prototype, (stable_kg or outer_end_mass_kg)[1], stage)
+    spread = spread and replace(spread, stage=stage)
     if any(_varies_on_the_mount(member) for member in members):
         raise InputError(prototype.name, gain_and_mass(prototype, outer_end_mass_kg[1]))
-    own, inside = prototype.controller, (0.0, largest_inner_end_mass_kg)
+    own, inside = prototype.controller, (least_inner_end_mass_kg, largest_inner_end_mass_kg)
     asked = (members, prototype.goal, outer_end_mass_kg, inside)
     inner = prototype.payload.inner_end_mass_kg
     given = [] if own is None else [(own, inner)]

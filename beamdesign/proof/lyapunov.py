@@ -20,6 +20,9 @@ from beamdesign.proof.stage_change import StageChange, stage_change
 from beamdesign.proof.sudden_change import SuddenChange, sudden_change
 from beamdesign.proof.verified import Status
 
+CHANGES_NAME = "stages.certificate.toml"
+"""File of the proof of changes between the laws of a controller, beside its prototype."""
+
 JOININGS: tuple[Joining, ...] = ("matched", "from_rest")
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from beamdesign.files import write_set
+from beamdesign.proof.lyapunov import CHANGES_NAME
 from beamdesign.records import to_toml
 from beamdesign.report.html import report_html
 from beamdesign.report.specification import specification_markdown
@@ -27,7 +28,8 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
             report.
 
     Returns:
-        Paths of the four files, by the keys of `FILES`.
+        Paths of the four files, by the keys of `FILES`; of several laws those of each but for the prototype,
+        with the suffix of its stage in key and name, and the proof of changes between them.
 
     Raises:
         OSError: where the folder cannot be made or written to; it is then as it was.
@@ -35,10 +37,17 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
     """
     if result.prototype is None or result.certificate is None:
         raise ValueError(f"no result to write: {result.reason}")
-    texts = {
-        "prototype": to_toml(result.prototype),
-        "certificate": result.certificate.text,
-        "report": report_html(result, FILES, read_trade(out)),
-        "specification": specification_markdown(result, FILES),
-    }
-    return write_set(out, {kind: (FILES[kind], text) for kind, text in texts.items()})
+    texts = {"prototype": (FILES["prototype"], to_toml(result.prototype))}
+    for law in result.laws or (result,):
+        assert law.certificate is not None
+        names = {kind: name.replace(".", f"{law.suffix}.") for kind, name in FILES.items()}
+        names["prototype"] = FILES["prototype"]
+        own = {
+            "certificate": law.certificate.text,
+            "report": report_html(law, names, read_trade(out)),
+            "specification": specification_markdown(law, names),
+        }
+        texts |= {kind + law.suffix.replace(".", "_"): (names[kind], text) for kind, text in own.items()}
+    if result.changes:
+        texts["certificate_switching"] = (CHANGES_NAME, result.changes)
+    return write_set(out, texts, ("*.stage_*.*", CHANGES_NAME))

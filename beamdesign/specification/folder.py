@@ -8,7 +8,7 @@ from typing import Any
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.json_text import json_text
 from beamdesign.proof.certificate import Guaranteed
-from beamdesign.proof.lyapunov import describe, switching_fields
+from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
 from beamdesign.proof.switching_document import switching_document
 from beamdesign.records import Record, to_toml
 from beamdesign.report.quantity import at_least, at_most, quantity
@@ -20,7 +20,6 @@ from beamdesign.specification.specification import LawSpecification, Specificati
 from beamdesign.specification.words_accept import FOLDER, acceptance_part
 from beamdesign.specification.words_build import actuator, masses, masses_text, sections, sensor
 from beamdesign.specification.words_control import (
-    CHANGES_NAME,
     changes,
     circuit,
     code,

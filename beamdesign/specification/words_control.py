@@ -3,7 +3,7 @@
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from math import isinf
 
-from beamdesign.proof.lyapunov import describe
+from beamdesign.proof.lyapunov import CHANGES_NAME, describe
 from beamdesign.proof.rational import nearest
 from beamdesign.report.foundations import proved_statements
 from beamdesign.report.quantity import decimal, mass_range_text, quantity
@@ -72,8 +72,6 @@ def controller(spec: LawSpecification) -> Part:
         words = f"{words[:-1]}, and from {', '.join(law.added)}, each with its sign turned."
     return Part("Controller", (Paragraph(words), Table(("figure", "value", "means"), tuple(law.rows()))))
 
-
-CHANGES_NAME = "stages.certificate.toml"
 
 _STAGES = {
     "amplifier": "inverting amplifier: R1 to its inverting input, Rf from its output back to it; gain = Rf/R1",

@@ -1,6 +1,7 @@
 """What a task gives for one case."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 
@@ -17,3 +18,14 @@ class Answer:
     outputs: dict[str, Any]
     details: dict[str, Any] = field(default_factory=dict)
     reason: str = ""
+
+
+def of_all(answers: Mapping[str, Answer]) -> Answer:
+    """The answer of the law that governs, with the outputs of all by their names in the details.
+
+    That is the first whose answer is no, else the one of the least bandwidth. The only one stays as it is.
+    """
+    worst = min(answers.values(), key=lambda one: (not one.reason, one.outputs.get("bandwidth_Hz") or 0.0))
+    if len(answers) == 1:
+        return worst
+    return replace(worst, details=worst.details | {"stages": {name: one.outputs for name, one in answers.items()}})

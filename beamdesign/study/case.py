@@ -5,7 +5,7 @@ import json
 import time
 import traceback
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
 from math import isfinite
@@ -13,7 +13,7 @@ from typing import Any, Literal, cast
 
 from beamdesign import records
 from beamdesign.records import InputError, Problem, Record
-from beamdesign.study.answer import Answer
+from beamdesign.study.answer import Answer, of_all
 from beamdesign.study.code_digest import code_digest, libraries
 from beamdesign.study.tasks import TASKS, Task
 
@@ -152,9 +152,7 @@ def _answer(task: Task, record: Any, options: Any) -> Answer:
         return cast("Answer", compute(record, options))
     mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
     stages = record.stages(record.outer_end_mass_kg if mass is None else (mass, mass))
-    answers: dict[str, Answer] = {stage.prototype.name: compute(stage.prototype, options) for stage in stages}
-    worst = min(answers.values(), key=lambda one: (not one.reason, one.outputs.get("bandwidth_Hz") or 0.0))
-    return replace(worst, details=worst.details | {"stages": {name: one.outputs for name, one in answers.items()}})
+    return of_all({stage.prototype.name: compute(stage.prototype, options) for stage in stages})
 
 
 def in_words(problems: Iterable[Problem]) -> str:

@@ -2,15 +2,18 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from beamdesign.design.refinement import Proved
+from beamdesign.design.schedule import LawsTuning, tune_laws
 from beamdesign.design.sizing import Sizing, size
-from beamdesign.design.tuning import Tuning, limited, tune
+from beamdesign.design.tuning import Tuning, limited
 from beamdesign.problem import DesignProblem
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
+from beamdesign.proof.lyapunov import describe
+from beamdesign.proof.switching_document import switching_document
 from beamdesign.prototype import Guarantee, Prototype
 
 CERTIFICATE_NAME = "certificate.toml"
@@ -27,6 +30,10 @@ class DesignRun:
         certificate: the proof, as text.
         prototype: the result, with its guarantee; None where a step failed.
         reason: why there is no result, empty where there is one.
+        suffix: what tells its files from those of other laws; empty where there is one law.
+        laws: of a controller with several laws the run with each, over its own payloads; `tuning` and `certificate`
+            are then those of the law of the least bandwidth, and `prototype` is with all of them.
+        changes: certificate of changes between these.
     """
 
     problem: DesignProblem
@@ -35,6 +42,15 @@ class DesignRun:
     certificate: Certificate | None
     prototype: Prototype | None
     reason: str = ""
+    suffix: str = ""
+    laws: "tuple[DesignRun, ...]" = ()
+    changes: str = ""
+
+    @property
+    def guarantees(self) -> tuple[Guarantee, ...]:
+        """What is proved with each law over its own payloads, that of the least bandwidth first."""
+        found = [one.prototype.guarantee for one in self.laws or (self,) if one.prototype is not None]
+        return tuple(sorted((one for one in found if one is not None), key=lambda one: one.bandwidth_Hz))
 
 
 def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | None = None) -> DesignRun:
@@ -54,20 +70,44 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # a DesignProblem is validated to have the range
     sought = problem.controller
-    tuning = tune(
+    tuned = tune_laws(
         rig.but(goal=limited(rig.goal, sought.kind)),
         masses,
         sought.kind,
-        sought.largest_inner_end_mass_kg,
-        lambda fraction, text: told(0.2 + 0.6 * fraction, text),
-        sought.sections,
-        sought.sensors,
+        progress=lambda fraction, text: told(0.2 + 0.6 * fraction, text),
+        **sought.sought,
     )
-    if tuning.best is None:
-        return DesignRun(problem, sizing, tuning, None, None, tuning.reason)
+    if tuned.reason:
+        return DesignRun(problem, sizing, tuned.laws[0] if tuned.laws else None, None, None, tuned.reason)
     told(0.9, "writing the proof")
-    certificate, prototype = certified(tuning.prototype, tuning.best, masses)
-    return DesignRun(problem, sizing, tuning, certificate, prototype)
+    prototype, each = certified_laws(tuned)
+    laws = tuple(
+        DesignRun(problem, sizing, law, certificate, rig, suffix=stage.suffix)
+        for stage, law, (certificate, rig) in zip(tuned.stages, tuned.laws, each, strict=True)
+    )
+    changes = tuned.switching
+    if changes is None:
+        return laws[0]
+    words = "\n".join((f"{prototype.name}: changes between its laws", *describe(changes)))
+    whole = min(laws, key=lambda one: one.guarantees[0].bandwidth_Hz)
+    reason = "" if changes.stable else f"changes between its laws are not proved: {changes.reason}"
+    proof = switching_document(prototype, changes, words)
+    return replace(whole, prototype=None if reason else prototype, reason=reason, laws=laws, changes=proof)
+
+
+def certified_laws(found: LawsTuning) -> tuple[Prototype, tuple[tuple[Certificate, Prototype], ...]]:
+    """What was tuned, and each of its laws, proved once more: `certified` over the payloads that it is for.
+
+    The certificate of a law goes by the name `CERTIFICATE_NAME`, with the suffix of its stage. The prototype states the
+    guarantee where there is one law; of several no one certificate proves all.
+    """
+    stem, end = CERTIFICATE_NAME.split(".")
+    each = [
+        certified(stage.prototype, law.best, stage.outer_end_mass_kg, f"{stem}{stage.suffix}.{end}")
+        for stage, law in zip(found.stages, found.laws, strict=True)
+        if law.best is not None
+    ]
+    return each[0][1] if found.switching is None else found.prototype, tuple(each)
 
 
 def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
