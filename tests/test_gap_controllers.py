@@ -1,27 +1,37 @@
 """Data sets taken with a structured law, with an added sensor, with several laws: examined, simulated, diagnosed."""
 
+import json
+import tomllib
 from dataclasses import replace
 from math import pi
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 from gap_sets import LAG, believed, measured, scenario
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
+from typer.testing import CliRunner
 
 from beamdesign.control_models import state_space
-from beamdesign.controllers import Controller, Observer, Proportional, Section, Structured
+from beamdesign.cli import app
+from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.gap import separability
-from beamdesign.gap.data.dataset import Dataset, TimeRecord
+from beamdesign.gap.data.dataset import Dataset, TimeRecord, read_dataset
+from beamdesign.gap.designer_terms import loops_of
 from beamdesign.gap.diagnose import diagnose
 from beamdesign.gap.examination.believed_loop import CHANNELS, believed_loop
 from beamdesign.gap.examination.controller_equation import controller_fit, demanded
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.prototype import Prototype
-from beamdesign.scenario import Scenario
-from beamdesign.simulate import simulate
+from beamdesign.proof.replay_members import replay
+from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
+from beamdesign.simulate import simulate, write_records
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
@@ -68,6 +78,76 @@ def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(law: Controller, mo
     assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
     assert found.prototype.controller == law
     assert found.gap.after < 0.2 * found.gap.before
+
+
+def in_stages() -> Prototype:
+    """The rig with a law for light payloads and another for heavy ones."""
+    light = Stage(outer_end_mass_kg=(0.0, 4.0), gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0)
+    heavy = light.but(outer_end_mass_kg=(3.0, 6.8), gain_A_per_V=0.06)
+    payload = Payload(outer_end_mass_kg=(0.0, 6.8), inner_end_mass_kg=4.4)
+    return believed().but(controller=Scheduled(stage=(light, heavy)), payload=payload)
+
+
+def written(rig: Prototype, folder: Path, masses_kg: tuple[float, ...]) -> Path:
+    """A data set of a rig whose payload stays, one record for each, simulated in the stage that is for it."""
+    rows = []
+    for k, mass in enumerate(masses_kg):
+        ((stage, *_),) = rig.stages((mass, mass))
+        drive = Multisine(low_Hz=1, high_Hz=200, seed=k, amplitude_V=0.3)
+        row = ScenarioRecord(name=f"r{k}", input=(drive,), outer_end_mass_kg=mass, inner_end_mass_kg=4.4)
+        plan = scenario(0.5).but(record=(row,))
+        write_records(simulate(stage, plan), folder)
+        rows.append({"file": f"r{k}.csv", "outer_end_mass_kg": mass, "inner_end_mass_kg": 4.4})
+    write_prototype(rig.but(effects={}), folder / "prototype.toml")
+    (folder / "dataset.toml").write_text(tomli_w.dumps({"name": "stages", "record": rows}))
+    return folder
+
+
+def test_each_record_has_the_law_for_its_payload_or_the_one_it_states(tmp_path: Path) -> None:
+    rig = in_stages()
+    light, heavy = (stage.prototype.controller for stage in rig.stages((0.0, 6.8)))
+    data = read_dataset(written(rig, tmp_path, (0.0, 6.8)))
+    assert [record.controller for record in data.records] == [light, heavy]
+    assert loops_of(data) == [(light, 4.4, (0.0, 4.0)), (heavy, 4.4, (3.0, 6.8))]
+    index = tomllib.loads((tmp_path / "dataset.toml").read_text())
+
+    def read(gains: list[dict[str, Any]], **said: Any) -> Dataset:
+        rows = [index["record"][0], index["record"][1] | said]
+        (tmp_path / "dataset.toml").write_text(tomli_w.dumps({"record": rows, "critical_gain": gains}))
+        return read_dataset(tmp_path)
+
+    (gain,) = read([{"outer_end_mass_kg": 6.8, "gain_A_per_V": 0.2}]).gains
+    assert heavy is not None
+    assert gain.controller == heavy.but(gain_A_per_V=0.2)
+    with pytest.raises(InputError) as caught:  # as fit for the light law as for the heavy one
+        read([], outer_end_mass_kg=3.5)
+    assert [problem.key for problem in caught.value.problems] == ["outer_end_mass_kg"]
+    assert read([], outer_end_mass_kg=3.5, controller=heavy.model_dump()).records[1].controller == heavy
+
+
+def test_from_the_records_of_several_stages_back_to_their_laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow sensor, in two stages: found, its prototype has both laws, and each is tuned and proved with it."""
+    for room in (searching, separability):
+        monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+    rig = in_stages().but(effects={"sensor_lag": {"break_Hz": 250.0}})
+    folder, out = written(rig, tmp_path, (0.0, 0.0, 6.8, 6.8)), tmp_path / "out"
+    line = ["gap", "diagnose", str(folder), "--out", str(out), "--workers", "1", "--redesign", "--json"]
+    done = CliRunner().invoke(app, [*line, str(tmp_path / "answer.json")])
+    assert done.exit_code == 0, done.output
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    assert answer["chosen"] == ["sensor_lag"]
+    assert answer["effects"][0]["parameters"]["break_Hz"]["value"] == pytest.approx(250.0, rel=0.1)
+    assert read_prototype(out / "prototype.toml").controller == rig.controller
+    new = read_prototype(answer["redesigned"])
+    assert list(new.effects) == ["sensor_lag"]
+    assert new.schedule is not None
+    for k, (stage, promised) in enumerate(zip(new.stages((0.0, 6.8)), answer["redesign"]["guaranteed"], strict=True)):
+        masses = np.linspace(*stage.outer_end_mass_kg, 5)
+        at = np.geomspace(0.01, promised["bandwidth_Hz"], 50)
+        for mass in masses:
+            shown = np.abs(state_space(stage.prototype, mass)(2j * pi * at)[0, 0])
+            assert shown.max() <= new.goal.compliance_m_per_N * (1 + 1e-6)
+        assert replay(Path(answer[f"certificate_stage_{k + 1}"]).read_text()).valid
 
 
 @pytest.mark.parametrize("law", [LAG, STRUCTURED, SENSORS, HEARING], ids=["lag", "structured", "sensors", "command"])

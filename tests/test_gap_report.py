@@ -289,8 +289,8 @@ def test_terms_are_what_is_known_of_the_papers_remedy(remedy: Prototype) -> None
 
 def test_loops_of_a_set_begin_with_the_prototypes_own(data: Dataset) -> None:
     loops = loops_of(data)
-    assert loops[0] == (data.prototype.controller, 4.4)
-    assert {inner for _, inner in loops} == {0.0, 4.4}
+    assert loops[0] == (data.prototype.controller, 4.4, (0.0, 6.8))
+    assert {inner for _, inner, _ in loops} == {0.0, 4.4}
     assert payload_range(data) == (0.0, 6.8)
 
 

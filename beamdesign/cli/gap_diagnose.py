@@ -60,7 +60,7 @@ def diagnose(
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path | None) -> None:
     from beamdesign.gap.data.dataset import read_dataset
-    from beamdesign.gap.designer_terms import designer_terms, loop_terms
+    from beamdesign.gap.designer_terms import designer_terms, payload_range
     from beamdesign.gap.diagnose import diagnose as engine
     from beamdesign.gap.fitting.kept_fits import kept_fits
     from beamdesign.report.gap_folder import write_gap_folder
@@ -73,13 +73,11 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
         with progress("diagnosing") as update:
             found = engine(data, workers, update, kept)
         say_diagnosis(found)
-        terms = designer_terms(data, found.prototype)
         if renew:
             with progress("redesigning") as update:
-                renewed = redesign(found.prototype, terms[0].outer_end_mass_kg, update)
-            new = renewed.prototype
-            if new is not None and new.controller is not None:
-                terms = (*terms, loop_terms(data, found.prototype, new.controller, new.payload.inner_end_mass_kg))
+                renewed = redesign(found.prototype, payload_range(data), update)
+        new = [] if renewed is None else [stage for _, stage in renewed.proofs]
+        terms = designer_terms(data, found.prototype, new)
         with progress("drawing"):
             paths, fields = write_gap_folder(folder, found, data, terms, renewed)
     except KeyboardInterrupt:
@@ -88,14 +86,14 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
             file=sys.stderr,
         )
         raise typer.Exit(INTERRUPTED) from None
-    _say_terms(terms, renewed is not None and renewed.prototype is not None)
+    _say_terms(terms)
     if renewed is not None and renewed.reason:
         say(f"no new controller: {renewed.reason}")
     write_json(json, fields)
     for path in paths.values():
         say(str(path))
     if renewed is None:
-        low, high = terms[0].outer_end_mass_kg
+        low, high = payload_range(data)
         say(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
 
 
@@ -118,12 +116,11 @@ def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None)
         say(str(path))
 
 
-def _say_terms(terms: Sequence["LoopTerms"], renewed: bool) -> None:
+def _say_terms(terms: Sequence["LoopTerms"]) -> None:
     from beamdesign.report.gap_tables import controller_text, terms_rows
 
-    for k, loop in enumerate(terms, start=1):
-        new = "new: " if renewed and k == len(terms) else ""
-        title = new + controller_text(loop.controller, loop.inner_end_mass_kg)
+    for loop in terms:
+        title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
         say_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
 
 

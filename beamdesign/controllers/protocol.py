@@ -117,6 +117,18 @@ class Controller(Record):
         """Its linear laws with their payloads, which overlap from one to the next: itself for any where it is one."""
         return ((self, ANY_PAYLOAD),)
 
+    def law_for(self, outer_end_mass_kg: float) -> "Controller":
+        """The one of its laws that is for a payload.
+
+        Raises:
+            ValueError: where none is, or several that differ.
+        """
+        fit = list(dict.fromkeys(law for law, (low, high) in self.laws if low <= outer_end_mass_kg <= high))
+        if len(fit) != 1:
+            many = len(fit) or "none"
+            raise ValueError(f"{many} of the {len(self.laws)} laws of {self.kind!r} are for {outer_end_mass_kg:g} kg")
+        return fit[0]
+
     @property
     def senses(self) -> tuple[Sensed, ...]:
         """What it hears, the displacement first."""

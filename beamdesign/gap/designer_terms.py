@@ -1,5 +1,6 @@
 """A gap in the designer's terms: critical gain, bandwidth and proved payload range, as believed and as diagnosed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beamdesign.controllers import Controller
@@ -52,14 +53,15 @@ class Terms:
 
 @dataclass(frozen=True)
 class LoopTerms:
-    """One controller and inner end mass, by the believed and by the diagnosed prototype.
+    """One law and inner end mass, by the believed and by the diagnosed prototype.
 
     Attributes:
-        controller: of the loop.
+        controller: of the loop, one law.
         inner_end_mass_kg: kg.
         outer_end_mass_kg: range over which everything is proved.
         believed: before.
         diagnosed: after.
+        new: whether it was tuned on what was diagnosed.
     """
 
     controller: Controller
@@ -67,45 +69,54 @@ class LoopTerms:
     outer_end_mass_kg: tuple[float, float]
     believed: Terms
     diagnosed: Terms
+    new: bool = False
 
 
-def designer_terms(data: Dataset, diagnosed: Prototype) -> tuple[LoopTerms, ...]:
-    """Compare the loops of a data set, that of its prototype first.
+def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype] = ()) -> tuple[LoopTerms, ...]:
+    """Compare the loops of a data set, those of its prototype first, and then new ones.
 
     Args:
         data: with the prototype that was believed.
         diagnosed: that prototype with the fitted figures and the causes found.
+        new: tuned on that, each with one law and its guarantee.
     """
-    return tuple(loop_terms(data, diagnosed, *each) for each in loops_of(data)[:MOST_LOOPS])
+    own = 0 if data.prototype.controller is None else len(data.prototype.controller.laws)
+    loops = [(*each, False) for each in loops_of(data)[: max(MOST_LOOPS, own)]]
+    for one in new:
+        assert one.controller is not None  # it has a guarantee
+        assert one.guarantee is not None  # see above
+        loops.append((one.controller, one.payload.inner_end_mass_kg, one.guarantee.outer_end_mass_kg, True))
 
-
-def loop_terms(data: Dataset, diagnosed: Prototype, controller: Controller, inner_end_mass_kg: float) -> LoopTerms:
-    """Compare one loop, by what was believed and by what was found."""
-    masses = payload_range(data)
-
-    def with_it(prototype: Prototype) -> Prototype:
+    def with_it(prototype: Prototype, law: Controller, inner: float, masses: tuple[float, float]) -> Prototype:
         # What else the payload says (such as a largest force) stays.
-        payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner_end_mass_kg)
-        return prototype.but(controller=controller, payload=payload, guarantee=None)
+        payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner)
+        return prototype.but(controller=law, payload=payload, guarantee=None)
 
-    sides = (terms(with_it(prototype)) for prototype in (data.prototype, diagnosed))
-    return LoopTerms(controller, inner_end_mass_kg, masses, *sides)
+    return tuple(
+        LoopTerms(*loop, *(terms(with_it(prototype, *loop)) for prototype in (data.prototype, diagnosed)), tuned)
+        for *loop, tuned in loops
+    )
 
 
 def payload_range(data: Dataset) -> tuple[float, float]:
     """Of the prototype; else from none to the largest outer end mass of the data, or to the beam's own mass."""
-    if data.prototype.payload.outer_end_mass_kg is not None:
-        return data.prototype.payload.outer_end_mass_kg
+    if (stated := data.prototype.outer_end_mass_kg) is not None:
+        return stated
     taken: list[TimeRecord | FrequencyResponse | MeasuredGain] = [*data.records, *data.responses, *data.gains]
     largest = max((each.outer_end_mass for each in taken), default=0.0)
     return 0.0, largest or (data.prototype.outer_beam.effective_mass_kg or 1.0)
 
 
-def loops_of(data: Dataset) -> list[tuple[Controller, float]]:
-    """Controllers with their inner end masses: the prototype's own, then those of the records, the most used first."""
-    uses: dict[tuple[Controller, float], int] = {}
-    if data.prototype.controller is not None:
-        uses[data.prototype.controller, data.prototype.payload.inner_end_mass_kg] = 10**6
+def loops_of(data: Dataset) -> list[tuple[Controller, float, tuple[float, float]]]:
+    """Laws with their inner end masses and payloads: the prototype's own, then those of the records, most used first.
+
+    What else was recorded is for all payloads.
+    """
+    masses, uses = payload_range(data), dict[tuple[Controller, float], int]()
+    own = {s.prototype.controller: s.outer_end_mass_kg for s in data.prototype.stages(masses)}
+    for law in own:
+        if law is not None:
+            uses[law, data.prototype.payload.inner_end_mass_kg] = 10**6
     recorded: list[TimeRecord | FrequencyResponse] = [*data.records, *data.responses]
     for taken in recorded:
         key = (taken.controller, taken.inner_end_mass)
@@ -113,7 +124,7 @@ def loops_of(data: Dataset) -> list[tuple[Controller, float]]:
     if not uses:
         for gain in data.gains:
             uses.setdefault((gain.controller, gain.inner_end_mass), 1)
-    return sorted(uses, key=lambda key: -uses[key])
+    return [(law, inner, own.get(law, masses)) for law, inner in sorted(uses, key=lambda key: -uses[key])]
 
 
 def terms(prototype: Prototype) -> Terms:

@@ -11,11 +11,10 @@ from beamdesign.gap.diagnosis_fields import diagnosis_fields
 from beamdesign.json_text import json_text, plain
 from beamdesign.records import to_toml
 from beamdesign.report.gap_report import gap_report_html
-from beamdesign.study.design_run import CERTIFICATE_NAME
 from beamdesign.study.redesign import Redesign
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
-REDESIGNED = {"redesigned": "redesigned/prototype.toml", "certificate": f"redesigned/{CERTIFICATE_NAME}"}
+REDESIGNED = "redesigned/prototype.toml"
 
 
 def write_gap_folder(
@@ -38,14 +37,17 @@ def write_gap_folder(
         paths by kind, and the fields of the JSON file.
     """
     names, texts = dict(NAMES), {"prototype": to_toml(found.prototype)}
-    if renewed is not None and renewed.prototype is not None and renewed.certificate is not None:
-        names |= REDESIGNED
-        texts |= {"redesigned": to_toml(renewed.prototype), "certificate": renewed.certificate.text}
+    if renewed is not None and renewed.prototype is not None:
+        names["redesigned"], texts["redesigned"] = REDESIGNED, to_toml(renewed.prototype)
+        for k, (certificate, stage) in enumerate(renewed.proofs, start=1):
+            assert stage.guarantee is not None  # what was proved
+            kind = "certificate" if len(renewed.proofs) == 1 else f"certificate_stage_{k}"
+            names[kind], texts[kind] = f"redesigned/{stage.guarantee.certificate}", certificate.text
     fields = diagnosis_fields(found)
     fields |= {"design": _design(terms), "redesign": _redesign(renewed)}
     fields |= {kind: str(folder / name) for kind, name in names.items() if kind != "json"}
     texts |= {"json": json_text(fields), "report": gap_report_html(found, names, data, terms, renewed)}
-    paths = write_set(folder, {kind: (name, texts[kind]) for kind, name in names.items()}, tuple(REDESIGNED.values()))
+    paths = write_set(folder, {kind: (name, texts[kind]) for kind, name in names.items()}, (REDESIGNED, "redesigned/*certificate.toml"))
     return paths, fields
 
 
@@ -66,10 +68,11 @@ def _redesign(renewed: Redesign | None) -> dict[str, Any] | None:
     if renewed is None:
         return None
     prototype = renewed.prototype
-    if prototype is None or prototype.controller is None or prototype.guarantee is None:
+    if prototype is None or prototype.controller is None:
         return {"controller": None, "reason": renewed.reason}
+    guaranteed = [stage.guarantee.model_dump() for _, stage in renewed.proofs if stage.guarantee is not None]
     return {
         "controller": prototype.controller.model_dump(),
         "inner_end_mass_kg": prototype.payload.inner_end_mass_kg,
-        "guaranteed": prototype.guarantee.model_dump(),
+        "guaranteed": guaranteed if prototype.schedule is not None else guaranteed[0],
     }

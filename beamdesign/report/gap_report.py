@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from beamdesign.gap.bench.presented import PresentedBench
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.designer_terms import LoopTerms
+from beamdesign.gap.designer_terms import LoopTerms, payload_range
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.hypothesis import Hypothesis
@@ -17,7 +17,7 @@ from beamdesign.gap.gains.classes import GainDiagnosis
 from beamdesign.gap.judgement import judge
 from beamdesign.gap.shrink import Errors, errors
 from beamdesign.loop import loop
-from beamdesign.prototype import Prototype
+from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.records import InputError
 from beamdesign.report.gap_pictures import band_picture, compliance_picture, diverged, record_picture
 from beamdesign.report.gap_tables import (
@@ -101,8 +101,9 @@ def gap_report_html(
         loops=[(controller_text(t.controller, t.inner_end_mass_kg), terms_rows(t), t) for t in terms],
         scope=next((t.diagnosed.scope for t in terms if t.diagnosed.scope), ()),
         compliance=_compliance(found, data, terms, renewed),
+        payloads=None if data is None else payload_range(data),
         renewed=renewed,
-        renewed_text=_renewed_text(renewed),
+        renewed_laws=_renewed_laws(renewed),
     )  # fmt: skip
 
 
@@ -171,7 +172,7 @@ def _compliance(
         for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
     }
     if renewed is not None and renewed.prototype is not None:
-        prototypes["new controller, as diagnosed"] = renewed.prototype
+        prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
     try:
         loops = {name: loop(prototype).at(mass) for name, prototype in prototypes.items()}
     except (InputError, ValueError):
@@ -181,14 +182,18 @@ def _compliance(
         f" {controller_text(first.controller, first.inner_end_mass_kg)}."
     )
     if len(loops) > 2:
-        words += f" New: {_renewed_text(renewed)}."
+        words += f" New: {_renewed_laws(renewed)[0][0]}."
     return _inline(compliance_picture(loops, data.prototype.goal.compliance_m_per_N), "compliance", words)
 
 
-def _renewed_text(renewed: Redesign | None) -> str:
-    if renewed is None or renewed.prototype is None or renewed.prototype.controller is None:
-        return ""
-    return controller_text(renewed.prototype.controller, renewed.prototype.payload.inner_end_mass_kg)
+def _renewed_laws(renewed: Redesign | None) -> list[tuple[str, Guarantee]]:
+    """Of each law of a new design: itself in one line, and what is guaranteed with it."""
+    stages = () if renewed is None else (stage for _, stage in renewed.proofs)
+    return [
+        (controller_text(stage.controller, stage.payload.inner_end_mass_kg), stage.guarantee)
+        for stage in stages
+        if stage.controller is not None and stage.guarantee is not None
+    ]
 
 
 def _inline(figure: object, name: str, caption: str) -> Markup:

@@ -1,15 +1,17 @@
-"""Back to the design: controller and inner end mass tuned and proved anew on the diagnosed prototype."""
+"""Back to the design: every law and the inner end mass tuned and proved anew on the diagnosed prototype."""
 
 from dataclasses import dataclass
 
+from beamdesign.design.schedule import tune_schedule
 from beamdesign.design.stiffness_search import design
+from beamdesign.controllers import Scheduled
 from beamdesign.design.tuning import Progress, tune_alike
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Certificate
 from beamdesign.proof.contact import Wall
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.study.design_run import certified
+from beamdesign.study.design_run import CERTIFICATE_NAME, certified
 from beamdesign.study.stiffness_run import carried_out
 
 
@@ -20,13 +22,13 @@ class Redesign:
     Attributes:
         outer_end_mass_kg: range over which everything is proved.
         prototype: diagnosed one with the new controller, inner end mass and guarantee; None where none was found.
-        certificate: its proof.
+        proofs: of each of its laws, with the prototype that has this law alone and its guarantee.
         reason: why there is none, in words.
     """
 
     outer_end_mass_kg: tuple[float, float]
     prototype: Prototype | None = None
-    certificate: Certificate | None = None
+    proofs: tuple[tuple[Certificate, Prototype], ...] = ()
     reason: str = ""
 
 
@@ -35,7 +37,8 @@ def redesign(
 ) -> Redesign:
     """Tune a controller of the same kind for the largest guaranteed bandwidth on a diagnosed prototype, and prove it.
 
-    One that gives the end a stiffness is sought for the widest band of that stiffness instead.
+    One that gives the end a stiffness is sought for the widest band of that stiffness instead. Of several laws each is
+    tuned for its own payloads and stable for all; changes between them are for `certify-switching` to prove.
 
     Args:
         diagnosed: with its effects, and the controller that it had.
@@ -45,13 +48,34 @@ def redesign(
     try:
         if diagnosed.compliance is not None:
             return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)
+        if diagnosed.schedule is not None:
+            return _of_stages(diagnosed, diagnosed.schedule, outer_end_mass_kg, progress)
         found = tune_alike(diagnosed, outer_end_mass_kg, progress)
         if found.best is None:
             return Redesign(outer_end_mass_kg, reason=found.reason)
-        certificate, prototype = certified(found.prototype, found.best, outer_end_mass_kg)
+        proof = certified(found.prototype, found.best, outer_end_mass_kg)
     except InputError as error:  # an effect for which no linear loop stands
         return Redesign(outer_end_mass_kg, reason=str(error).replace("\n", "; "))
-    return Redesign(outer_end_mass_kg, prototype, certificate)
+    return Redesign(outer_end_mass_kg, proof[1], (proof,))
+
+
+def _of_stages(
+    diagnosed: Prototype, schedule: Scheduled, masses_kg: tuple[float, float], progress: Progress | None
+) -> Redesign:
+    try:
+        found = tune_schedule(
+            diagnosed, masses_kg, len(schedule.stage), estimator=schedule.estimator, progress=progress
+        )
+    except ValueError as error:  # so many stages do not fit
+        return Redesign(masses_kg, reason=str(error))
+    if found.rig is None or found.rig.schedule is None:
+        return Redesign(masses_kg, reason=found.reason)
+    rig = found.rig.but(controller=schedule.but(stage=found.rig.schedule.stage))
+    proofs = (
+        certified(stage.prototype, proved, stage.outer_end_mass_kg, f"stage_{stage.number}.{CERTIFICATE_NAME}")
+        for stage, proved in zip(rig.stages(masses_kg), found.proved, strict=True)
+    )
+    return Redesign(masses_kg, rig, tuple(proofs))
 
 
 _WALL = Wall((exact(0.0), exact(1e9)), (exact(0.0), exact(0.0)))
@@ -66,4 +90,4 @@ def _of_stiffness(
     if found.best is None:
         return Redesign(masses_kg, reason=found.reason)
     done = carried_out(diagnosed, found.best, masses_kg, _WALL)
-    return Redesign(masses_kg, done.prototype, done.certificate)
+    return Redesign(masses_kg, done.prototype, ((done.certificate, done.prototype),))

@@ -10,8 +10,8 @@ import numpy as np
 
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.controllers import Controller, refuse
-from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, TimeEntry, index_of, read_index
+from beamdesign.controllers import Controller
+from beamdesign.gap.data.dataset_index import GainEntry, Index, ResponseEntry, Taken, TimeEntry, index_of, read_index
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
@@ -173,20 +173,24 @@ def read_dataset(folder: str | Path) -> Dataset:
     if problems := _missing_controllers(entry, prototype):
         raise InputError(path, problems)
 
-    def controller(given: Controller | None) -> Controller:
-        chosen = given or prototype.controller
+    def law(row: TimeEntry | ResponseEntry) -> Controller:
+        chosen = row.controller or prototype.controller
         assert chosen is not None  # checked above
-        refuse(chosen, "one law", "a record of a data set", path)
-        return chosen
+        return _acting(chosen, row, row.file, path)
 
-    taken = tuple(
-        _time_record(path.parent / row.file, row, controller(row.controller), warnings) for row in entry.record
-    )
-    responses = tuple(
-        _response(path.parent / row.file, row, controller(row.controller)) for row in entry.frequency_response
-    )
+    taken = tuple(_time_record(path.parent / row.file, row, law(row), warnings) for row in entry.record)
+    responses = tuple(_response(path.parent / row.file, row, law(row)) for row in entry.frequency_response)
     gains = tuple(_measured_gain(row, prototype, path) for row in entry.critical_gain)
     return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings))
+
+
+def _acting(controller: Controller, row: Taken, name: str, path: Path) -> Controller:
+    """The law that acted while an entry was taken: of several the one for its payload, which does not change."""
+    try:
+        return controller.law_for(row.outer_end_mass_kg)
+    except ValueError as error:
+        reason = f"of {name}: {error}; state the one that acted as its controller"
+        raise InputError(path, [("outer_end_mass_kg", reason)]) from error
 
 
 def _missing_controllers(entry: Index, prototype: Prototype) -> list[Problem]:
@@ -264,7 +268,8 @@ def _response(path: Path, row: ResponseEntry, controller: Controller) -> Frequen
 
 def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> MeasuredGain:
     if row.controller is None:
-        given = prototype.controller.model_dump() if prototype.controller is not None else {"kind": "proportional"}
+        own = prototype.controller
+        given = {"kind": "proportional"} if own is None else _acting(own, row, "a critical gain", path).model_dump()
     else:
         given = dict(row.controller)
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}

@@ -68,8 +68,9 @@ def _others(record: TimeRecord, records: Sequence[TimeRecord], prototype: Protot
     for other in records:
         if other.controller != record.controller:
             found.setdefault(other.controller, f"that of record {other.name}")
-    if prototype.controller is not None and prototype.controller != record.controller:
-        found.setdefault(prototype.controller, "that of the prototype")
+    for law, _ in () if prototype.controller is None else prototype.controller.laws:
+        if law != record.controller:
+            found.setdefault(law, "that of the prototype")
     return found
 
 

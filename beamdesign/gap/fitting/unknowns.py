@@ -12,11 +12,12 @@ from math import exp, isclose, log
 
 import numpy as np
 
+from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import PROPORTIONAL, Law
+from beamdesign.rig.electronics import Law
 from beamdesign.rig.parameters import parameters_of
 
 FREE = 0.3
@@ -82,7 +83,7 @@ def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown
         prototype: with its `[tolerance]`.
         free: figures of the rig (as in `beamdesign.parameters.PARAMETERS`) suspected to be wrong.
     """
-    nominal = parameters_of(_with_some_controller(prototype), 0.0, 0.0)
+    nominal = parameters_of(prototype.but(controller=_some_law(prototype)), 0.0, 0.0)
     found = []
     for figure, key in RIG_TOLERANCES.items():
         spread = getattr(prototype.tolerance, key)
@@ -125,9 +126,8 @@ def of_effects(
 
 
 def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
-    """What decides the equations under a hypothesis, with the prototype's own law: see `Placement.under`."""
-    law = PROPORTIONAL if prototype.controller is None else prototype.controller.equations
-    return Structure(law, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
+    """What decides the equations under a hypothesis, with a law of the prototype's own: see `Placement.under`."""
+    return Structure(_some_law(prototype).equations, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,5 @@ def _placed(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
     return place(kinds, unknowns)
 
 
-def _with_some_controller(prototype: Prototype) -> Prototype:
-    from beamdesign.controllers import Proportional
-
-    return prototype if prototype.controller else prototype.but(controller=Proportional(gain_A_per_V=1e-3))
+def _some_law(prototype: Prototype) -> Controller:
+    return prototype.controller.laws[0][0] if prototype.controller else Proportional(gain_A_per_V=1e-3)
