@@ -15,8 +15,8 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
 from typer.testing import CliRunner
 
-from beamdesign.control_models import state_space
 from beamdesign.cli import app
+from beamdesign.control_models import state_space
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.gap import separability
 from beamdesign.gap.data.dataset import Dataset, TimeRecord, read_dataset

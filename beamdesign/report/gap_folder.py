@@ -47,7 +47,8 @@ def write_gap_folder(
     fields |= {"design": _design(terms), "redesign": _redesign(renewed)}
     fields |= {kind: str(folder / name) for kind, name in names.items() if kind != "json"}
     texts |= {"json": json_text(fields), "report": gap_report_html(found, names, data, terms, renewed)}
-    paths = write_set(folder, {kind: (name, texts[kind]) for kind, name in names.items()}, (REDESIGNED, "redesigned/*certificate.toml"))
+    files = {kind: (name, texts[kind]) for kind, name in names.items()}
+    paths = write_set(folder, files, (REDESIGNED, "redesigned/*certificate.toml"))
     return paths, fields
 
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from beamdesign.controllers import Scheduled
 from beamdesign.design.schedule import tune_schedule
 from beamdesign.design.stiffness_search import design
-from beamdesign.controllers import Scheduled
 from beamdesign.design.tuning import Progress, tune_alike
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Certificate
