@@ -183,7 +183,7 @@ def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, toleran
     low, full = (signals(prototype, kind["outer_beam"], kind["inner_beam"], grid) for kind in (one, all_modes))
     gain = prototype.controller.gain_A_per_V
     limit = critical_gain(prototype.but(effects={}), outer_end_mass).gain_A_per_V
-    limit_all, at = _first_oscillation(full.loop_per_gain, grid)
+    limit_all, at = _critical_gain(full.loop_per_gain, grid, gain)
     near, exact = (part.closed(gain) for part in (low, full))
     closed_Hz = _agrees_up_to(near, exact, grid, tolerance) if gain < min(limit, limit_all) else 0.0
     modes = [
@@ -250,14 +250,20 @@ def _agrees_up_to(one: np.ndarray, other: np.ndarray, grid: np.ndarray, toleranc
     return float(grid[off[0] - 1]) if off[0] else 0.0
 
 
-def _first_oscillation(loop_per_gain: np.ndarray, grid: np.ndarray) -> tuple[float, float]:
-    """Least gain at which L = -1 somewhere, and the frequency, for an open loop that is stable itself."""
+def _critical_gain(loop_per_gain: np.ndarray, grid: np.ndarray, own: float) -> tuple[float, float]:
+    """Gain at which L = -1 somewhere, raised as in `critical_gain`, and the frequency, for a stable open loop."""
     real, imaginary = loop_per_gain.real, loop_per_gain.imag
     at = np.nonzero((imaginary[:-1] * imaginary[1:] <= 0) & (real[:-1] < 0))[0]
     if not len(at):
         raise ValueError("no gain makes this loop oscillate")
     share = imaginary[at] / (imaginary[at] - imaginary[at + 1])
     depth = real[at] + share * (real[at + 1] - real[at])
-    deepest = int(np.argmin(depth))
+    gains = np.divide(-1.0, depth, out=np.full(len(at), inf), where=depth < 0)
+    # Nyquist: at its own gain it is stable where crossings beyond -1 cancel, those upwards and those downwards.
+    least = own if np.sign(imaginary[at + 1] - imaginary[at])[gains < own].sum() == 0 else 0.0
+    larger = np.where(gains > least, gains, inf)
+    if not np.any(larger < inf):
+        raise ValueError("no larger gain makes this loop oscillate")
+    first = int(np.argmin(larger))
     frequency = grid[at] + share * (grid[at + 1] - grid[at])
-    return float(-1 / depth[deepest]), float(frequency[deepest])
+    return float(gains[first]), float(frequency[first])

@@ -257,7 +257,7 @@ class LoopAtMass:
 
 @dataclass(frozen=True)
 class CriticalGain:
-    """The gain at which a loop that is stable at low gain begins to oscillate."""
+    """The gain at which a loop begins to oscillate as its gain is raised."""
 
     gain_A_per_V: float
     frequency_Hz: float
@@ -266,7 +266,8 @@ class CriticalGain:
 def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> CriticalGain:
     """Critical gain of a prototype at one outer end mass (kg): exact, not swept.
 
-    The controller's breaks are kept, its own gain does not matter. With effects it is the least of all linear members.
+    The controller's breaks are kept, its gain is raised: from its own where the loop is stable there, which it need not
+    be at a lower one, else from none. With effects it is the least of all linear members.
 
     Raises:
         ValueError: without a controller, or where the loop oscillates at no gain, at every one or at every low one.
@@ -275,19 +276,24 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> Critical
         raise ValueError("the prototype has no [controller]")
     unit = prototype.but(controller=prototype.controller.but(gain_A_per_V=1.0))
     members = family(prototype, outer_end_mass).members
-    found = [_critical_gain(_member_loop(unit, member).at(outer_end_mass)) for member in members]
+    own = prototype.controller.gain_A_per_V
+    found = [_critical_gain(_member_loop(unit, member).at(outer_end_mass), own) for member in members]
     return min(found, key=lambda critical: critical.gain_A_per_V)
 
 
-def _critical_gain(unit: LoopAtMass) -> CriticalGain:
-    """Critical gain of a loop whose controller has a gain of one."""
-    positive = [crossing for crossing in unit.gain_crossings() if crossing.value > 0]
-    if not positive:
-        raise ValueError("no gain makes this loop oscillate")
-    below = unit.opened + unit.returned * exact(positive[0].value / 2)
-    if not is_hurwitz(below):
+def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
+    """Critical gain, raised from its own, of a loop whose controller has a gain of one."""
+
+    def stable(gain: float) -> bool:
+        return is_hurwitz(unit.opened + unit.returned * exact(gain))
+
+    least = own if stable(own) else 0.0
+    above = [crossing for crossing in unit.gain_crossings() if crossing.value > least]
+    if not above:
+        raise ValueError("no larger gain makes this loop oscillate")
+    if not least and not stable(above[0].value / 2):
         raise ValueError("the loop is unstable at every gain below its first crossing")
-    return CriticalGain(positive[0].value, positive[0].frequency_Hz)
+    return CriticalGain(above[0].value, above[0].frequency_Hz)
 
 
 def _respond(polynomial: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:

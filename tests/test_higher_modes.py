@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from beamdesign.beam import natural_frequencies
+from beamdesign.controllers import Section, Structured
 from beamdesign.higher_modes import (
     exact_compliance,
     signals,
@@ -76,6 +77,18 @@ def test_the_papers_assumption_holds_on_its_rig():
     assert found.outer_modes_Hz[1] > 300.0
     assert found.closed_loop_Hz > 100.0
     assert abs(found.gain_margin_eaten) < 0.1
+
+
+def test_a_loop_that_is_stable_at_no_low_gain_is_judged_at_its_own():
+    """By the exact loop of one mode each; a law between two resonances, which turns a tenth of its gain unstable."""
+    section = Section(zero_Hz=13.5, zero_damping_ratio=0.18, pole_Hz=9.8, pole_damping_ratio=0.1)
+    law = Structured(gain_A_per_V=0.068, pole_Hz=7.8, zero_Hz=38.0, section=(section,))
+    rig = lag(1.0).but(controller=law)
+    assert not loop(rig.but(controller=law.but(gain_A_per_V=0.0068))).at(0.0).stable
+    found = single_mode_reach(rig)
+    assert found.critical_gain_A_per_V == critical_gain(rig).gain_A_per_V > law.gain_A_per_V
+    assert found.critical_gain_all_A_per_V == pytest.approx(found.critical_gain_A_per_V, rel=0.15)
+    assert found.closed_loop_Hz > 50.0
 
 
 def test_one_mode_reaches_less_far_the_lighter_the_tip():

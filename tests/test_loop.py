@@ -10,7 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamdesign.control_models import state_space
-from beamdesign.controllers import Lag, Proportional
+from beamdesign.controllers import Lag, Proportional, Section, Structured
+from beamdesign.gap.data.dataset import MeasuredGain
+from beamdesign.gap.fitting.gain_evidence import GainEvidence
+from beamdesign.gap.fitting.hypothesis import NOTHING
 from beamdesign.loop import LoopAtMass, critical_gain, loop
 from beamdesign.prototype import Payload, Prototype
 
@@ -99,6 +102,25 @@ def test_critical_gain_does_not_depend_on_the_gain_set(remedy: Prototype):
     assert critical_gain(louder, 6.8) == critical_gain(remedy, 6.8)
     margins = loop(remedy).at(6.8).margins()
     assert 0.15 * margins.gain_up == pytest.approx(critical_gain(remedy, 6.8).gain_A_per_V, rel=1e-12)
+
+
+def test_the_gain_of_a_loop_that_is_stable_at_no_low_gain_is_raised_from_its_own(paper: Prototype):
+    """Its matrices' eigenvalues: unstable at a tenth, stable from the law's own gain up to the critical one."""
+    section = Section(zero_Hz=13.5, zero_damping_ratio=0.18, pole_Hz=9.8, pole_damping_ratio=0.1)
+    law = Structured(gain_A_per_V=0.068, pole_Hz=7.8, zero_Hz=38.0, section=(section,))
+    critical = critical_gain(paper.but(controller=law))
+
+    def growth(gain: float) -> float:
+        return float(state_space(paper.but(controller=law.but(gain_A_per_V=gain)), 0.0).poles().real.max())
+
+    assert growth(0.1 * law.gain_A_per_V) > 0
+    assert all(growth(gain) < 0 for gain in np.linspace(law.gain_A_per_V, critical.gain_A_per_V * (1 - 1e-6), 20))
+    assert growth(critical.gain_A_per_V * (1 + 1e-6)) > 0
+    placement = NOTHING.placement(paper)
+    measured = MeasuredGain(law, 0.0, 0.0, 0.03, raised_from=law.gain_A_per_V)
+    onset = GainEvidence(measured, paper).predicted(placement, np.zeros(len(placement.unknowns)))
+    assert onset is not None
+    assert (onset.gain, onset.frequency / (2 * pi)) == pytest.approx((critical.gain_A_per_V, critical.frequency_Hz))
 
 
 @given(

@@ -114,6 +114,7 @@ class MeasuredGain:
         relative_std: of the gain.
         frequency_Hz: of the oscillation, where it was noted.
         predicted_gain: that its designers predicted with a model of their own, where they said so, A/V.
+        raised_from: gain that the law has in the prototype, below which its loop need not be stable, A/V; 0 of others.
     """
 
     controller: Controller
@@ -122,6 +123,7 @@ class MeasuredGain:
     relative_std: float
     frequency_Hz: float | None = None
     predicted_gain: float | None = None
+    raised_from: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -267,12 +269,13 @@ def _response(path: Path, row: ResponseEntry, controller: Controller) -> Frequen
 
 
 def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> MeasuredGain:
-    if row.controller is None:
-        own = prototype.controller
-        given = {"kind": "proportional"} if own is None else _acting(own, row, "a critical gain", path).model_dump()
+    own, least = prototype.controller, 0.0
+    if row.controller is None and own is not None:
+        law = _acting(own, row, "a critical gain", path)
+        given, least = law.model_dump(), law.gain_A_per_V
     else:
-        given = dict(row.controller)
+        given = dict(row.controller or {"kind": "proportional"})
     table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
     found = records.parse(_Gained, table, path).controller
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
-    return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V)
+    return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V, least)

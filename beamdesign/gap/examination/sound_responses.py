@@ -105,7 +105,8 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
     """
     problems, warnings = [], []
     for k, gain in enumerate(gains, start=1):
-        rig = prototype.but(effects={}, controller=gain.controller)
+        law = gain.controller.but(gain_A_per_V=gain.raised_from or gain.gain)
+        rig = prototype.but(effects={}, controller=law)
         rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=gain.inner_end_mass))
         try:
             believed = critical_gain(rig, gain.outer_end_mass).gain_A_per_V

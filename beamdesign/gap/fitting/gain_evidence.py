@@ -78,7 +78,7 @@ class GainEvidence:
         key = (placement.assembly.kinds, placement.unknowns, z.tobytes())
         if key not in self._last:
             self._last.clear()
-            self._last[key] = onset(self.model(placement), z)
+            self._last[key] = onset(self.model(placement), z, self.measured.raised_from)
         return self._last[key]
 
     @property

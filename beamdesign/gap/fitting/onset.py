@@ -44,7 +44,7 @@ class Onset:
     by_gain: complex
 
 
-def onset(model: LinearModel, z: np.ndarray) -> Onset | None:
+def onset(model: LinearModel, z: np.ndarray, raised_from: float = 0.0) -> Onset | None:
     """The least gain at which the loop of a model begins to oscillate, over the directions of its valve.
 
     The equilibrium is that at the believed gain; it depends on the gain only where the valve leaks unevenly, and there
@@ -53,6 +53,7 @@ def onset(model: LinearModel, z: np.ndarray) -> Onset | None:
     Args:
         model: of one setting of the rig.
         z: unknowns.
+        raised_from: gain (A/V) to begin with where the loop is stable there; else with none.
 
     Returns:
         None where the loop has no equilibrium, or no gain takes it from stable to oscillating.
@@ -62,7 +63,7 @@ def onset(model: LinearModel, z: np.ndarray) -> Onset | None:
         points = model.points(p)
     except ValueError:
         return None
-    found = [at for x in points if (at := _onset_at(model, p, x)) is not None]
+    found = [at for x in points if (at := _onset_at(model, p, x, raised_from)) is not None]
     return min(found, key=lambda at: at.gain, default=None)
 
 
@@ -78,7 +79,7 @@ def onset_slopes(model: LinearModel, z: np.ndarray, at: Onset) -> tuple[np.ndarr
     return gain / at.gain, frequency * _TIME / at.frequency
 
 
-def _onset_at(model: LinearModel, p: np.ndarray, x: np.ndarray) -> Onset | None:
+def _onset_at(model: LinearModel, p: np.ndarray, x: np.ndarray, raised_from: float) -> Onset | None:
     weight, at = model.weight, model.assembly.parameters.index("gain")
     unit = float(p[at])
     once, twice = (_scaled(a, weight) for a in model.rates_at_gains(p, x, (unit, 2 * unit)))
@@ -88,8 +89,10 @@ def _onset_at(model: LinearModel, p: np.ndarray, x: np.ndarray) -> Onset | None:
         return None
     row, column = np.unravel_index(int(np.argmax(np.abs(returned))), returned.shape)
     b, c = returned[:, column] / returned[row, column], returned[row]
-    before = 0.0
+    least = before = raised_from if raised_from and _is_stable(opened + raised_from * returned) else 0.0
     for gain, w in phase_crossings(opened, b, c):
+        if gain <= least:
+            continue
         middle = sqrt(before * gain) if before else 0.5 * gain
         if _is_stable(opened + middle * returned) and not _is_stable(opened + _ABOVE * gain * returned):
             resolvent = 1j * w * np.eye(len(opened)) - opened
