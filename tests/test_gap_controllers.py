@@ -1,6 +1,5 @@
 """Data sets taken with a structured law, with an added sensor, with several laws: examined, simulated, diagnosed."""
 
-import json
 import tomllib
 from dataclasses import replace
 from math import pi
@@ -13,25 +12,26 @@ import tomli_w
 from gap_sets import LAG, believed, measured, scenario
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
-from typer.testing import CliRunner
 
-from beamdesign.cli import app
+from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.gap import separability
 from beamdesign.gap.data.dataset import Dataset, TimeRecord, read_dataset
-from beamdesign.gap.designer_terms import loops_of
+from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range
 from beamdesign.gap.diagnose import diagnose
+from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.examination.believed_loop import CHANNELS, believed_loop
 from beamdesign.gap.examination.controller_equation import controller_fit, demanded
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.proof.replay_members import replay
 from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
+from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
 from beamdesign.simulate import simulate, write_records
+from beamdesign.study.redesign import redesign
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
@@ -82,8 +82,9 @@ def test_a_slow_sensor_is_found_whatever_law_was_in_the_loop(law: Controller, mo
 
 def in_stages() -> Prototype:
     """The rig with a law for light payloads and another for heavy ones."""
-    light = Stage(outer_end_mass_kg=(0.0, 4.0), gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0)
-    heavy = light.but(outer_end_mass_kg=(3.0, 6.8), gain_A_per_V=0.06)
+    section = SECTION.but(zero_Hz=120.0, pole_Hz=150.0)
+    light = Stage(outer_end_mass_kg=(0.0, 4.0), gain_A_per_V=0.05, pole_Hz=1.75, zero_Hz=26.0, section=(section,))
+    heavy = light.but(outer_end_mass_kg=(3.0, 6.8), gain_A_per_V=0.03)
     payload = Payload(outer_end_mass_kg=(0.0, 6.8), inner_end_mass_kg=4.4)
     return believed().but(controller=Scheduled(stage=(light, heavy)), payload=payload)
 
@@ -95,7 +96,7 @@ def written(rig: Prototype, folder: Path, masses_kg: tuple[float, ...]) -> Path:
         ((stage, *_),) = rig.stages((mass, mass))
         drive = Multisine(low_Hz=1, high_Hz=200, seed=k, amplitude_V=0.3)
         row = ScenarioRecord(name=f"r{k}", input=(drive,), outer_end_mass_kg=mass, inner_end_mass_kg=4.4)
-        plan = scenario(0.5).but(record=(row,))
+        plan = scenario(0.7).but(record=(row,))
         write_records(simulate(stage, plan), folder)
         rows.append({"file": f"r{k}.csv", "outer_end_mass_kg": mass, "inner_end_mass_kg": 4.4})
     write_prototype(rig.but(effects={}), folder / "prototype.toml")
@@ -125,29 +126,43 @@ def test_each_record_has_the_law_for_its_payload_or_the_one_it_states(tmp_path: 
     assert read([], outer_end_mass_kg=3.5, controller=heavy.model_dump()).records[1].controller == heavy
 
 
-def test_from_the_records_of_several_stages_back_to_their_laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A slow sensor, in two stages: found, its prototype has both laws, and each is tuned and proved with it."""
-    for room in (searching, separability):
-        monkeypatch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+@pytest.fixture(scope="module")
+def staged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Dataset, Diagnosis]:
+    """Records of a slow sensor in two stages, and what is found of them among a few causes."""
     rig = in_stages().but(effects={"sensor_lag": {"break_Hz": 250.0}})
-    folder, out = written(rig, tmp_path, (0.0, 0.0, 6.8, 6.8)), tmp_path / "out"
-    line = ["gap", "diagnose", str(folder), "--out", str(out), "--workers", "1", "--redesign", "--json"]
-    done = CliRunner().invoke(app, [*line, str(tmp_path / "answer.json")])
-    assert done.exit_code == 0, done.output
-    answer = json.loads((tmp_path / "answer.json").read_text())
-    assert answer["chosen"] == ["sensor_lag"]
-    assert answer["effects"][0]["parameters"]["break_Hz"]["value"] == pytest.approx(250.0, rel=0.1)
-    assert read_prototype(out / "prototype.toml").controller == rig.controller
-    new = read_prototype(answer["redesigned"])
-    assert list(new.effects) == ["sensor_lag"]
-    assert new.schedule is not None
-    for k, (stage, promised) in enumerate(zip(new.stages((0.0, 6.8)), answer["redesign"]["guaranteed"], strict=True)):
-        masses = np.linspace(*stage.outer_end_mass_kg, 5)
+    data = read_dataset(written(rig, tmp_path_factory.mktemp("stages"), (0.0, 0.0, 6.8, 6.8)))
+    with pytest.MonkeyPatch.context() as patch:
+        for room in (searching, separability):
+            patch.setattr(room, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
+        return data, diagnose(data, 1)
+
+
+def test_a_slow_sensor_is_found_in_the_records_of_several_stages(staged: tuple[Dataset, Diagnosis]) -> None:
+    _, found = staged
+    assert found.chosen == ("sensor_lag",)
+    assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
+    assert found.prototype.controller == in_stages().controller
+    assert list(found.prototype.effects) == ["sensor_lag"]
+
+
+def test_every_stage_is_tuned_and_proved_anew(staged: tuple[Dataset, Diagnosis], tmp_path: Path) -> None:
+    """With the slow sensor, by the matrices of the rig and by what checks certificates."""
+    data, found = staged
+    renewed = redesign(found.prototype, payload_range(data))
+    loops = designer_terms(data, found.prototype, [stage for _, stage in renewed.proofs])
+    assert [loop.outer_end_mass_kg for loop in loops if loop.new] == [(0.0, 3.9), (2.9, 6.8)]
+    paths, fields = write_gap_folder(tmp_path, found, data, loops, renewed)
+    new = read_prototype(paths["redesigned"])
+    assert new.effects == found.prototype.effects
+    for stage, promised in zip(new.stages((0.0, 6.8)), fields["redesign"]["guaranteed"], strict=True):
         at = np.geomspace(0.01, promised["bandwidth_Hz"], 50)
-        for mass in masses:
+        for mass in np.linspace(*stage.outer_end_mass_kg, 5):
             shown = np.abs(state_space(stage.prototype, mass)(2j * pi * at)[0, 0])
             assert shown.max() <= new.goal.compliance_m_per_N * (1 + 1e-6)
-        assert replay(Path(answer[f"certificate_stage_{k + 1}"]).read_text()).valid
+        assert check(paths[f"certificate_stage_{stage.number}"].read_text()).valid
+    believed_here, diagnosed = loops[-1].believed, loops[-1].diagnosed
+    assert diagnosed.bandwidth_Hz == pytest.approx(fields["redesign"]["guaranteed"][-1]["bandwidth_Hz"], rel=1e-3)
+    assert believed_here.bandwidth_Hz != diagnosed.bandwidth_Hz
 
 
 @pytest.mark.parametrize("law", [LAG, STRUCTURED, SENSORS, HEARING], ids=["lag", "structured", "sensors", "command"])

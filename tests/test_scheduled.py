@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
-from beamdesign.proof.replay_any import replay as replay_any
 from flint import fmpq, fmpq_mat
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 from typer.testing import CliRunner
 
+from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
 from beamdesign.design import schedule
@@ -29,7 +29,7 @@ from beamdesign.proof.certifying import certify
 from beamdesign.proof.decrease import holds_at_rate
 from beamdesign.proof.lyapunov import Switching, describe, switching
 from beamdesign.proof.mass_family import MassFamily, closed_loop
-from beamdesign.proof.replay_stages import Malformed, StageLoop, replay
+from beamdesign.proof.replay_stages import Malformed, StageLoop
 from beamdesign.proof.stage_change import stage_change, verified_dwell
 from beamdesign.proof.stage_family import stage_families, stage_family
 from beamdesign.proof.switching_document import switching_document
@@ -242,17 +242,17 @@ def test_the_shipped_stages_are_stable_whichever_acts_when(rig: Prototype, prove
 
 def test_the_certificate_is_proved_again_and_not_after_a_change(rig: Prototype, proved: Switching) -> None:
     text = switching_document(rig, proved, "\n".join(describe(proved)))
-    again = replay(text)
+    again = check(text)
     assert again.valid, again.reasons
     assert any("whichever stage acts when" in claim for claim in again.claims)
     assert len([claim for claim in again.claims if claim.startswith("any stage at any time")]) == 1 + 2 + 2
     assert any("the motion grows" in claim for claim in again.claims)
     gain = f'gain_A_per_V = "{schedule_of(rig).stage[0].gain_A_per_V}"'
     assert gain in text
-    louder = replay(text.replace(gain, 'gain_A_per_V = "0.3"'))
+    louder = check(text.replace(gain, 'gain_A_per_V = "0.3"'))
     assert any("not proved stable whichever stage acts when" in reason for reason in louder.reasons)
     with pytest.raises(Malformed, match="not known here"):
-        replay(text.replace('kind = "any_stage"', 'kind = "any_law"'))
+        check(text.replace('kind = "any_stage"', 'kind = "any_law"'))
 
 
 @pytest.mark.parametrize("sections", [0, 2])
@@ -372,10 +372,10 @@ def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[dict[str
     assert [stage.outer_end_mass_kg for stage in schedule_of(designed).stage] == [(0.0, 2.0), (1.0, 3.0)]
     for number, one in enumerate(schedule_of(designed).stage, start=1):
         text = out / f"certificate.stage_{number}.toml"
-        assert replay_any(text).valid
+        assert check(text).valid
         assert one.outer_end_mass_kg in [tuple(each["outer_end_mass_kg"]) for each in fields["stages"]]
         assert f"stage {number}" in (out / f"report.stage_{number}.html").read_text()
-    assert replay_any(out / "stages.certificate.toml").valid
+    assert check(out / "stages.certificate.toml").valid
     least = min(each["bandwidth_Hz"] for each in fields["stages"])
     assert fields["guaranteed"]["bandwidth_Hz"] == least
     assert (out / fields["guaranteed"]["certificate"]) == Path(fields["certificate"])

@@ -18,7 +18,7 @@ from beamdesign.changed_figures import with_figures
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
-from beamdesign.controllers import Lag, Scheduled, Stage
+from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.prototype import Tolerance, read_prototype, write_prototype
@@ -227,6 +227,14 @@ def test_excitations_are_those_of_the_plan(folder: Path) -> None:
         assert table[:, 1:] == pytest.approx(inputs_of(row, scenario), abs=2e-3)
         header = (folder / "acceptance" / "records" / f"{row.name}.csv").read_text()
         assert header == ",".join(COLUMNS) + "\n"
+
+
+def test_what_a_law_senses_beside_the_displacement_is_to_be_recorded(folder: Path, tmp_path: Path) -> None:
+    law = Observer.of(0.05, ("displacement_m", "load_pressure_Pa"), [[-10.0]], [[9.0, 0.0]], [1.0], [0.1, 1e-9])
+    rig = read_prototype(folder / "prototype.toml").but(controller=law)
+    write_data_folder(rig, acceptance_plan(rig, (0.0, 6.8), duration_s=0.5), tmp_path)
+    for path in (tmp_path / "records").iterdir():
+        assert path.read_text() == ",".join((*COLUMNS, "load_pressure_Pa")) + "\n"
 
 
 def test_the_folder_filled_in_is_diagnosed(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

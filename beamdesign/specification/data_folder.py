@@ -22,6 +22,7 @@ from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario,
 from beamdesign.spelling import shorter
 
 COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
+"""Of a record; behind them what else its law senses."""
 DURATION_S, SAMPLE_S = 4.0, 0.5e-3
 LOW_HZ, HIGH_HZ = 1.0, 250.0
 _SHARE = 0.3
@@ -143,7 +144,8 @@ def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) 
         lines = [",".join(("t_s", *CHANNELS)), *(f"{t:.4f},{force:.5g},{volts:.5g}" for t, force, volts in table)]
         write_whole(signal, "\n".join(lines) + "\n")
         if not (record.exists() and len(record.read_text().splitlines()) > 1):
-            write_whole(record, ",".join(COLUMNS) + "\n")
+            added = () if row.controller is None else row.controller.added
+            write_whole(record, ",".join((*COLUMNS, *added)) + "\n")
         paths += [signal, record]
     return paths
 
