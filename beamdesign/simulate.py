@@ -89,18 +89,20 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
         InputError: where the prototype has no controller or an effect that cannot be, where no equilibrium is found
             from which to start, or for what its controller cannot be put through, as a payload that is to change.
     """
-    if prototype.schedule is not None:
-        from beamdesign.scheduling.scenario import simulate_stages
+    runs = [(prototype.but(controller=row.controller or prototype.controller), row) for row in scenario.record]
+    if wrong := dict.fromkeys(problem for rig, row in runs for problem in _unfit(rig, scenario, row)):
+        raise InputError(scenario.name, list(wrong))
+    return Simulation(tuple(_simulated(rig, scenario, row, k) for k, (rig, row) in enumerate(runs)))
 
-        return simulate_stages(prototype, scenario, prototype.schedule)
-    wrong = [
-        Problem(f"record.{row.name}.payload_change", "is for a scheduled controller")
-        for row in scenario.record
-        if row.payload_change is not None
-    ]
-    if wrong:
-        raise InputError(scenario.name, wrong)
-    return Simulation(tuple(_simulated(prototype, scenario, row, k) for k, row in enumerate(scenario.record)))
+
+def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:
+    """What of a record its controller cannot be put through."""
+    if rig.schedule is not None:
+        from beamdesign.scheduling.scenario import unfit
+
+        return unfit(scenario, row, rig.schedule)
+    words = "is for a scheduled controller"
+    return [] if row.payload_change is None else [Problem(f"record.{row.name}.payload_change", words)]
 
 
 def half_steps(samples: np.ndarray, substeps: int) -> np.ndarray:
@@ -144,8 +146,11 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
     return substeps_at(assembly, places, parameters, times, _STEPS_PER_RADIAN)
 
 
-def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
-    rig = prototype if row.controller is None else prototype.but(controller=row.controller)
+def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    if rig.schedule is not None:
+        from beamdesign.scheduling.scenario import simulate_stages
+
+        return simulate_stages(rig, scenario, row, position)
     walled = row.wall is not None
     kinds = replace(structure_of(rig, scenario.sampled is not None), wall=walled)
     assembly = assemble(kinds)
@@ -159,7 +164,7 @@ def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, po
     try:
         start = equilibrium(continuous, before, parameters)
     except ValueError as error:
-        raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
+        raise InputError(rig.name, [(f"record.{row.name}", str(error))]) from error
     substeps = max(substeps_for(continuous, parameters, times), _wall_substeps(rig, row, times))
     inputs[:, 0] += row.preload_N
 
@@ -266,17 +271,17 @@ def without_controller() -> Problem:
 
 def write_records(simulation: Simulation, folder: Path) -> list[Path]:
     """Write one CSV file per record, named after it; see `write_tables`."""
-    return write_tables({record.name: record.samples for record in simulation.records}, COLUMNS, folder)
+    return write_tables({record.name: (record.columns, record.samples) for record in simulation.records}, folder)
 
 
-def write_tables(tables: Mapping[str, np.ndarray], columns: tuple[str, ...], folder: Path) -> list[Path]:
-    """Write one CSV file per table, named after it, each whole or not at all.
+def write_tables(tables: Mapping[str, tuple[tuple[str, ...], np.ndarray]], folder: Path) -> list[Path]:
+    """Write one CSV file per table of columns (C) and samples (N, C), named after it, each whole or not at all.
 
     Raises:
         OSError: naming what cannot be written.
     """
     paths = [folder / f"{name}.csv" for name in tables]
-    for table, path in zip(tables.values(), paths, strict=True):
+    for (columns, table), path in zip(tables.values(), paths, strict=True):
         text = StringIO()
         np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
         write_whole(path, text.getvalue())

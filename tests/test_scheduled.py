@@ -520,8 +520,8 @@ def test_a_record_is_predicted_as_it_is_simulated(rig: Prototype, sample_s: floa
     found = predict(rig, inputs, rig.sensor.gain_V_per_m)
     assert found.reason == ""
     own = np.arange(401) * PERIOD_S
-    expected = simulate_scheduled(rig, Course(force(own), ((0.0, 6.0),)))
-    assert expected.changes[0][1] == 3
+    expected = simulate_scheduled(rig, Course(force(own), ((0.0, 6.0),)), first_stage=2)
+    assert not expected.changes
     moved = np.interp(times, expected.column("t_s"), expected.column("displacement_m"))
     assert np.abs(found.samples[:, 2] - moved).max() < 0.02 * np.abs(moved).max()
 
@@ -553,6 +553,15 @@ def test_simulate_takes_a_schedule_and_no_other_a_payload_that_changes(tmp_path:
     table = np.genfromtxt(tmp_path / "out" / "grip.csv", delimiter=",", names=True)
     assert set(table["outer_end_mass_kg"]) == {0.0, 6.8}
     lag = str(ROOT / "studies/prototypes/tame_lag.toml")
+    light = read_prototype(SHIPPED).stages((0.0, 0.0))[0].prototype.controller
+    assert light is not None
+    fixed = f'[[record]]\nname = "fixed"\n[record.controller]\n{tomli_w.dumps(light.model_dump(exclude_none=True))}'
+    plan.write_text(GRIPPING + fixed, encoding="utf-8")  # one more, in which one law stays
+    assert CliRunner().invoke(app, ["simulate", str(SHIPPED), *common]).exit_code == 0
+    assert [("changes" in one) for one in json.loads(answer.read_text())["each"]] == [True, False]
+    heads = [(tmp_path / "out" / f"{name}.csv").read_text().partition("\n")[0] for name in ("grip", "fixed")]
+    assert ["stage" in head for head in heads] == [True, False]
+    plan.write_text(GRIPPING, encoding="utf-8")
     refused = CliRunner().invoke(app, ["simulate", lag, *common])
     assert "record.grip.payload_change: is for a scheduled controller" in str(refused.exception)
     plan.write_text(GRIPPING.replace("duration_s", "sample_s = 0.001\nduration_s"), encoding="utf-8")

@@ -38,8 +38,8 @@ def predict(
     with progress("simulating") as update:
         found = predict_set(prototype, dataset, update)
     with fresh_folder(out) as fresh:
-        written = [write_tables({record.name: record.samples}, record.columns, fresh) for record in found]
-    paths = [path for each in written for path in settled(each, fresh, out)]
+        written = write_tables({record.name: (record.columns, record.samples) for record in found}, fresh)
+    paths = settled(written, fresh, out)
     column = found[0].columns.index("displacement_m")
     rows = [
         (record.name, len(record.samples), float(abs(record.samples[:, column]).max()), record.reason or "complete")

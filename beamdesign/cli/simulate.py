@@ -70,8 +70,8 @@ def simulate(
             known = f"{mass:.3g} kg, give or take {std:.2g}" if isfinite(std) else "nothing"
             say(f"{record.name}: stages {stages}; of the payload it knows {known}")
     pictures = [_plotted(record, plan, rig) for record in found.records] if plots else []
-    tables = {record.name: record.samples for record in found.records}
-    files = write_folder(rig, plan, tables, found.records[0].columns, pictures, out)
+    tables = {record.name: (record.columns, record.samples) for record in found.records}
+    files = write_folder(rig, plan, tables, pictures, out)
     write_json(
         json,
         {
@@ -103,7 +103,7 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
 
         tables = {name: dict(zip(BENCH_COLUMNS, table.T, strict=True)) for name, table in found.items()}
         pictures = [PlottedRecord(name, columns, "done") for name, columns in tables.items()]
-    files = write_folder(rig, plan, found, BENCH_COLUMNS, pictures, out)
+    files = write_folder(rig, plan, {name: (BENCH_COLUMNS, table) for name, table in found.items()}, pictures, out)
     # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
     write_json(json, {"stable": True, "effects": list(rig.effects), **files})
 

@@ -9,14 +9,14 @@ from beamdesign.files import fresh_folder, settled
 
 
 def write_folder(
-    rig: Any, plan: Any, tables: Mapping[str, Any], columns: tuple[str, ...], pictures: Sequence[Any], out: Path
+    rig: Any, plan: Any, tables: Mapping[str, tuple[tuple[str, ...], Any]], pictures: Sequence[Any], out: Path
 ) -> dict[str, Any]:
     """Write records, and where there are `pictures` of them these and their page, as one set; files for the answer."""
     from beamdesign.simulate import write_tables
 
     drawn: dict[str, Any] = {}
     with fresh_folder(out) as fresh:
-        files = write_tables(tables, columns, fresh)
+        files = write_tables(tables, fresh)
         if pictures:
             from beamdesign.report.record_page import write_record_page
 

@@ -130,7 +130,10 @@ def _fixed(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nda
 
 
 def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
-    """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, from the first on, without noise."""
+    """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, without noise.
+
+    A record begins with the first law that is for its payload, as a rig does that has carried it before.
+    """
     from scipy.interpolate import CubicSpline
 
     from beamdesign.scheduling.simulation import Course, simulate_scheduled
@@ -141,8 +144,9 @@ def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nd
     force, command = (CubicSpline(times, x)(inside) for x in (without_noise(given.disturbance_N), given.command_V))
     built = rig.but(payload=rig.payload.but(inner_end_mass_kg=given.inner_end_mass))
     course = Course(force, ((0.0, given.outer_end_mass),), command_V=command, before_N=0.0)
+    fit = (k for k, (_, (low, high)) in enumerate(rig.schedule.laws) if low <= given.outer_end_mass <= high)
     try:
-        found = simulate_scheduled(rig, course, built, limit_m=FURTHEST_M)
+        found = simulate_scheduled(rig, course, built, next(fit, 0), limit_m=FURTHEST_M)
     except ValueError as error:
         raise InputError(rig.name, [("(figures)", str(error))]) from error
     own = found.column("t_s")

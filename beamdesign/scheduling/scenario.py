@@ -1,4 +1,4 @@
-"""Records of a scenario as courses for a scheduled controller, and what comes of them."""
+"""A record of a scenario as a course for a scheduled controller, and what comes of them."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, inputs_of
 from beamdesign.scheduling.simulation import Course, simulate_scheduled
-from beamdesign.simulate import SimulatedRecord, Simulation, as_measured
+from beamdesign.simulate import SimulatedRecord, as_measured
 
 
 def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
@@ -20,8 +20,8 @@ def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
     return Course(force, (begun, (change.at_s, change.outer_end_mass_kg)), change.joining, command, before)
 
 
-def unfit(scenario: Scenario, schedule: Scheduled) -> list[Problem]:
-    """What of a scenario a scheduled controller cannot be put through."""
+def unfit(scenario: Scenario, row: ScenarioRecord, schedule: Scheduled) -> list[Problem]:
+    """What of a record in its scenario a scheduled controller cannot be put through."""
     found = []
     if abs(scenario.sample_s - schedule.period_s) > 1e-9:
         words = f"must be the period of the scheduled controller, {schedule.period_s:g}, is {scenario.sample_s:g}"
@@ -29,30 +29,20 @@ def unfit(scenario: Scenario, schedule: Scheduled) -> list[Problem]:
     if scenario.sampled not in (None, Sampled(period_s=schedule.period_s)):
         words = f"must be as the scheduled controller is: every {schedule.period_s:g} s, without delay and quantisation"
         found.append(Problem("sampled", words))
-    found += [
-        Problem(f"record.{row.name}.{name}", "is not for a scheduled controller")
-        for row in scenario.record
-        for name in ("controller", "wall")
-        if getattr(row, name) is not None
-    ]
+    if row.wall is not None:
+        found.append(Problem(f"record.{row.name}.wall", "is not for a scheduled controller"))
     return found
 
 
-def simulate_stages(prototype: Prototype, scenario: Scenario, schedule: Scheduled) -> Simulation:
-    """Simulate the records of a scenario, each begun with the first stage.
+def simulate_stages(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    """Simulate a record of a scenario, at a position there, begun with the first stage.
 
     Law and estimator work at the schedule's period and hear the sensor with its noise where the prototype states it.
     Under noise nothing comes to rest, so that a record is called stable as long as the tip stays within the limit.
 
     Raises:
-        InputError: for what a scheduled controller has not, and where there is no equilibrium to start from.
+        InputError: where there is no equilibrium to start from.
     """
-    if wrong := unfit(scenario, schedule):
-        raise InputError(scenario.name, wrong)
-    return Simulation(tuple(_simulated(prototype, scenario, row, k) for k, row in enumerate(scenario.record)))
-
-
-def _simulated(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     noise, seed = prototype.sensor.noise_V or 0.0, scenario.measurement.seed + position
     course, limit, built = course_of(row, scenario), scenario.displacement_limit_m, prototype
     if row.inner_end_mass_kg is not None:
