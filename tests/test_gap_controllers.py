@@ -12,8 +12,10 @@ import tomli_w
 from gap_sets import LAG, believed, measured, scenario
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
+from typer.testing import CliRunner
 
 from beamdesign.checker import check
+from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.gap import separability
@@ -163,6 +165,10 @@ def test_every_stage_is_tuned_and_proved_anew(staged: tuple[Dataset, Diagnosis],
     believed_here, diagnosed = loops[-1].believed, loops[-1].diagnosed
     assert diagnosed.bandwidth_Hz == pytest.approx(fields["redesign"]["guaranteed"][-1]["bandwidth_Hz"], rel=1e-3)
     assert believed_here.bandwidth_Hz != diagnosed.bandwidth_Hz
+        path = paths[f"certificate_stage_{stage.number}"]
+        assert CliRunner().invoke(app, ["certify", "--replay", str(path)]).exit_code == 0
+    promised = [one["bandwidth_Hz"] for one in fields["redesign"]["guaranteed"]]
+    assert [loop.diagnosed.bandwidth_Hz for loop in loops if loop.new] == pytest.approx(promised, rel=1e-3)
 
 
 @pytest.mark.parametrize("law", [LAG, STRUCTURED, SENSORS, HEARING], ids=["lag", "structured", "sensors", "command"])
