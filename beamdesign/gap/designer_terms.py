@@ -81,20 +81,22 @@ def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype]
         new: tuned on that, each with one law and its guarantee.
     """
     own = 0 if data.prototype.controller is None else len(data.prototype.controller.laws)
-    loops = [(*each, False) for each in loops_of(data)[: max(MOST_LOOPS, own)]]
-    for one in new:
-        assert one.controller is not None  # it has a guarantee
-        assert one.guarantee is not None  # see above
-        loops.append((one.controller, one.payload.inner_end_mass_kg, one.guarantee.outer_end_mass_kg, True))
 
-    def with_it(prototype: Prototype, law: Controller, inner: float, masses: tuple[float, float]) -> Prototype:
-        # What else the payload says (such as a largest force) stays.
-        payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner)
-        return prototype.but(controller=law, payload=payload, guarantee=None)
+    def compared(law: Controller, inner: float, masses: tuple[float, float], tuned: bool = False) -> LoopTerms:
+        def with_it(prototype: Prototype) -> Prototype:
+            # What else the payload says (such as a largest force) stays.
+            payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner)
+            return prototype.but(controller=law, payload=payload, guarantee=None)
 
-    return tuple(
-        LoopTerms(*loop, *(terms(with_it(prototype, *loop)) for prototype in (data.prototype, diagnosed)), tuned)
-        for *loop, tuned in loops
+        return LoopTerms(law, inner, masses, terms(with_it(data.prototype)), terms(with_it(diagnosed)), tuned)
+
+    return (
+        *(compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]),
+        *(
+            compared(one.controller, one.payload.inner_end_mass_kg, one.guarantee.outer_end_mass_kg, tuned=True)
+            for one in new
+            if one.controller is not None and one.guarantee is not None
+        ),
     )
 
 
