@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flint import fmpq
+from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
@@ -26,14 +27,6 @@ from beamdesign.rig.effects import library, register
 SHIPPED = Path(__file__).parents[1] / "studies/prototypes/tame_lag.toml"
 NAME = "inner_absorber"
 MASS_KG, STIFFNESS, DAMPING = 0.2, 8e4, 12.0
-SCENARIO = """
-name = "short"
-duration_s = 0.02
-[[record]]
-name = "push"
-outer_end_mass_kg = 2.0
-input = [{ kind = "step", amplitude_N = 50.0, at_s = 0.002 }]
-"""
 
 
 def _pull(signal: Any, site: Site) -> Any:

@@ -30,7 +30,8 @@ from beamdesign.design.end_stiffness import (
     softest_N_per_m,
     stable_compliances,
 )
-from beamdesign.design.stiffness_search import design
+from beamdesign.design.rig_spread import rig_spread
+from beamdesign.design.stiffness_search import SEED_OF_RIGS, design
 from beamdesign.loop import loop
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact, is_hurwitz, roots
@@ -560,6 +561,19 @@ def test_a_law_that_suits_drawn_rigs_gives_up_band_for_it(rig: Prototype) -> Non
     same = design(exactly, 3e5, MASSES_KG, WALL, "passive", SOFT.servo, rigs=2).best
     assert same is not None
     assert same.band_Hz == pytest.approx(free.band_Hz, rel=1e-3)
+
+
+def test_a_law_for_rigs_within_some_sigmas_is_stable_on_each_of_them(rig: Prototype) -> None:
+    """By python-control's eigenvalues."""
+    spread = rig_spread(rig, MASSES_KG[1], 2.0)
+    found = design(rig, 3e5, MASSES_KG, WALL, "stable", SOFT.servo, rigs=6, spread=spread).best
+    assert found is not None
+    assert found.law is not None
+    drawn = spread.drawn(6, SEED_OF_RIGS, inside=True)
+    assert all(1.0 < np.linalg.norm(z) <= 2.0 + 1e-3 for z in drawn)
+    for z in drawn:
+        member = spread.rig(z).but(controller=controller_of(rig, found.law))
+        assert all(state_space(member, mass).poles().real.max() < 0 for mass in np.linspace(*MASSES_KG, 5))
 
 
 def test_an_end_softer_than_its_beam_is_known_is_refused_with_the_reason(rig: Prototype) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
 from beamdesign import checker
@@ -68,15 +69,6 @@ NAMED = {
     "compliant": ("observer", "sensors", "compliance"),
 }
 """Words of which a refusal has to hold one, where the kind itself is not the word."""
-
-SCENARIO = """
-name = "short"
-duration_s = 0.02
-[[record]]
-name = "push"
-outer_end_mass_kg = 2.0
-input = [{ kind = "step", amplitude_N = 50.0, at_s = 0.002 }]
-"""
 
 
 class Hole(Exception):
@@ -336,7 +328,6 @@ _OBSERVERS = "observer, sensors, compliant"
 _SENSORS = "sensors, compliant"
 _LISTED = (
     ("certify-switching", f"{_SENSORS}", "to be closed: the certificate states one transfer function"),
-    ("tune --robust", "compliant", "to be closed: a stiffness is given for the figures as they stand"),
     (
         "code",
         "scheduled",

@@ -22,6 +22,7 @@ from beamdesign.files import write_set
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade
     from beamdesign.design.end_stiffness import EndStiffness, Need
+    from beamdesign.design.rig_spread import RigSpread
     from beamdesign.prototype import InStage, Prototype
 
 CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
@@ -121,8 +122,11 @@ def give_stiffness(
     rigs: int = RIGS,
     out: Path | None = None,
     json: Path | None = None,
+    spread: "RigSpread | None" = None,
 ) -> None:
     """Design, prove, say and write; `walls` are their stiffness (N/m) and damping (N s/m).
+
+    The rigs that the law has to suit are drawn from the tolerances, or evenly from within a spread.
 
     Raises:
         InputError: for a stiffness that is none, or effects.
@@ -141,7 +145,7 @@ def give_stiffness(
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall = Wall(stiffest, damping)
     with progress("end stiffness") as update:
-        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update)
+        found = design(record, end_stiffness, masses, wall, need, servo, rigs, update, spread)
     if found.best is None:
         say(found.reason)
         write_json(json, {"controller": None, "met": None, "reason": found.reason})
@@ -163,6 +167,13 @@ def give_stiffness(
         say(f"{found.reason}; the next best is given")
     for line in in_words(best, wall):
         say(line)
+    robust: dict[str, Any] = {}
+    if spread is not None:
+        robust = {"robust": {"sigmas": spread.sigmas, "shape": spread.shape, "drawn": rigs, "met": rigs}}
+        say(
+            f"Sampled: {rigs} rigs drawn evenly from within {spread.sigmas:g} standard deviations ({spread.shape}) are"
+            " in contact as is asked, each decided in exact arithmetic; the rigs between are not."
+        )
     others = drawn_rigs(done.prototype, masses, wall, RIGS)
     if others:
         say(drawn_in_words(others))
@@ -176,7 +187,9 @@ def give_stiffness(
         paths = write_set(out, texts)
     for kind, path in paths.items():
         say(f"{kind}: {path}")
-    write_json(json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **paths})
+    write_json(
+        json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **robust, **paths}
+    )
 
 
 def _judged(

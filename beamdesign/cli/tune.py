@@ -22,7 +22,7 @@ from beamdesign.files import write_set
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Sensed
-    from beamdesign.design.rig_spread import Shape
+    from beamdesign.design.rig_spread import RigSpread, Shape
     from beamdesign.design.tuning import Tuning
     from beamdesign.proof.certificate import Certificate
     from beamdesign.prototype import Goal, InStage, Prototype
@@ -146,16 +146,14 @@ def tune(
         "controller_effort_A_per_V": controller_effort_A_per_V,
     }
     record = record.but(goal=tuning.limited(record.goal, controller, given))
-    if controller == "compliance" or end_stiffness_N_per_m is not None:
-        if robust > 0:
-            raise InputError("--robust", [(f"{robust:g}", "is not for --controller compliance")])
-        _compliant(record, controller, end_stiffness_N_per_m, masses, out, json)
-        return
     shape: tuple[float, Shape] = (robust, "box" if robust_box else "ball")
     spread = None
     if robust > 0:
         record = with_stated_tolerances(record)
         spread = rig_spread(record.but(controller=None, guarantee=None), masses[1], *shape)
+    if controller == "compliance" or end_stiffness_N_per_m is not None:
+        _compliant(record, controller, end_stiffness_N_per_m, masses, spread, out, json)
+        return
     with progress("tuning") as update:
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
         found = tune_laws(*asked)
@@ -231,7 +229,12 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
 
 
 def _compliant(
-    record: "Prototype", kind: str, end_stiffness: float | None, masses: tuple[float, float], *files: Path | None
+    record: "Prototype",
+    kind: str,
+    end_stiffness: float | None,
+    masses: tuple[float, float],
+    spread: "RigSpread | None",
+    *files: Path | None,
 ) -> None:
     """The controller that gives the end a stiffness, with the inner end mass as it is."""
     from beamdesign.cli.stiffness import give_stiffness
@@ -242,7 +245,7 @@ def _compliant(
     if end_stiffness is None:
         raise InputError("--controller", [("compliance", "needs --end-stiffness-N-per-m")])
     out, json = files
-    give_stiffness(record, end_stiffness, masses, out=out, json=json)
+    give_stiffness(record, end_stiffness, masses, out=out, json=json, spread=spread)
 
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":

@@ -14,7 +14,7 @@ from flint import fmpq_poly
 
 from beamdesign.controllers.form import UNIT, Form
 from beamdesign.design.interruption import interruption_waits
-from beamdesign.design.loop_constraints import Pair, log_size, on_axis, product
+from beamdesign.design.loop_constraints import Pair, added_up, log_size, on_axis, product
 from beamdesign.design.loop_samples import Samples, Slacks, sampled_bandwidth, slacks
 from beamdesign.linear import BilinearPlant, PairOver
 from beamdesign.proof.rational import nearest
@@ -279,9 +279,7 @@ def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> c
     *above, below = (on_axis(ca.horzsplit(coefficients[row, :]), w / UNIT) for row in range(p + 1))
 
     def at(*weighted: tuple[ca.SX | float, fmpq_poly]) -> Pair:
-        length = max(len(polynomial.coeffs()) for _, polynomial in weighted)
-        rows = [(weight, [nearest(c) for c in polynomial.coeffs()]) for weight, polynomial in weighted]
-        return on_axis([sum((by * row[k] for by, row in rows if k < len(row)), ca.SX(0)) for k in range(length)], w)
+        return on_axis(added_up((by, [nearest(c) for c in polynomial.coeffs()]) for by, polynomial in weighted), w)
 
     def moved(k: int, value: Pair) -> Pair:
         size, turn = ca.exp(moves[k]), moves[1 + 2 * p + k]

@@ -133,10 +133,10 @@ def _without_effects(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
     found = [ca.vertsplit(part) for part in transfer_polynomials(filtered, (), ((), ((1, 1),), ((0, 0),)))(values)]
     outer, inner = given["outer_end_mass"], given["inner_end_mass"]
     weights = (1, inner, outer, outer * inner)
-    return figures, [_added_up(zip(weights, found[k : k + 4], strict=True)) for k in (0, 4, 8)]
+    return figures, [added_up(zip(weights, found[k : k + 4], strict=True)) for k in (0, 4, 8)]
 
 
-def _added_up(terms: Iterable[tuple[Any, Sequence[Any]]]) -> list[ca.SX]:
+def added_up(terms: Iterable[tuple[Any, Sequence[Any]]]) -> list[ca.SX]:
     """Coefficients of a sum of weighted polynomials, each given by its own."""
     listed = list(terms)
     length = max(len(polynomial) for _, polynomial in listed)

@@ -12,7 +12,7 @@ import numpy as np
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.design.compliant_law import CompliantLaw, controller_of, least_gain, servo_stiffness
 from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, judge, sensed
-from beamdesign.design.rig_spread import rig_spread
+from beamdesign.design.rig_spread import RigSpread, rig_spread
 from beamdesign.design.tuning import Progress
 from beamdesign.linear import Plant
 from beamdesign.loop import Loop, close_loop
@@ -30,7 +30,7 @@ _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
 _KEPT_STARTS, _KEPT_STEPS = 40, 40
 _POLISH = 200
-_SEED_OF_RIGS = 1000
+SEED_OF_RIGS = 1000
 _REACH = 1.5
 """How many times as far off as the tolerances say the rigs are that a law has to suit."""
 
@@ -67,6 +67,7 @@ def design(
     servo: Cascade | None = None,
     rigs: int = 0,
     progress: Progress | None = None,
+    spread: RigSpread | None = None,
 ) -> Design:
     """Find the law with the widest band of the commanded stiffness.
 
@@ -79,12 +80,13 @@ def design(
         servo: to be kept, so that the force filter alone is chosen; None to search a lag as well.
         rigs: how many, drawn from the prototype's tolerances, have to be as asked as well; none without tolerances.
         progress: told the share done and what is being done.
+        spread: from within which they are drawn; None: normal, somewhat further off than the tolerances say.
 
     Raises:
         InputError: for a prototype with effects.
     """
     told = progress or (lambda fraction, text: None)
-    others = _plants_drawn(prototype, masses_kg[1], rigs)
+    others = _plants_drawn(prototype, masses_kg[1], rigs, spread)
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
         reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
         return Design(None, None, 0, reason)
@@ -116,12 +118,14 @@ def _blurred(prototype: Prototype, end_stiffness: float) -> str:
     )
 
 
-def _plants_drawn(prototype: Prototype, largest_kg: float, count: int) -> list[Plant]:
-    """Plants of rigs somewhat further off than the tolerances of a prototype; none where it states none."""
+def _plants_drawn(prototype: Prototype, largest_kg: float, count: int, spread: RigSpread | None) -> list[Plant]:
+    """Plants of rigs of a spread, else somewhat further off than the tolerances say; none where there are none."""
+    if spread is not None:
+        return [sensed(spread.rig(z)) for z in spread.drawn(count, SEED_OF_RIGS, inside=True)]
     if count == 0 or not any(prototype.tolerance.model_dump().values()):
         return []
     spread = rig_spread(prototype, largest_kg, 1.0)
-    return [sensed(spread.rig(_REACH * z)) for z in spread.drawn(count, _SEED_OF_RIGS)]
+    return [sensed(spread.rig(_REACH * z)) for z in spread.drawn(count, SEED_OF_RIGS)]
 
 
 _WORDS: dict[Need, str] = {
