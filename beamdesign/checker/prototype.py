@@ -40,7 +40,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
     alloys = {name: materials.table(name) for name in materials.keys}
     for name, value in _figures(prototype, alloys).items():
         stated = rig.figures.get(name)
-        if not (stated is value is None or (None not in (stated, value) and agree(stated, value))):
+        if not (stated is value if stated is None or value is None else agree(stated, value)):
             there = "none" if value is None else f"{float(value.mid()):.8g}"
             yield f"{name} is {'none' if stated is None else short(stated)}, that of the prototype {there}"
     yield from _laws(table, rig, prototype)
