@@ -10,7 +10,6 @@ from flint import fmpq
 
 from beamdesign.arm.plane import Name, PlaneFigures, PlaneLoop, in_plane, plane_loop
 from beamdesign.crossing import Crossing
-from beamdesign.materials import material
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.certificate import describe
 from beamdesign.proof.estimates import sampled_masses
@@ -27,7 +26,7 @@ from beamdesign.prototype import Goal, Prototype
 KIND = "beamdesign.arm_plane"
 NOTES = {
     "arm": "Payload's centre and sensors from the tip: along the beam, sideways, upwards.",
-    "plane": "The direction in which the tip moves; length and torsion of the outer beam.",
+    "plane": "The direction in which the tip moves; of the outer beam the length, and torsion where it takes part.",
 }
 METHOD = (
     "exact rational arithmetic: bending and torsion in one polynomial affine in the payload, every payload with a root"
@@ -168,24 +167,17 @@ def _summary(prototype: Prototype, name: Name, stability: StabilityMap, claims: 
 
 
 def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
-    """Figures of the outer beam that only the arm needs, and the section and alloy that they follow from."""
+    """Length of the outer beam; its torsion, and the section that this follows from, where they are in the loop."""
     beam = prototype.outer_beam
-    table: dict[str, Any] = {
-        "name": figures.name,
-        "free_length_m": beam.free_length_m,
-        "torsional_stiffness_N_m_per_rad": text(figures.torsional_stiffness),
-        "torsional_damping_N_m_s_per_rad": text(figures.torsional_damping),
-        "polar_inertia_kg_m2": text(figures.polar_inertia),
-    }
-    if beam.has_geometry:
-        alloy = material(str(beam.material))
-        table["section"] = {
-            "width_m": beam.width_m,
-            "wall_m": beam.wall_m,
-            "corner_radius_m": beam.corner_radius_m,
-            "material": beam.material,
-            "shear_modulus_Pa": alloy.shear_modulus_Pa,
-            "density_kg_per_m3": alloy.density_kg_per_m3,
+    table: dict[str, Any] = {"name": figures.name, "free_length_m": beam.free_length_m}
+    if figures.coupled:
+        table["torsion"] = {
+            "stiffness_N_m_per_rad": text(figures.torsional_stiffness),
+            "damping_N_m_s_per_rad": text(figures.torsional_damping),
+            "polar_inertia_kg_m2": text(figures.polar_inertia),
         }
+    if figures.coupled and beam.has_geometry:
+        keys = ("width_m", "wall_m", "corner_radius_m", "material")
+        table["section"] = {key: getattr(beam, key) for key in keys}
     found: dict[str, Any] = stated(table)
     return found

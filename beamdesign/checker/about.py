@@ -7,7 +7,7 @@ from beamdesign.checker.reading import Table, short
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
 
-_ASKED = ("payload", "goal", "arm", "plane", "compliance", "material")
+_ASKED = ("payload", "goal", "arm", "compliance", "material")
 
 
 def about(table: Table, rig: Rig) -> Iterator[str]:

@@ -30,7 +30,7 @@ def statements(table: Table, rig: Rig) -> Statements:
         raise Unreadable("an arm is proved without effects")
     (loop,) = rig.loops()
     arm = Arm(table, rig)
-    for holds, words in arm.figures(rig):
+    for holds, words in arm.statements(rig):
         yield holds, words if holds else f"not so: {words}"
     plane = Plane(loop, arm)
     yield from stability(table.table("stability"), Family(*plane.closed), *masses)
@@ -48,7 +48,10 @@ class Arm:
         sensor: where the servos measure, likewise.
         length: of the outer beam, clamp to tip, m.
         stiffness: of the outer beam's tip, N/m.
-        torsion: its stiffness, damping and polar inertia, N m/rad, N m s/rad and kg m2.
+        travel: of the payload in the plane, per motion of the tip.
+        along: of the payload along the beam, likewise.
+        lever: of the payload on torsion, m.
+        torsion: its stiffness, damping and polar inertia, N m/rad, N m s/rad and kg m2; one where it has no part.
     """
 
     def __init__(self, table: Table, rig: Rig) -> None:
@@ -59,22 +62,33 @@ class Arm:
         self.offset, self.sensor = points.get("offset_m", origin), points.get("sensor_m", origin)
         self.length = stated.at_least("free_length_m", 0, above=True)
         self.stiffness = rig.figures["outer_stiffness_N_per_m"]
-        self.torsion = [
-            stated.at_least("torsional_stiffness_N_m_per_rad", 0, above=True),
-            stated.at_least("torsional_damping_N_m_s_per_rad", 0),
-            stated.at_least("polar_inertia_kg_m2", 0, above=True),
-        ]
+        x, y, z = self.offset
+        turning = fmpq(3, 2) / self.length  # of the end, per deflection under a force on it
+        self.travel, self.along = 1 + turning * x, turning * (y if self.name == "y" else z)
+        self.lever = -z if self.name == "y" else y
+        if self.along != 0 and self.lever != 0:
+            raise Unreadable("a payload that stands off to both sides couples both planes")
+        self.torsion = [fmpq(1)]
+        if self.lever != 0:
+            torsion, keys = stated.table("torsion"), ("stiffness_N_m_per_rad", "polar_inertia_kg_m2")
+            spring, inertia = (torsion.at_least(key, 0, above=True) for key in keys)
+            self.torsion = [spring, torsion.at_least("damping_N_m_s_per_rad", 0), inertia]
         keys = ("end_polar_inertia_kg_m2", "payload_polar_inertia_kg_m2")
         self._added = sum((arm.at_least(key, 0) for key in keys if key in arm), fmpq(0))
         keys = ("torsional_stiffness_N_m_per_rad", "torsional_damping_ratio")
         self._given, self._ratio = (arm.at_least(key, 0) if key in arm else None for key in keys)
         self._second = arm.table("second_controller").whole_of_it() if "second_controller" in arm else None
-        self._section = Section(stated.table("section")) if "section" in stated else None
+        coupled = self.lever != 0 and "section" in stated
+        self._section = Section(stated.table("section"), table) if coupled else None
 
-    def figures(self, rig: Rig) -> Statements:
-        """That what it states twice agrees, but for the rounding of floats."""
+    def statements(self, rig: Rig) -> Statements:
+        """How the payload takes part, and that what is stated twice agrees, but for the rounding of floats."""
+        told = f"plane {self.name}: the payload moves {short(self.travel)} times as far as the tip"
+        yield True, f"{told}, and torsion has {'a' if self.lever != 0 else 'no'} part in it"
         if self.name == "y" and self._second is not None and rig.law is not None:
             yield rig.law.figures == self._second, "the controller is the second one, which acts in y"
+        if self.lever == 0:
+            return
         stiffness, damping, inertia = self.torsion
         section, turning = self._section, arb(self._added)
         if section is not None:
@@ -99,15 +113,16 @@ class Arm:
 class Section:
     """The outer beam's tube: outside width, wall and outside corner radius (m), and what it is of."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, certificate: Table) -> None:
         width, wall = (table.at_least(key, 0, above=True) for key in ("width_m", "wall_m"))
         radius = table.at_least("corner_radius_m", 0)
         if 2 * wall >= width or 2 * radius > width:
             raise Unreadable(f"{table.place} is of no tube")
         self.sizes = arb(width), arb(wall), arb(radius)
-        table.word("material")
-        self.shear_modulus = table.at_least("shear_modulus_Pa", 0, above=True)
-        self.density = table.at_least("density_kg_per_m3", 0, above=True)
+        name = table.word("material")
+        alloy = Table(certificate.optional("material").whole_of_it().get(name), f"material.{name[:60]}")
+        self.shear_modulus = alloy.at_least("shear_modulus_Pa", 0, above=True)
+        self.density = alloy.at_least("density_kg_per_m3", 0, above=True)
 
 
 def _point(table: Table, key: str) -> list[fmpq]:
@@ -129,15 +144,10 @@ class Plane:
     """
 
     def __init__(self, loop: Loop, arm: Arm) -> None:
-        across, up = (arm.offset[1], -arm.offset[2]) if arm.name == "y" else (arm.offset[2], arm.offset[1])
-        turning = fmpq(3, 2) / arm.length  # of the end, per deflection under a force on it
-        self._travel, self._along, self._lever = 1 + turning * arm.offset[0], turning * across, up
-        if self._along != 0 and self._lever != 0:
-            raise Unreadable("a payload that stands off to both sides couples both planes")
-        self._seen = 1 + turning * arm.sensor[0]
+        self._travel, self._along, self._lever = arm.travel, arm.along, arm.lever
+        self._seen = 1 + 3 * arm.sensor[0] / (2 * arm.length)
         self._seen_roll = -arm.sensor[2] if arm.name == "y" else arm.sensor[1]
-        # Without a lever it has no part in the loop.
-        self._twist = fmpq_poly(arm.torsion) if self._lever != 0 else fmpq_poly([1])
+        self._twist = fmpq_poly(arm.torsion)
         # The end is held and turns under the moment F x: x^2 L / 4 E I, with E I = K L^3 / 3.
         rest = 3 * arm.offset[0] / (4 * arm.stiffness * arm.length**2)
         self._rest, self._seen_rest = rest * arm.offset[0], rest * arm.sensor[0]

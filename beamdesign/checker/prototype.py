@@ -37,7 +37,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         prototype: the table of a prototype.toml.
     """
     materials = table.optional("material")
-    alloys = {name: materials.table(name) for name in materials.keys}
+    alloys = {name: Table(entries, f"material.{name}") for name, entries in materials.whole_of_it().items()}
     for name, value in _figures(prototype, alloys).items():
         stated = rig.figures.get(name)
         if not (stated is value if stated is None or value is None else agree(stated, value)):
@@ -91,18 +91,15 @@ def _within(payload: Mapping[str, Any], stated: Mapping[str, Any]) -> Any:
 
 
 def _plane(table: Table, prototype: Mapping[str, Any]) -> Iterator[str]:
-    """That a plane of an arm is that of the prototype's outer beam; what follows from its section is proved of it."""
+    """That a plane of an arm is that of the prototype's outer beam; torsion is proved to follow from its section."""
     if "plane" not in table:
         return
-    stated, beam = dict(table.table("plane").whole_of_it()), _table(prototype, "outer_beam")
-    stated |= stated.get("section", {})
-    keys = ("width_m", "wall_m", "material")
-    section = () if None in map(beam.get, keys) else (*keys, "corner_radius_m")
-    for key in ("free_length_m", *section):
-        if key not in stated or not same(stated[key], _of(prototype, "outer_beam", key)):
-            yield f"plane: {key} of the outer beam is not that of the prototype"
-    if "section" in stated and not section:
-        yield "the prototype's outer beam has no section, of which the certificate states one"
+    stated, keys = table.table("plane").whole_of_it(), ("width_m", "wall_m", "material", "corner_radius_m")
+    if not same(stated["free_length_m"], _of(prototype, "outer_beam", "free_length_m")):
+        yield "the length of its outer beam is not that of the prototype's"
+    given = {key: _of(prototype, "outer_beam", key) for key in keys}
+    if "torsion" in stated and not same(stated.get("section", {}), {} if None in given.values() else given):
+        yield "the section of its outer beam is not that of the prototype's"
 
 
 def _laws(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:

@@ -99,14 +99,13 @@ def controller_table(prototype: Prototype) -> Tables:
 
 
 def _alloys(prototype: Prototype) -> Tables:
-    """Modulus and density of what the beams are of whose lumped figures are those of their geometry."""
-    found = {}
-    for beam in (prototype.outer_beam, prototype.inner_beam):
-        if _from_geometry(beam):
-            alloy = material(str(beam.material))
-            found[alloy.name] = stated(
-                {"youngs_modulus_Pa": alloy.youngs_modulus_Pa, "density_kg_per_m3": alloy.density_kg_per_m3}
-            )
+    """Moduli and density of what the beams are of where figures follow from their geometry; of an arm, torsion's do."""
+    found, outer = {}, prototype.outer_beam
+    twisted = [outer] if prototype.arm is not None and outer.has_geometry else []
+    for beam in (*(beam for beam in (outer, prototype.inner_beam) if _from_geometry(beam)), *twisted):
+        alloy = material(str(beam.material))
+        keys = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
+        found[alloy.name] = stated({key: getattr(alloy, key) for key in keys})
     return found
 
 
