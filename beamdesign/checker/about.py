@@ -1,13 +1,22 @@
 """What a certificate is about, in words: its rig, its controller, its effects with their sizes, and what is asked."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
-from beamdesign.checker.reading import Table, short
+from beamdesign.checker.reading import Table, rational, short
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
 
-_ASKED = ("payload", "goal", "arm", "compliance", "material")
+_ASKED = {
+    "payload": ("outer_end_mass_kg", "inner_end_mass_kg", "largest_force_N"),
+    "goal": ("compliance_m_per_N", "peak_sensitivity", "loop_gain", "loop_gain_from_Hz", "controller_effort_A_per_V"),
+    "arm": (
+        "offset_m", "tool_m", "sensor_m", "end_polar_inertia_kg_m2", "payload_polar_inertia_kg_m2",
+        "torsional_stiffness_N_m_per_rad", "torsional_damping_ratio", "second_controller",
+    ),
+    "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
+}  # fmt: skip
+_ALLOY = ("youngs_modulus_Pa", "density_kg_per_m3")
 
 
 def about(table: Table, rig: Rig) -> Iterator[str]:
@@ -19,9 +28,28 @@ def about(table: Table, rig: Rig) -> Iterator[str]:
         yield f"controller: {_words(rig.law.figures)}"
     for effect in rig.effects:
         yield from _effect(effect)
-    for name in _ASKED:
-        if entries := table.optional(name).whole_of_it():
-            yield f"{name}: {_words(entries)}"
+    for name, known in _ASKED.items():
+        yield from _figures(table.optional(name), known)
+    alloys = table.optional("material")
+    for name in alloys.keys:
+        yield from _figures(alloys.table(name), _ALLOY)
+
+
+def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
+    """A table of which nothing is proved, but whose keys are known and whose figures are numbers."""
+    entries = {key: table.take(key) for key in known if key in table}
+    _refuse_words(entries, table.place)
+    if entries:
+        yield f"{table.place}: {_words(entries)}"
+
+
+def _refuse_words(value: Any, place: str) -> None:
+    """Refuse whatever is no number, but for the kinds and sensors of controllers."""
+    for key, item in value.items() if isinstance(value, dict) else enumerate(value, start=1):
+        if isinstance(item, dict | list) and key != "sensors":
+            _refuse_words(item, f"{place}.{key}")
+        elif key not in ("kind", "sensors"):
+            rational(item, f"{place}.{key}")
 
 
 def _effect(effect: Effect) -> Iterator[str]:

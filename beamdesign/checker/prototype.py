@@ -53,6 +53,8 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         for key, value in _table(given, name).items():
             if stated_effects[name].get(key) != _number(value, f"effects.{name}.{key}"):
                 yield f"effects.{name}.{key} is not that of the prototype, {value}"
+    if "material" in prototype and not same(materials.whole_of_it(), prototype["material"]):
+        yield "[material] states other alloys than those of its beams"
     if "effect" in prototype and prototype["effect"] != (table.entries("effect") if "effect" in table else []):
         yield "the elements stated are not those that stand for its effects"
     for name in TABLES:
@@ -74,6 +76,8 @@ def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[
         low, high = table.range("outer_end_mass_kg")
         if not low <= _number(asked[0], "payload") <= _number(asked[1], "payload") <= high:
             yield f"the prototype's payloads, {asked[0]:g} to {asked[1]:g} kg, are not all within those proved"
+    if "material" in table and "material" not in prototype:
+        yield f"that {', '.join(table.optional('material').whole_of_it())} is as [material] states"
     given = _table(prototype, "effects")
     for effect in rig.effects:
         if unstated := sorted(effect.parameters.keys() - _table(given, effect.name).keys()):

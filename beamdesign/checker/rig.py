@@ -234,6 +234,9 @@ class Rig:
         names = (*FIGURES, "filter_frequency_rad_per_s") if filtered else FIGURES
         self.figures = {name: rig.at_least(name, 0, above=name not in MAY_BE_ZERO) for name in names}
         self.inner_end_mass = rig.at_least("inner_end_mass_kg", 0)
+        asked = table.optional("payload").whole_of_it().get("inner_end_mass_kg")
+        if asked is not None and rational(asked, "payload.inner_end_mass_kg") != self.inner_end_mass:
+            raise Unreadable("rig.inner_end_mass_kg and payload.inner_end_mass_kg are not one mass")
         for name in ("valve_frequency", "filter_frequency")[: 1 + filtered]:
             if not same_frequency(rig.number(f"{name}_Hz"), self.figures[f"{name}_rad_per_s"]):
                 raise Unreadable(f"rig.{name}_Hz and rig.{name}_rad_per_s are not one frequency")

@@ -50,8 +50,11 @@ def plain(record: Record) -> Tables:
 
 
 def prototype_table(prototype: Prototype, largest_outer_end_mass: float | None = None) -> Tables:
-    """A prototype as the checker compares it: every default filled in, and with what stands for its effects."""
-    found = plain(prototype) | {"effects": effect_parameters_of(prototype)}
+    """A prototype as the checker compares it: every default filled in, and with what it stands on.
+
+    That is, as a certificate states them, what stands for its effects, and the figures of its beams' alloys.
+    """
+    found = plain(prototype) | {"effects": effect_parameters_of(prototype), "material": _alloys(prototype)}
     return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass))}
 
 
