@@ -17,7 +17,23 @@ Place = tuple[Any, ...]
 
 _NUMBER = re.compile("-?[0-9]+([.][0-9]+|/[0-9]+)?")
 FACTORS = ("0.999999", "1.000001", "0.999", "1.001", "0.9", "1.1", "1/2", "2", "1/10", "10", "1/1000", "1000")
-WRITTEN = ("{} ", " {}", "{}_0", "+{}", "{}e1", "{}E-1", "0x{}", "{}\n", "{}/0", "{}/-1", "--{}", "{},0", "inf", "nan", "")
+WRITTEN = (
+    "{} ",
+    " {}",
+    "{}_0",
+    "+{}",
+    "{}e1",
+    "{}E-1",
+    "0x{}",
+    "{}\n",
+    "{}/0",
+    "{}/-1",
+    "--{}",
+    "{},0",
+    "inf",
+    "nan",
+    "",
+)
 DIGITS = ("\u0660\u0661\u0662\u0663\u0664\u0665\u0666\u0667\u0668\u0669", "\uff10\uff11\uff12\uff13\uff14\uff15\uff16\uff17\uff18\uff19",
           "\u0966\u0967\u0968\u0969\u096a\u096b\u096c\u096d\u096e\u096f", "O123456789")  # fmt: skip
 UNKNOWN = ("bandwidth_Hz", "claims", "proved", "frozen", "member", "note", "valid", "stable_up_to_kg")
@@ -220,7 +236,9 @@ def _reworded(table: Table, random: Random) -> str:
     """A word in the place of another, or of a key."""
     words = sorted({v for _, v in places(table) if isinstance(v, str) and not is_number(v) and v})
     place, value = _one(table, random, lambda v: v in words if isinstance(v, str) else False) or ((), None)
-    other = random.choice([*words, *UNKNOWN, *(str(key) for key in table), "infinite", "lag", "decay_rate", "", "../.."])
+    other = random.choice(
+        [*words, *UNKNOWN, *(str(key) for key in table), "infinite", "lag", "decay_rate", "", "../.."]
+    )
     if not place or random.random() < 0.7:
         return _change(table, place, other) if place and other != value else ""
     holder = inner(table, place[:-1])

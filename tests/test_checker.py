@@ -158,7 +158,7 @@ def test_figures_from_a_section_are_worked_out_anew(remedy: Prototype, tmp_path:
     write_prototype(rig, path)
     text = certify(rig, 3.0, 3.1).text
     assert tomllib.loads(text)["material"] == {
-        "6061-T6": {"youngs_modulus_Pa": "69000000000", "density_kg_per_m3": "2700"}
+        "6061-T6": {"youngs_modulus_Pa": "69000000000", "shear_modulus_Pa": "27000000000", "density_kg_per_m3": "2700"}
     }
     assert check(text, path).valid
     write_prototype(rig.but(outer_beam=beam | {"wall_m": 0.0023001}), path)

@@ -16,7 +16,7 @@ _ASKED = {
     ),
     "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
 }  # fmt: skip
-_ALLOY = ("youngs_modulus_Pa", "density_kg_per_m3")
+_ALLOY = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
 
 
 def about(table: Table, rig: Rig) -> Iterator[str]:
