@@ -13,16 +13,17 @@ from hand_assembled import judge
 
 from beamdesign.checker import check
 from beamdesign.control_models import state_space
-from beamdesign.controllers import Lag
+from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.controllers.form import form_of
-from beamdesign.design import refinement
+from beamdesign.design import refinement, tuning
 from beamdesign.design.bandwidth_polish import Polish
+from beamdesign.design.law_search import Found, Search, Start
 from beamdesign.design.loop_constraints import limit_slack, loop_slack
 from beamdesign.design.loop_samples import samples
 from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, best_gain
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
 from beamdesign.design.starts import best_starts
-from beamdesign.design.tuning import Tuning, tune
+from beamdesign.design.tuning import Tuning, tune, tune_alike
 from beamdesign.loop import loop
 from beamdesign.members import family, paper_model
 from beamdesign.paper import paper_prototype
@@ -325,3 +326,20 @@ def test_refinement_from_its_own_end_holds(program, lag: Tuning):
     refined = refine(program, lag.best.variables)
     assert refined.proved is not None
     assert refined.proved.bandwidth_Hz == pytest.approx(lag.best.bandwidth_Hz, rel=1e-3)
+
+
+def test_what_is_not_found_near_a_law_is_sought_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    section = Section(zero_Hz=120.0, zero_damping_ratio=0.5, pole_Hz=150.0, pole_damping_ratio=0.6)
+    law = Structured(gain_A_per_V=0.02, pole_Hz=1.75, zero_Hz=26.0, section=(section,))
+    begun: list[tuple[list[Start], int]] = []
+
+    def nothing(task: Search, starts: list[Start], growths: int, told: object) -> Found:
+        begun.append((starts, growths))
+        return Found(None, (), 1, "stuck")
+
+    monkeypatch.setattr(tuning, "search", nothing)
+    assert tune_alike(paper_prototype().but(controller=law), (0.0, 1.0)).reason.find("stuck") > 0
+    ((own, none), (seeds, growths)) = begun
+    assert [form.record(variables[:-1]) for form, variables in own] == [law]
+    assert none == 0 < growths
+    assert all(not form.record(variables[:-1]).sections for form, variables in seeds)

@@ -82,7 +82,7 @@ def tune(
         sensors: what an observer reads, of `beamdesign.controllers.SENSED`.
         spread: rigs that are off, of which the worst are proved as well; none: the nominal rig alone.
         near: begin with the prototype's own controller, where it is of this kind and its loop stable, instead of
-            growing or synthesising others.
+            growing or synthesising others; these come after all where nothing next to it is proved.
         stable_kg: payloads for all of which it is to be stable, beside those it is for; None: for these alone.
         least_inner_end_mass_kg: least mass on the inner tip.
 
@@ -110,16 +110,20 @@ def tune(
     if kind in SYNTHESES:
         effort = EFFORT if len(sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*asked, tuple(sensors), spread, effort)
-        near = near and opened is not None and opened[0].sensors == task.sensors and task.settled(*opened, inner)
+        alone = near and opened is not None and opened[0].sensors == task.sensors and task.settled(*opened, inner)
         heard = [one for one in given if set(one[0].senses) <= set(sensors)]
-        found = search_observer(task, None if near else kind, heard, told)
+        found = search_observer(task, None if alone else kind, heard, told)
     else:
         task = Search(*asked, opened[0].sensors if opened else SENSED[:1], spread)
-        starts, growths = from_seeds(task, KINDS[kind]), sections if KINDS[kind].grows else 0
+        starts, growths, alone = from_seeds(task, KINDS[kind]), sections if KINDS[kind].grows else 0, False
         if opened is not None and (near or not starts) and task.settled(*opened, inner):
+            alone = growths > 0
             starts, growths = [(opened[0], np.append(opened[1], inner)), *([] if growths else starts)], 0
         found = search(task, starts, growths, told) if starts else Found(None, (), 0, _NO_START.format(kind))
     best = found.proved
+    if best is None and alone:
+        rest = (kind, largest_inner_end_mass_kg, progress, sections, sensors, spread)
+        return tune(prototype.but(controller=None), outer_end_mass_kg, *rest)
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         why = no_answer(kind, prototype.goal, outer_end_mass_kg, found.reason)
         return Tuning(prototype, outer_end_mass_kg, None, found.sampled, found.certificates, why)
