@@ -24,6 +24,7 @@ from beamdesign.gap.diagnose import diagnose
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.examination.believed_loop import CHANNELS, believed_loop
 from beamdesign.gap.examination.controller_equation import controller_fit, demanded
+from beamdesign.gap.experiment_menu import menu
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
@@ -144,6 +145,13 @@ def test_a_slow_sensor_is_found_in_the_records_of_several_stages(staged: tuple[D
     assert found.causes[0].parameters["break_Hz"].value == pytest.approx(250.0, rel=0.1)
     assert found.prototype.controller == in_stages().controller
     assert list(found.prototype.effects) == ["sensor_lag"]
+
+
+def test_no_experiment_takes_a_stage_beyond_its_payloads(staged: tuple[Dataset, Diagnosis]) -> None:
+    data, _ = staged
+    light, heavy = (stage.prototype.controller for stage in in_stages().stages((0.0, 6.8)))
+    proposed = {(each.controller, each.outer_end_mass) for each in menu(data)}
+    assert proposed == {(light, 0.0), (heavy, 6.8), (heavy, 3.4)}  # neither 10.2 kg nor a light law at 3.4 kg
 
 
 def test_every_stage_is_tuned_and_proved_anew(staged: tuple[Dataset, Diagnosis], tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.controllers import Controller
+from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.prototype import Prototype
@@ -82,10 +83,13 @@ def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
         seen.setdefault((r.controller, r.outer_end_mass, r.inner_end_mass), r)
     found = [(r, r.outer_end_mass, r.inner_end_mass, 1.0) for r in seen.values()]
     heaviest = max(data.records, key=lambda r: r.outer_end_mass)
+    laws = () if data.prototype.controller is None else data.prototype.controller.laws
+    ranges = [masses for law, masses in laws if law == heaviest.controller] or [ANY_PAYLOAD]
     if heaviest.outer_end_mass > 0:
         for share in _PAYLOADS:
             outer = round(share * heaviest.outer_end_mass, 2)
-            found.append((heaviest, outer, heaviest.inner_end_mass, _ANOTHER_PAYLOAD))
+            if any(low <= outer <= high for low, high in ranges):
+                found.append((heaviest, outer, heaviest.inner_end_mass, _ANOTHER_PAYLOAD))
     return found
 
 
