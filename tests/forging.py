@@ -34,8 +34,8 @@ WRITTEN = (
     "nan",
     "",
 )
-DIGITS = ("\u0660\u0661\u0662\u0663\u0664\u0665\u0666\u0667\u0668\u0669", "\uff10\uff11\uff12\uff13\uff14\uff15\uff16\uff17\uff18\uff19",
-          "\u0966\u0967\u0968\u0969\u096a\u096b\u096c\u096d\u096e\u096f", "O123456789")  # fmt: skip
+DIGITS = [{48 + k: zero + k for k in range(10)} for zero in (0x660, 0xFF10, 0x966)]
+"""Arabic, wide and Devanagari digits."""
 UNKNOWN = ("bandwidth_Hz", "claims", "proved", "frozen", "member", "note", "valid", "stable_up_to_kg")
 BESIDE = {
     "arm": {"length_m": "1.5", "offset_m": ["0", "0.9", "0"]},
@@ -171,7 +171,7 @@ def _written(table: Table, random: Random) -> str:
     if not place:
         return ""
     forms: list[Any] = [form.format(value) for form in WRITTEN]
-    forms += [value.translate({48 + k: digit for k, digit in enumerate(digits)}) for digits in DIGITS]
+    forms += [value.translate(digits) for digits in DIGITS]
     forms += [float(Fraction(value)), int(Fraction(value)), value + ".", "." + value, "9" * 4000, value + "0" * 4000]
     new = random.choice(forms)
     return _change(table, place, new) if new != value else ""

@@ -178,8 +178,10 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
         for one in elements.get("impedance", []):
             motion = {name: _value(weight, own) for name, weight in one["motion"].items()}
             network.append((motion, [_value(part, own) for part in one["resists"]]))
-        for one in elements.get("volts", []):
-            filters.append([[_value(c, own) for c in one[key]] for key in ("numerator", "denominator")])
+        filters += [
+            [[_value(c, own) for c in one[key]] for key in ("numerator", "denominator")]
+            for one in elements.get("volts", [])
+        ]
         oil *= _value(elements.get("oil", "1"), own)
         spool += _value(elements.get("spool", "0"), own)
         uneven += _value(elements.get("asymmetry", "0"), own)
@@ -474,7 +476,7 @@ def _law_follows(table: Mapping[str, Any]) -> bool | None:
             return False
         off = max(off, (abs(one - other) / np.where(other == 0, 1.0, abs(other))).max())
     tight, loose = (1e-7, 1e-5) if kind == "observer" else (1e-12, FOLLOWS)
-    return off < tight or (False if off > loose else None)
+    return True if off < tight else False if off > loose else None
 
 
 def _second(section: Mapping[str, Any], end: str) -> list[float]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from beamdesign.checker.reading import Table, rational, short
+from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
 
@@ -17,6 +17,8 @@ _ASKED = {
     "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
 }  # fmt: skip
 _ALLOY = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
+_LENGTHS = {"outer_end_mass_kg": 2, "offset_m": 3, "tool_m": 3, "sensor_m": 3}
+_LAWS = ("second_controller", "servo")
 
 
 def about(table: Table, rig: Rig) -> Iterator[str]:
@@ -38,18 +40,25 @@ def about(table: Table, rig: Rig) -> Iterator[str]:
 def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
     """A table of which nothing is proved, but whose keys are known and whose figures are numbers."""
     entries = {key: table.take(key) for key in known if key in table}
-    _refuse_words(entries, table.place)
+    for key in entries:
+        if key in _LAWS:
+            _refuse_words(entries[key], table.place_of(key))
+        elif key not in _LENGTHS:
+            table.number(key)
+        elif len(table.numbers(key)) != _LENGTHS[key]:
+            raise Unreadable(f"{table.place_of(key)} must be {_LENGTHS[key]} numbers")
     if entries:
         yield f"{table.place}: {_words(entries)}"
 
 
 def _refuse_words(value: Any, place: str) -> None:
-    """Refuse whatever is no number, but for the kinds and sensors of controllers."""
+    """Refuse whatever is no number in a controller's figures, but for its kind and its sensors."""
+    if not isinstance(value, dict | list):
+        rational(value, place)
+        return
     for key, item in value.items() if isinstance(value, dict) else enumerate(value, start=1):
-        if isinstance(item, dict | list) and key != "sensors":
+        if key not in ("kind", "sensors"):
             _refuse_words(item, f"{place}.{key}")
-        elif key not in ("kind", "sensors"):
-            rational(item, f"{place}.{key}")
 
 
 def _effect(effect: Effect) -> Iterator[str]:
