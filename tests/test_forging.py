@@ -160,6 +160,15 @@ def valid(text: str, prototype: Any = None) -> bool:
         return False
 
 
+def is_another(table: Table, prototype: Mapping[str, Any]) -> bool:
+    """Whether a certificate is told to be of another rig than a prototype; that takes no proof."""
+    read = reading.Table(table)
+    try:
+        return any(differences(read, Rig(read), prototype))
+    except Unreadable:
+        return True
+
+
 def figures(value: Any) -> Any:
     """A table with its numbers by their value."""
     if isinstance(value, dict):
@@ -198,8 +207,7 @@ def test_nothing_false_is_valid(kind: str, name: str):
         kept += 1
         assert true(forged) is not False, words
         if figures({key: forged[key] for key in OF_THE_RIG if key in forged}) != rig:
-            table = reading.Table(forged)
-            assert any(differences(table, Rig(table), made.given)), words
+            assert is_another(forged, made.given), words
     assert 0 < kept < count / 2
 
 
