@@ -80,15 +80,18 @@ def mutations(table: Table, seed: int, count: int) -> Iterator[tuple[str, Table]
     random, found = Random(seed), 0
     while found < count:
         forged = deepcopy({key: value for key, value in table.items() if key != "sha256"})
-        # Most are of one change; what hangs together is changed together; some are of two.
-        words = [kind.__name__.strip("_") + " " + told for kind in _drawn(random) if (told := kind(forged, random))]
+        try:
+            words = [f"{way.__name__.strip('_')} {told}" for way in _drawn(random) if (told := way(forged, random))]
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, ZeroDivisionError):
+            continue  # the first of two changes has left nothing for the second
         if words:
             found += 1
             yield "; ".join(words), forged
 
 
 def _drawn(random: Random) -> list[Callable[[Table, Random], str]]:
-    return random.choices(KINDS, k=1 if random.random() < 0.8 else 2)
+    """One change, or now and then two."""
+    return random.choices(WAYS, k=1 if random.random() < 0.8 else 2)
 
 
 def places(value: Any, at: Place = ()) -> Iterator[tuple[Place, Any]]:
@@ -146,7 +149,7 @@ def _change(table: Table, place: Place, value: Any) -> str:
     return _told(place, before, value)
 
 
-# Of each kind one function: it alters the table and says how, or says nothing where there is nothing to alter.
+# Each way is a function: it alters the table and says how, or says nothing where there is nothing to alter.
 
 
 def _scaled(table: Table, random: Random) -> str:
@@ -335,7 +338,7 @@ def _valve(table: Table, random: Random) -> str:
     return f"{name} times {factor}" if name else ""
 
 
-KINDS = (
+WAYS = (
     _scaled, _scaled, _rig_scaled, _rig_scaled, _signed, _written, _written, _range, _range, _dropped, _dropped,
     _doubled, _swapped, _unknown, _unknown, _flipped, _reworded, _typed, _bolder, _bolder, _effect, _effect, _disguised,
     _beside, _beside, _controller, _controller, _valve,

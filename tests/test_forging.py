@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import tomli_w
 import truth_of_mass_range
-from forging import Table, is_number, mutations, places, put, resealed, sealed_text, times
+from forging import WAYS, Table, is_number, mutations, places, put, resealed, sealed_text, times
 from scipy import signal
 
 from beamdesign.checker import KINDS, Unreadable, check, reading
@@ -182,6 +182,13 @@ def test_every_kind_is_forged_often_enough():
     assert FORGED.keys() <= KINDS.keys()
     for _, made in FORGED.values():
         assert sum(count for _, count in made.values()) >= AT_LEAST
+
+
+def test_every_way_to_alter_a_certificate_is_tried():
+    words = [words.split()[0] for words, _ in mutations(honest("beamdesign.mass_range", "effects").table, 1, 300)]
+    assert set(words) == {way.__name__.strip("_") for way in WAYS}
+    first, again = ([words for words, _ in mutations(honest(*EACH[0]).table, 7, 20)] for _ in range(2))
+    assert first == again
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)
