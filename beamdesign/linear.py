@@ -13,7 +13,7 @@ from beamdesign.rig.hydraulics import SUPPLY_PRESSURE_PA
 from beamdesign.rig.linearised import SEEN, LinearAssembly, evaluate_exactly, linear_assembly, transfer_polynomials
 
 DISPLACEMENT = ("displacement_m",)
-_SEEN_AS = {"displacement_m": SEEN.index("measured_V")} | {name: SEEN.index(name) for name in SEEN[2:]}
+SEEN_AS = {"displacement_m": SEEN.index("measured_V")} | {name: SEEN.index(name) for name in SEEN[2:]}
 """By what is sensed, the place in `SEEN` of what the controller is given of it."""
 
 PairOver = tuple[fmpq_poly, fmpq_poly]
@@ -226,7 +226,7 @@ class LinearModel:
             Quotient(variable[named[name]], one) if name in named else value
             for name, value in zip(self.assembly.parameters, self._exact, strict=True)
         ]
-        wanted = ((), *(((1, _SEEN_AS[name]),) for name in sensors))
+        wanted = ((), *(((1, SEEN_AS[name]),) for name in sensors))
         found = evaluate_exactly(transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted), values)
         rows = [
             [entry if isinstance(entry, Quotient) else Quotient(one * entry, one) for entry in row] for row in found
@@ -253,10 +253,10 @@ class LinearModel:
         return parts[0], parts[1:]
 
     def _derived(self, sensors: tuple[str, ...]) -> BilinearPlant:
-        seen = [_SEEN_AS[name] for name in sensors]
+        seen = [SEEN_AS[name] for name in sensors]
         # What the tip's displacement shows of a force, feedback of it cannot change.
         minor = [name for name in sensors if name not in DISPLACEMENT or self.sensor_rides]
-        wanted = ((), ((0, 0),), ((1, 0),), *(((1, k),) for k in seen), *(((0, 0), (1, _SEEN_AS[k])) for k in minor))
+        wanted = ((), ((0, 0),), ((1, 0),), *(((1, k),) for k in seen), *(((0, 0), (1, SEEN_AS[k])) for k in minor))
         function = transfer_polynomials(self.filtered, tuple(sorted(self.effects)), wanted)
         parts = self._without_mean([fmpq_poly(one) for one in evaluate_exactly(function, self._exact)])
         # End masses act through accelerations: the lowest coefficient is free of them.

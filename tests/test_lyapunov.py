@@ -1,11 +1,8 @@
-"""Payload that changes in motion: textbook switched systems, the paper's rig, a solver that is wrong, the replay."""
+"""Payload that changes in motion: textbook switched systems, the paper's rig, a solver that is wrong."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 from math import exp, inf, log, pi, sqrt
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +12,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_lyapunov
 from typer.testing import CliRunner
 
+from beamdesign.checker import check
 from beamdesign.cli.certify_switching import certify_switching
-from beamdesign.controllers import Lag, Proportional, TransferFunction
+from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proof import replay_lyapunov
 from beamdesign.proof.any_change import any_change
 from beamdesign.proof.bounded_rate import bounded_rate
 from beamdesign.proof.decrease import (
@@ -35,11 +32,9 @@ from beamdesign.proof.growth import frozen, growing_cycle, masses_in_turn, prove
 from beamdesign.proof.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
 from beamdesign.proof.lyapunov import Switching, describe, switching
 from beamdesign.proof.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
-from beamdesign.proof.stage_change import stage_change
 from beamdesign.proof.sudden_change import sudden_change
-from beamdesign.proof.switching_document import switching_document
 from beamdesign.proof.verified import checked
-from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype, write_prototype
+from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 
 LOW, HIGH = fmpq(0), exact(6.8)
@@ -175,20 +170,21 @@ def test_controller_of_third_order(firm):
     # The lag with a lead of 380/570 rad/s and a second lag of 900/1200 rad/s.
     rig, inner = paper_model(firm), exact(3.5)
     lag = firm.controller.transfer_function()
-    extra = TransferFunction(
+    extra = (
         fmpq_poly([1, fmpq(1, 380)]) * fmpq_poly([1, fmpq(1, 1200)]) * fmpq(7, 10),
         fmpq_poly([1, fmpq(1, 570)]) * fmpq_poly([1, fmpq(1, 900)]),
     )
-    law = TransferFunction(lag.numerator * extra.numerator, lag.denominator * extra.denominator)
+    numerator = lag.numerator * extra[0]
+    law = SensedLaw(("displacement_m",), (numerator,), lag.denominator * extra[1])
     family, plant = close_with(rig, inner, law), rig.plant(3.5)
     assert family.order == 7 + 3
     for mass in (LOW, HIGH):
-        whole = plant.denominator.at(mass) * law.denominator + plant.control[0].constant * law.numerator
+        whole = plant.denominator.at(mass) * law.denominator + plant.control[0].constant * numerator
         assert family.at(mass).charpoly() == whole / whole[whole.degree()]
     answer, _ = any_change((family,), LOW, fmpq(1))
     assert answer.status == "proved"
     with pytest.raises(ValueError, match="differentiates"):
-        close_with(rig, inner, TransferFunction(fmpq_poly([1, 1]), fmpq_poly([1])))
+        close_with(rig, inner, SensedLaw(("displacement_m",), (fmpq_poly([1, 1]),), fmpq_poly([1])))
 
 
 def test_loop_without_a_controller_is_refused(paper):
@@ -256,7 +252,7 @@ def test_jump_is_the_limit_of_ever_faster_joining_from_rest():
 
 
 def _rig_equations(prototype: Prototype, mass, rest_rate=None):
-    """dx/dt of the rig from equations (7) to (16) with the lag as (p/z) e + (1 - p/z) p w, w' = e - p w.
+    """dx/dt of the rig from equations (7) to (16) with the lag as K (p/z) e + w, w' = K (1 - p/z) p e - p w.
 
     `rest_rate` is dm/dt of payload that joins from rest, as a function of time; it takes momentum from the tip.
     """
@@ -272,7 +268,7 @@ def _rig_equations(prototype: Prototype, mass, rest_rate=None):
     def slope(t: float, s: np.ndarray) -> list[float]:
         x, v, cylinder, y, u, flow, flow_rate, memory = s
         force, error = oil * (cylinder - x), -sensor * x
-        current = lag.gain_A_per_V * (p / z * error + (1 - p / z) * p * memory)
+        current = lag.gain_A_per_V * p / z * error + memory
         loss = 0.0 if rest_rate is None else max(rest_rate(t), 0.0) * v
         return [
             v,
@@ -282,7 +278,7 @@ def _rig_equations(prototype: Prototype, mass, rest_rate=None):
             (-force - kf * y - bf * u) / mf,
             flow_rate,
             w * w * (valve.flow_gain_m3_per_s_per_A * current - flow) - 2 * valve.damping_ratio * w * flow_rate,
-            error - p * memory,
+            lag.gain_A_per_V * (1 - p / z) * p * error - p * memory,
         ]
 
     return slope
@@ -504,162 +500,6 @@ def test_unverified_is_never_called_stable(loose):
     assert any(line.startswith("UNVERIFIED, so not known to be stable") for line in describe(report))
 
 
-# Certificate and replay.
-
-
-def _resigned(text: str) -> str:
-    """The text with its checksum made right again, as a careful forger would."""
-    import hashlib
-
-    lines = [line for line in text.split("\n") if not line.startswith("sha256")]
-    checksum = hashlib.sha256("\n".join(lines).encode()).hexdigest()
-    at_line = next(i for i, line in enumerate(lines) if line.startswith("version")) + 1
-    return "\n".join([*lines[:at_line], f'sha256 = "{checksum}"', *lines[at_line:]])
-
-
-@pytest.fixture
-def certificate(loose) -> str:
-    found = _loose(loose)
-    return switching_document(loose, found, "\n".join(describe(found)))
-
-
-def test_replay_accepts_what_was_proved(certificate, firm):
-    outcome = replay_lyapunov.replay(certificate)
-    assert outcome.valid, outcome.reasons
-    assert len(outcome.claims) == 3 + 5 + 1  # text, figures, presence; five claims; one growing cycle
-    assert replay_lyapunov.replay(_resigned(certificate)).valid
-    assert replay_lyapunov.replay(switching_document(firm, _firm(firm), "firm")).valid
-
-
-def test_replay_writes_down_the_same_matrices(certificate, loose):
-    import tomllib
-
-    written = replay_lyapunov.Loop(tomllib.loads(certificate))
-    family = closed_loop(loose)
-    for mass in (LOW, fmpq(1, 3), HIGH):
-        assert written.matrix(mass) == family.at(mass)
-
-
-@pytest.mark.parametrize("filter_Hz", [None, 400.0])
-def test_replay_of_a_refutation(remedy, filter_Hz):
-    prototype = remedy.but(sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=filter_Hz))
-    text = switching_document(prototype, switching([closed_loop(prototype)], 0.0, 6.8), "unstable")
-    outcome = replay_lyapunov.replay(text)
-    assert outcome.valid, outcome.reasons
-    assert any("unstable at" in words for words in outcome.claims)
-
-
-def test_replay_of_a_proportional_loop_with_filter(paper):
-    prototype = paper.but(
-        controller=Proportional(gain_A_per_V=0.008),
-        sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=400.0),
-        payload=Payload(inner_end_mass_kg=4.5),
-    )
-    found = switching([closed_loop(prototype)], 0.0, 1.0, 50.0)
-    assert found.stable
-    assert replay_lyapunov.replay(switching_document(prototype, found, "proportional")).valid
-
-
-def test_replay_of_a_law_of_high_order():
-    prototype = read_prototype(Path(__file__).parents[1] / "studies" / "prototypes" / "structured.toml")
-    families, low, high = [closed_loop(prototype)], fmpq(3), exact(3.1)
-    assert families[0].order == 15
-    common, _ = any_change(families, low, high)
-    assert common.status == "proved"
-    stages, _ = stage_change(families, low, high)
-    found = Switching((3.0, 3.1), frozen(families, low, high), stages, common, (), (), None, 0.0, families)
-    text = switching_document(prototype, found, "structured")
-    outcome = replay_lyapunov.replay(text)
-    assert outcome.valid, outcome.reasons
-    assert any("any matched change" in claim for claim in outcome.claims)
-    assert "# zero_damping_ratio = " in text  # its sections are there to be read; proved are the polynomials
-    assert not replay_lyapunov.replay(_resigned(_changed(text, 'numerator = ["', 'numerator = ["1'))).valid
-
-
-def _changed(text: str, before: str, after: str, after_mark: str = "") -> str:
-    start = text.index(after_mark) if after_mark else 0
-    place = text.index(before, start)
-    return text[:place] + after + text[place + len(before) :]
-
-
-TAMPERED = {
-    "rate": (f'rate_kg_per_s = "{LOOSE_RATE:g}"', 'rate_kg_per_s = "900000"', ""),
-    "range of any change": ('high = "', 'high = "6.8" #', 'kind = "any_change"'),
-    "dwell": ('dwell_s = "0.0', 'dwell_s = "0.00', ""),
-    "decay": ('decay_per_s = "', 'decay_per_s = "1', ""),
-    "factor": ('factor = "', 'factor = "0.5" #', ""),
-    "mass": ('outer_mass_kg = "3.9"', 'outer_mass_kg = "0.9"', ""),
-    "controller": ('numerator = ["0.05"', 'numerator = ["0.06"', ""),
-    "gain": ('gain_A_per_V = "0.05"', 'gain_A_per_V = "0.07"', ""),
-    "frequency": ('valve_frequency_Hz = "150"', 'valve_frequency_Hz = "250"', ""),
-    "sign of P": ('[["', '[["-', ""),
-    "cycle": ('time_s = ["0.00', 'time_s = ["0.02', ""),
-    "masses of the cycle": ('outer_end_mass_kg = ["0", "6.8"]', 'outer_end_mass_kg = ["0", "9"]', ""),
-}
-
-
-@pytest.mark.parametrize("what", TAMPERED)
-def test_replay_refuses_a_tampered_certificate(certificate, what: str):
-    before, after, mark = TAMPERED[what]
-    if what == "sign of P":
-        before, after = '    ["', '    ["-'
-    tampered = _changed(certificate, before, after, mark)
-    assert tampered != certificate
-    plain = replay_lyapunov.replay(tampered)
-    assert not plain.valid
-    assert any("sha256" in reason for reason in plain.reasons)
-    forged = replay_lyapunov.replay(_resigned(tampered))
-    assert not forged.valid
-    assert not any("sha256" in reason for reason in forged.reasons)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "not toml [",
-        'kind = "something.else"\nversion = 1\n',
-        'kind = "beamdesign.switching"\nversion = 1\nsha256 = ""\nlow = "0"\nhigh = "1"\n',
-    ],
-)
-def test_replay_of_something_else_is_malformed(text: str):
-    with pytest.raises(replay_lyapunov.Malformed):
-        replay_lyapunov.replay(text + "\n")
-
-
-def test_certificate_that_claims_nothing_is_not_valid(certificate):
-    bare = certificate[: certificate.index("# m may change however fast")]
-    outcome = replay_lyapunov.replay(_resigned(bare))
-    assert not outcome.valid
-    assert "nothing is claimed" in outcome.reasons
-
-
-def test_replay_runs_without_the_package(certificate, tmp_path):
-    path = tmp_path / "certificate.toml"
-    path.write_text(certificate, encoding="utf-8")
-    blocked = (
-        "import runpy, sys\n"
-        "class Blocked:\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name.partition('.')[0] in ('beamdesign', 'numpy', 'scipy', 'casadi', 'cvxpy', 'control'):\n"
-        "            raise ImportError(name)\n"
-        "sys.meta_path.insert(0, Blocked())\n"
-        "script = sys.argv.pop(1)\n"
-        "sys.argv[0] = script\n"
-        "runpy.run_path(script, run_name='__main__')\n"
-    )
-    script = Path(replay_lyapunov.__file__)
-    command = [sys.executable, "-I", "-c", blocked, str(script)]
-    good = subprocess.run([*command, str(path)], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert good.returncode == 0, good.stderr
-    assert good.stdout.endswith("valid\n")
-    path.write_text(certificate.replace('low = "0"', 'low = "0.0"'), encoding="utf-8")
-    bad = subprocess.run([*command, str(path)], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert bad.returncode == 1
-    assert "NOT valid" in bad.stdout
-    none = subprocess.run([*command, "absent.toml"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert none.returncode == 2
-
-
 # The command.
 
 _app = typer.Typer()
@@ -682,7 +522,7 @@ def test_command_proves_a_rate(loose, tmp_path):
     assert fields["bounded_rate"][1]["rate_kg_per_s"] == 50.0
     assert fields["certificate"] == str(out)
     assert "proved: stable however fast the mass changes" in outcome.output
-    assert replay_lyapunov.replay(out).valid
+    assert check(out, prototype).valid
 
 
 def test_command_says_no_for_an_unstable_loop(remedy, tmp_path):
@@ -691,7 +531,7 @@ def test_command_says_no_for_an_unstable_loop(remedy, tmp_path):
     outcome = CliRunner().invoke(_app, [str(prototype), "--out", str(out)])
     assert outcome.exit_code == 1
     assert "1.968442" in outcome.output
-    assert replay_lyapunov.replay(out).valid
+    assert check(out, prototype).valid
 
 
 @pytest.mark.parametrize(

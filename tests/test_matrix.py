@@ -327,7 +327,6 @@ COMMANDS = {
 _OBSERVERS = "observer, sensors, compliant"
 _SENSORS = "sensors, compliant"
 _LISTED = (
-    ("certify-switching", f"{_SENSORS}", "to be closed: the certificate states one transfer function"),
     (
         "code",
         "scheduled",

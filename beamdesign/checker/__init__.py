@@ -30,6 +30,7 @@ KINDS = {
     "beamdesign.arm_plane": "arm",
     "beamdesign.contact": "contact",
     "beamdesign.mass_range": "mass_range",
+    "beamdesign.stages": "stages",
 }
 """Kinds of certificates, and the file of this package that proves what each states."""
 PRECISION_BITS = 256

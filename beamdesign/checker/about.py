@@ -26,8 +26,8 @@ def about(table: Table, rig: Rig) -> Iterator[str]:
     yield f"label (not proved): {table.word('name')[:200]!r}"
     figures = ", ".join(f"{name} {short(value)}" for name, value in rig.figures.items())
     yield f"rig: {figures}, inner_end_mass_kg {short(rig.inner_end_mass)}"
-    if rig.law is not None:
-        yield f"controller: {_words(rig.law.figures)}"
+    if (controller := rig.law or rig.schedule) is not None:
+        yield f"controller: {_words(controller.figures)}"
     for effect in rig.effects:
         yield from _effect(effect)
     for name, known in _ASKED.items():

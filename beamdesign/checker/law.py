@@ -1,11 +1,15 @@
-"""The controller that a certificate states: its figures, its polynomials, and whether these follow from those."""
+"""The controller that a certificate states: its figures, its polynomials, and whether these follow from those.
 
+One of several stages has no polynomials: it is built of its figures, with each frequency in rad/s as a rational.
+"""
+
+from dataclasses import dataclass
 from typing import Any
 
 from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.checker.reading import Table, Unreadable, rational
-from beamdesign.checker.roots import S
+from beamdesign.checker.roots import Pair, S
 
 SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
 FLOAT_ROUNDING = fmpq(1, 10**14)
@@ -43,9 +47,80 @@ class Law:
             figures.done()
 
     @property
+    def order(self) -> int:
+        """Number of its states."""
+        return self.denominator.degree()
+
+    @property
     def of_displacement(self) -> tuple[fmpq_poly, fmpq_poly]:
         """From the volts of the displacement sensor to the current."""
         return self.numerators[SENSED[0]], self.denominator
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A law of several that take turns: second-order sections, then a lag.
+
+    Attributes:
+        masses: outer end masses that it is for, kg.
+        gain: A/V.
+        zero: upper break of the lag, rad/s.
+        pole: lower break.
+        sections: zero, its damping ratio, pole, its damping ratio, of each.
+    """
+
+    masses: Pair
+    gain: fmpq
+    zero: fmpq
+    pole: fmpq
+    sections: tuple[tuple[fmpq, ...], ...]
+
+    @property
+    def order(self) -> int:
+        """Number of its states."""
+        return 2 * len(self.sections) + 1
+
+
+class Schedule:
+    """Several laws that take turns.
+
+    Attributes:
+        figures: as they are stated, without those in rad/s.
+        dwell: least time between changes of stage, s.
+        stages: in their order.
+        follows: whether each figure in rad/s is that in Hz.
+    """
+
+    def __init__(self, table: Table) -> None:
+        self.dwell, self.follows = table.at_least("dwell_s", 0), True
+        self.stages = [self._stage(one) for one in table.tables("stage")]
+        if not self.stages or len({stage.order for stage in self.stages}) > 1:
+            raise Unreadable(f"{table.place} needs stages that have as many sections as each other")
+        self.figures: dict[str, Any] = _in_hertz({key: table.take(key) for key in table.keys})
+
+    def _stage(self, table: Table) -> Stage:
+        sections = tuple(
+            tuple(
+                value
+                for end in ("zero", "pole")
+                for value in (self._radians(one, end), one.at_least(f"{end}_damping_ratio", 0, above=True))
+            )
+            for one in table.tables("section")
+        )
+        masses, gain = table.range("outer_end_mass_kg", least=0), table.at_least("gain_A_per_V", 0, above=True)
+        return Stage(masses, gain, self._radians(table, "zero"), self._radians(table, "pole"), sections)
+
+    def _radians(self, table: Table, name: str) -> fmpq:
+        radians = table.at_least(f"{name}_rad_per_s", 0, above=True)
+        self.follows &= same_frequency(table.number(f"{name}_Hz"), radians)
+        return radians
+
+
+def _in_hertz(value: Any) -> Any:
+    """Nested figures without those in rad/s."""
+    if isinstance(value, dict):
+        return {key: _in_hertz(item) for key, item in value.items() if not key.endswith("_rad_per_s")}
+    return [_in_hertz(item) for item in value] if isinstance(value, list) else value
 
 
 def same_frequency(hertz: fmpq, radians: fmpq) -> bool:

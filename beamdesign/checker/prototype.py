@@ -24,6 +24,20 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "arm": {"offset_m": [0.0] * 3, "end_polar_inertia_kg_m2": 0.0, "payload_polar_inertia_kg_m2": 0.0},
 }
 """What a prototype's tables say where they say nothing."""
+SCHEDULED: dict[str, Any] = {
+    "period_s": 0.0005,
+    "dwell_s": 0.1,
+    "estimator": {
+        "noise_V": 0.002,
+        "window_s": 0.08,
+        "update_s": 0.01,
+        "forgetting_s": 0.3,
+        "model_error": 0.1,
+        "largest_std_kg": 0.15,
+        "band_kg": 0.4,
+    },
+}
+"""What a controller of several stages says likewise."""
 TABLES = ("payload", "goal", "arm", "compliance")
 """Tables that a certificate states as the prototype has them."""
 
@@ -61,7 +75,7 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         stated_table, given_table = _full(table.optional(name).whole_of_it()), _full(_table(prototype, name))
         if name in prototype or name in ("payload", "goal"):
             given_table = DEFAULTS.get(name, {}) | given_table
-        if name == "payload" and _table(prototype, "controller").get("stage"):
+        if name == "payload" and rig.law is not None and _table(prototype, "controller").get("stage"):
             given_table = given_table | {"outer_end_mass_kg": _within(given_table, stated_table)}
         if not same(stated_table, given_table):
             yield f"[{name}] is not that of the prototype"
@@ -114,6 +128,11 @@ def _laws(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]
     laws = (given, *_each(given, given.get("stage", [])))
     if rig.law is not None and not any(same(_full(rig.law.figures), law) for law in laws):
         yield "[controller] is not that of the prototype"
+    if rig.schedule is not None:
+        whole = SCHEDULED | given
+        whole["estimator"] = SCHEDULED["estimator"] | _table(whole, "estimator")
+        if not same(_full(rig.schedule.figures), whole):
+            yield "[controller] with its stages is not that of the prototype"
 
 
 def _each(scheduled: Mapping[str, Any], stages: Any) -> Iterator[dict[str, Any]]:
@@ -125,8 +144,14 @@ def _each(scheduled: Mapping[str, Any], stages: Any) -> Iterator[dict[str, Any]]
 
 
 def _full(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A table without lists that are empty, which say as much as nothing."""
-    return {key: _full(value) if isinstance(value, dict) else value for key, value in table.items() if value != []}
+    """A table, and those within it, without lists that are empty, which say as much as nothing."""
+
+    def whole(value: Any) -> Any:
+        if isinstance(value, list):
+            return [whole(item) for item in value]
+        return _full(value) if isinstance(value, dict) else value
+
+    return {key: whole(value) for key, value in table.items() if value != []}
 
 
 def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[str, arb | None]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.checker.law import SENSED, Law, same_frequency
+from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials, S
 
@@ -223,7 +223,8 @@ class Rig:
     Attributes:
         figures: lumped, SI, by name with unit.
         inner_end_mass: kg.
-        law: its controller; None where the certificate states several stages.
+        law: its controller; None where it states several stages, or none.
+        schedule: several stages that take turns; None where it states one law, or none.
         effects: in their order.
     """
 
@@ -240,7 +241,10 @@ class Rig:
         for name in ("valve_frequency", "filter_frequency")[: 1 + filtered]:
             if not same_frequency(rig.number(f"{name}_Hz"), self.figures[f"{name}_rad_per_s"]):
                 raise Unreadable(f"rig.{name}_Hz and rig.{name}_rad_per_s are not one frequency")
-        self.law = Law(table.table("controller")) if "controller" in table else None
+        controller = table.table("controller") if "controller" in table else None
+        scheduled = controller is not None and "stage" in controller
+        self.schedule = Schedule(controller) if controller is not None and scheduled else None
+        self.law = Law(controller) if controller is not None and not scheduled else None
         self.effects = [Effect(one) for one in table.tables("effect")]
 
     def statements(self) -> Iterator[tuple[bool, str]]:
@@ -248,6 +252,9 @@ class Rig:
         if self.law is not None and self.law.follows is not None:
             good = self.law.follows
             yield good, f"the controller's polynomials {'follow' if good else 'do not follow'} from its figures"
+        if self.schedule is not None:
+            good = self.schedule.follows
+            yield good, f"the stages' figures in rad/s {'are' if good else 'are not'} those in Hz"
 
     def left_open(self) -> Iterator[str]:
         """What of it is not decided by what it states, in words."""
@@ -290,7 +297,7 @@ class Rig:
         """The polynomials of one combination."""
         law, figure = self.law, self.figures
         if law is None:
-            raise Unreadable("there is no [controller]")
+            raise Unreadable("[controller] is not one law")
         bare, loaded = (self._mechanics(elements, fmpq(mass), list(law.numerators)) for mass in (0, 1))
         valve = figure["valve_frequency_rad_per_s"]
         spool = fmpq_poly([valve**2 * (1 + elements.spool), 2 * figure["valve_damping_ratio"] * valve, 1])

@@ -25,7 +25,7 @@ def certify_switching(
         typer.Option(
             metavar="FILE",
             callback=file_to_write,
-            help="File for the certificate; else STEM.switching.toml, or STEM.stages.toml, in this folder.",
+            help="File for the certificate; else STEM.stages.toml in this folder.",
         ),
     ] = None,
     json: JsonOption = None,
@@ -39,7 +39,6 @@ def certify_switching(
     schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
     """
     from beamdesign import quantities as q
-    from beamdesign.controllers import refuse
     from beamdesign.proof.stage_family import stage_families
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
@@ -47,19 +46,20 @@ def certify_switching(
     record = read_prototype(prototype)
     if record.controller is None:
         raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    for law, _ in record.controller.laws:
-        refuse(law, "one sensor", "certify-switching, whose certificate states one transfer function", prototype)
-    families = stage_families(record)
+    try:
+        families = stage_families(record)
+    except ValueError as error:
+        raise InputError(prototype, [("controller.stage", str(error))]) from error
     low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     problems = []
     if not low < high:
         problems.append(("--outer-end-mass", f"{low:g}:{high:g} holds one mass, which cannot change"))
     schedule = record.schedule
-    path = certificate_file(out, f"{prototype.stem}.{'stages' if schedule else 'switching'}.toml")
+    path = certificate_file(out, f"{prototype.stem}.stages.toml")
     refuse_implausible("certify-switching", {"--rate": (rate, q.MassRate)}, problems)
 
     from beamdesign.proof.lyapunov import describe, switching, switching_fields
-    from beamdesign.proof.switching_document import switching_document
+    from beamdesign.proof.stage_tables import stages_certificate
 
     with progress("Lyapunov functions") as update:
         found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
@@ -68,10 +68,8 @@ def certify_switching(
     say(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
     for line in lines:
         say(f"  {line}")
-    if record.effects:
-        say(f"  not covered by any of this: the effects {', '.join(record.effects)}")
-    write_certificate(path, switching_document(record, found, f"{record.name}\n" + "\n".join(lines)))
+    write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
     say(f"certificate: {path}")
-    write_json(json, switching_fields(found) | {"not_covered": list(record.effects), "certificate": path})
+    write_json(json, switching_fields(found) | {"certificate": path})
     if not found.stable:
         raise typer.Exit(1)

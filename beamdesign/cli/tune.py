@@ -114,7 +114,7 @@ def tune(
     from beamdesign.design.schedule import tune_laws
     from beamdesign.proof.between import between, in_words
     from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
-    from beamdesign.proof.switching_document import switching_document
+    from beamdesign.proof.stage_tables import stages_certificate
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError, to_toml
     from beamdesign.study.design_run import certified_laws
@@ -182,7 +182,7 @@ def tune(
         for line in (*lines, *(["changes are proved of the nominal rig alone"] if spread is not None else [])):
             say(f"  {line}")
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
-        texts["certificate_switching"] = (CHANGES_NAME, switching_document(guaranteed, changes, summary))
+        texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
     paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
     for name, path in paths.items():

@@ -134,11 +134,13 @@ class Frozen:
         reason: what is wrong, in words; empty where it is stable.
         unstable_at: a mass at which an exact Routh test fails, kg; None where there is none (or only single masses,
             at which a root lies on the axis).
+        stage: with which it fails, numbered from 0.
     """
 
     stable: bool
     reason: str
     unstable_at: fmpq | None
+    stage: int = 0
 
 
 def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
@@ -146,11 +148,11 @@ def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
 
     A family whose characteristic polynomial is not affine in the mass is settled at its two ends only.
     """
-    for k, family in enumerate(families, start=1):
+    for k, family in enumerate(families):
         stays = _frozen(family, low, high)
         if not stays.stable:
-            stage = f"stage {k}: " if len(families) > 1 else ""
-            return replace(stays, reason=stage + stays.reason)
+            stage = f"stage {k + 1}: " if len(families) > 1 else ""
+            return replace(stays, reason=stage + stays.reason, stage=k)
     return Frozen(True, "", None)
 
 

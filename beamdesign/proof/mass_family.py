@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.controllers import TransferFunction
-from beamdesign.linear import LinearModel
+from beamdesign.controllers import SensedLaw
+from beamdesign.linear import SEEN_AS, LinearModel
 from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.prototype import Prototype
@@ -75,48 +75,48 @@ def closed_loop(prototype: Prototype) -> MassFamily:
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
     inner = exact(prototype.payload.inner_end_mass_kg)
-    return close_with(paper_model(prototype), inner, prototype.controller.transfer_function())
+    return close_with(paper_model(prototype), inner, prototype.controller.sensed_law())
 
 
-def close_with(rig: LinearModel, inner_end_mass: fmpq, law: TransferFunction) -> MassFamily:
-    """Close the loop of a rig with a controller of any order.
+def close_with(rig: LinearModel, inner_end_mass: fmpq, law: SensedLaw) -> MassFamily:
+    """Close the loop of a rig with a controller of any order and any number of sensors.
 
-    The controller is realised in companion form, driven by the error voltage; its states follow the rig's.
+    The controller is realised in observer form, which has as many states as its denominator has roots: with a(s) of
+    leading coefficient one, b_j the numerator's remainder for sensor j, d_j its quotient and e_j the error,
+
+        z_i' = z_(i-1) - a_i z_(k-1) + sum_j b_ji e_j,    current = z_(k-1) + sum_j d_j e_j.
+
+    These states follow the rig's.
 
     Raises:
         ValueError: where the controller's numerator is of higher degree than its denominator.
     """
     a, b, c, velocity, bare_mass = rig.over_outer_mass(inner_end_mass)
-    law_a, law_c, feedthrough = _companion(law)
-    n, k = a.nrows(), len(law_c)
+    n, k = a.nrows(), law.denominator.degree()
+    if any(numerator.degree() > k for numerator in law.numerators):
+        raise ValueError("the controller differentiates: its numerator is of higher degree than its denominator")
     fixed, inertial = fmpq_mat(n + k, n + k), fmpq_mat(n + k, n + k)
     for i in range(n):
         for j in range(n):
-            fixed[i, j] = a[i, j] - b[i, 1] * feedthrough * c[1, j]
-        for j in range(k):
-            fixed[i, n + j] = b[i, 1] * law_c[j]
+            fixed[i, j] = a[i, j]
+        if k:
+            fixed[i, n + k - 1] = b[i, 1]
     for i in range(k):
-        for j in range(k):
-            fixed[n + i, n + j] = law_a[i][j]
-    for j in range(n if k else 0):
-        fixed[n + k - 1, j] = -c[1, j]
+        fixed[n + i, n + k - 1] = -law.denominator[i] / law.denominator[k]
+        if i:
+            fixed[n + i, n + i - 1] += 1
+    for sensor, numerator in zip(law.sensors, law.numerators, strict=True):
+        seen, through = SEEN_AS[sensor], numerator[k] / law.denominator[k]
+        rest = (numerator - law.denominator * through) / law.denominator[k]
+        for j in range(n):
+            for i in range(n):
+                fixed[i, j] -= b[i, 1] * through * c[seen, j]
+            for i in range(k):
+                fixed[n + i, j] -= rest[i] * c[seen, j]
 
     for j in range(n + k):
         inertial[velocity, j], fixed[velocity, j] = fixed[velocity, j], fmpq(0)
     return MassFamily(fixed, inertial, bare_mass, velocity, rig.states + tuple(f"controller_{i + 1}" for i in range(k)))
-
-
-def _companion(law: TransferFunction) -> tuple[list[list[fmpq]], list[fmpq], fmpq]:
-    """A (k, k), C (k) and D of the controller in companion form, input at the last state."""
-    k = law.denominator.degree()
-    if law.numerator.degree() > k:
-        raise ValueError("the controller differentiates: its numerator is of higher degree than its denominator")
-    lead = law.denominator[k]
-    feedthrough = law.numerator[k] / lead
-    rest = law.numerator - law.denominator * feedthrough
-    a = [[fmpq(int(j == i + 1)) for j in range(k)] for i in range(k - 1)]
-    a += [[-law.denominator[j] / lead for j in range(k)]] if k else []
-    return a, [rest[j] / lead for j in range(k)], feedthrough
 
 
 def floats(matrix: fmpq_mat) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What every certificate states of its rig, as tables of texts: parameters, controller, effects, payload, goal, arm."""
 
 from collections.abc import Mapping, Sequence
+from math import pi
 from typing import Any
 
 from flint import fmpq, fmpq_poly
@@ -26,14 +27,14 @@ def rig_tables(prototype: Prototype, largest_outer_end_mass: float | None = None
     """Tables from which a checker builds the loop, numbers as exact decimals in quotes.
 
     Args:
-        prototype: with one controller, or with several that take turns, of which it then states none.
+        prototype: with a controller of one law, or of several stages that take turns, or with none.
         largest_outer_end_mass: kg, whose weight is the load where an effect depends on it; else that of the payload.
 
     Raises:
         InputError: for effects for which no linear loop stands, or whose elements are not affine in their spans.
     """
     tables: Tables = {"rig": _rig(prototype)}
-    if prototype.controller is not None and prototype.schedule is None:
+    if prototype.controller is not None:
         tables["controller"] = controller_table(prototype)
     if prototype.effects:
         tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass))
@@ -89,9 +90,15 @@ def _rig(prototype: Prototype) -> Tables:
 
 
 def controller_table(prototype: Prototype) -> Tables:
-    """The controller's own figures, and its law: a numerator for each sensor and their denominator."""
+    """The controller's own figures, and its law: a numerator for each sensor and their denominator.
+
+    Of one with several stages the figures of each, and every break in rad/s as well, instead of polynomials.
+    """
     controller = prototype.controller
     assert controller is not None  # there is a loop
+    if controller.schedule is not None:
+        table = plain(controller)
+        return stated(table | {"stage": [_with_radians(stage) for stage in table["stage"]]})
     law = controller.sensed_law()
     polynomials = {
         "sensors": list(law.sensors),
@@ -99,6 +106,13 @@ def controller_table(prototype: Prototype) -> Tables:
         "denominator": coefficients(law.denominator),
     }
     return stated(plain(controller)) | {"law": polynomials}
+
+
+def _with_radians(table: Tables) -> Tables:
+    """A stage, or a section of one, with the floats of 2 pi f of its frequencies."""
+    found = {key: [_with_radians(one) for one in value] if key == "section" else value for key, value in table.items()}
+    hertz = {key: value for key, value in table.items() if key.endswith("_Hz")}
+    return found | {key.replace("_Hz", "_rad_per_s"): 2 * pi * value for key, value in hertz.items()}
 
 
 def _alloys(prototype: Prototype) -> Tables:

@@ -9,7 +9,7 @@ from beamdesign.files import fresh_folder, write_whole
 from beamdesign.json_text import json_text
 from beamdesign.proof.certificate import Guaranteed
 from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
-from beamdesign.proof.switching_document import switching_document
+from beamdesign.proof.stage_tables import stages_certificate
 from beamdesign.records import Record, to_toml
 from beamdesign.report.quantity import at_least, at_most, quantity
 from beamdesign.specification.data_folder import believed, write_data_folder
@@ -155,7 +155,7 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
             folders[f"dataset{number}"] = (f"{FOLDER}{end}", law)
     if spec.switching is not None:
         summary = "\n".join((f"{spec.prototype.name}: changes between its laws", *describe(spec.switching)))
-        texts["certificate_switching"] = (CHANGES_NAME, switching_document(spec.prototype, spec.switching, summary))
+        texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(spec.prototype, spec.switching, summary))
     texts["prototype"] = ("prototype.toml", to_toml(spec.prototype))
     names = {kind: name for kind, (name, text) in texts.items() if text}
     names |= {kind: name for kind, (name, _) in folders.items()}

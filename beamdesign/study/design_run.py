@@ -13,7 +13,7 @@ from beamdesign.problem import DesignProblem
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.lyapunov import describe
-from beamdesign.proof.switching_document import switching_document
+from beamdesign.proof.stage_tables import stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 
 CERTIFICATE_NAME = "certificate.toml"
@@ -91,7 +91,7 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     words = "\n".join((f"{prototype.name}: changes between its laws", *describe(changes)))
     whole = min(laws, key=lambda one: one.guarantees[0].bandwidth_Hz)
     reason = "" if changes.stable else f"changes between its laws are not proved: {changes.reason}"
-    proof = switching_document(prototype, changes, words)
+    proof = stages_certificate(prototype, changes, words)
     return replace(whole, prototype=None if reason else prototype, reason=reason, laws=laws, changes=proof)
 
 

@@ -1,0 +1,83 @@
+"""What a certificate for a payload or a stage that changes in motion states, as tables of texts."""
+
+from collections.abc import Iterator, Sequence
+from math import isinf
+
+from flint import fmpq, fmpq_mat
+
+from beamdesign.polynomial import exact
+from beamdesign.proof.lyapunov import Switching
+from beamdesign.proof.rational import text
+from beamdesign.proof.rig_tables import Tables, stated, texts
+from beamdesign.proof.writer import certificate
+from beamdesign.prototype import Prototype
+
+KIND = "beamdesign.stages"
+
+
+def stages_certificate(prototype: Prototype, found: Switching, summary: str) -> str:
+    """Write the certificate: claims with their Lyapunov functions, and counterexamples, all in exact decimals.
+
+    Args:
+        prototype: that it is about, with one law or several that act in turn.
+        found: what was proved and refuted of it.
+        summary: the result in words, put on top as a comment.
+    """
+    shared = "which all stages share and none resets" if len(found.families) > 1 else "of which only the velocity jumps"
+    notes = {
+        "claim": "V = x' P(m) x falls. P lists the matrix coefficients of m^0, m^1, ... by the rows of their lower\n"
+        f"# triangles, for the state ({', '.join(found.families[0].states)}),\n# {shared}.",
+        "counterexample": "An unstable loop that stays; or two in turn, for which |trace M^cycles| exceeds the order of"
+        " M, the\n# transition matrix of one cycle.",
+    }
+    body = {
+        "outer_end_mass_kg": stated(found.outer_end_mass_kg),
+        "claim": list(_claims(found)),
+        "counterexample": list(_counterexamples(found)),
+    }
+    return certificate(KIND, prototype, body, summary, notes=notes)
+
+
+def _claims(found: Switching) -> Iterator[Tables]:
+    low, high = map(exact, found.outer_end_mass_kg)
+    stages, common = found.stages, found.any_change
+    if stages.kind == "any_time" and stages.functions:
+        yield _claim("stage_change", low, high) | _function(stages.functions[0])
+    if stages.kind == "dwell":
+        figures = {"dwell_s": stages.dwell_s, "factor": stages.factor, "decay_per_s": stages.decay_per_s}
+        yield _claim("stage_dwell", low, high, **figures) | {"stage": [_function(p) for p in stages.functions]}
+    if common.function is not None and common.proved_up_to_kg is not None:
+        yield _claim("any_change", low, exact(common.proved_up_to_kg)) | _function([common.function])
+    for rate in found.rates:
+        if rate.status == "proved" and rate.rate_kg_per_s is not None and not isinf(rate.rate_kg_per_s):
+            claim = _claim("payload_rate", low, high, rate_kg_per_s=exact(rate.rate_kg_per_s))
+            yield claim | {"joining": rate.joining} | _function(rate.coefficients)
+    for sudden in found.sudden:
+        if sudden.status == "proved" and sudden.dwell_s:
+            figures = {"dwell_s": sudden.dwell_s, "factor": sudden.factor, "decay_per_s": sudden.decay_per_s}
+            claim = _claim("payload_jumps", low, high, **figures)
+            yield claim | {"joining": sudden.joining} | _function(sudden.coefficients)
+
+
+def _claim(kind: str, low: fmpq, high: fmpq, **figures: fmpq) -> Tables:
+    named = {name: text(value) for name, value in figures.items()}
+    return {"kind": kind, "outer_end_mass_kg": texts((low, high))} | named
+
+
+def _function(coefficients: Sequence[fmpq_mat]) -> Tables:
+    """Matrices by the rows of their lower triangles."""
+    return {"P": [[texts([p[i, j] for j in range(i + 1)]) for i in range(p.nrows())] for p in coefficients]}
+
+
+def _counterexamples(found: Switching) -> Iterator[Tables]:
+    if found.frozen.unstable_at is not None:
+        yield {"kind": "frozen", "stage": found.frozen.stage + 1, "outer_end_mass_kg": text(found.frozen.unstable_at)}
+    cycle = found.any_change.counterexample
+    if cycle is not None and cycle.proved:
+        yield {
+            "kind": "cycle",
+            "stages": [k + 1 for k in cycle.stages],
+            "outer_end_mass_kg": stated(cycle.outer_end_mass_kg),
+            "time_s": stated(cycle.time_s),
+            "cycles": cycle.cycles,
+        }
