@@ -58,7 +58,7 @@ def statements(table: Table, rig: Rig) -> Statements:
         words, proved = _CLAIMS[kind](loops, claim, within)
         if kind == "stage_dwell" and rig.schedule is not None:
             kept = rig.schedule.dwell >= claim.number("dwell_s")
-            words += f", which the schedule's dwell_s of {short(rig.schedule.dwell)} s {'keeps' if kept else 'does NOT keep'}"
+            words += f", {'kept' if kept else 'NOT kept'} by the schedule's dwell_s of {short(rig.schedule.dwell)}"
         several = ", whichever stage acts when" if len(loops) > 1 and kind != "stage_dwell" else ""
         yield proved, f"{'stable' if proved else 'not proved stable'} from {_range(within)} kg{several}: {words}"
     for example in against:
