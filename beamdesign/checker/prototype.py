@@ -130,7 +130,7 @@ def _laws(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]
         yield "[controller] is not that of the prototype"
     if rig.schedule is not None:
         whole = SCHEDULED | given
-        whole["estimator"] = SCHEDULED["estimator"] | _table(whole, "estimator")
+        whole["estimator"] = {**SCHEDULED["estimator"], **_table(whole, "estimator")}
         if not same(_full(rig.schedule.figures), whole):
             yield "[controller] with its stages is not that of the prototype"
 
