@@ -1,4 +1,4 @@
-"""The rig that a certificate states, and the loops that follow from it: impedances of its parts by Cramer's rule.
+"""The rig that a certificate states, and the loops that follow from it.
 
 Effects stand as elements with numbers: springs, dashpots and masses between named coordinates, factors, filters. Where
 an effect lets a number of them vary, or the loop's gain, it states a span; the loops are those of every combination of
@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from flint import fmpq, fmpq_mat, fmpq_poly
+from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
+from beamdesign.checker.mechanics import Elements, Number, Polynomial, Ring, add_weights, mechanics
 from beamdesign.checker.reading import Table, Unreadable, rational, short
-from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials, S
+from beamdesign.checker.roots import ZERO, Pair, Polynomials
 
 FIGURES = (
     "outer_stiffness_N_per_m", "outer_mass_kg", "outer_damping_N_s_per_m", "inner_stiffness_N_per_m", "inner_mass_kg",
@@ -29,30 +30,8 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}", re.ASCII)
 ONCE: Pair = (fmpq(1), fmpq(1))
 """A factor of one."""
 
-Weights = Mapping[str, fmpq]
-"""A motion: weights of coordinates and points."""
-
-
-class Elements:
-    """What effects add to the parts of the rig, with numbers.
-
-    Attributes:
-        impedances: motions, and polynomials of what resists them, N/m, N s/m, kg.
-        points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip.
-        oil: factor on the stiffness of the oil.
-        spool: spring on the spool, relative to the pilot's.
-        asymmetry: of the piston's sides.
-        volts: numerators and denominators of what filters the sensor's volts.
-    """
-
-    def __init__(self) -> None:
-        self.impedances: list[tuple[Weights, fmpq_poly]] = []
-        self.points: dict[str, dict[str, fmpq]] = {"tip": {}, "rod": {}, "base": {}, "sensed": {}}
-        self.oil, self.spool, self.asymmetry = fmpq(1), fmpq(0), fmpq(0)
-        self.volts: list[Polynomials] = []
-
-
-Values = Mapping[str, fmpq]
+Values = Mapping[str, Number]
+"""Of spans, by name."""
 
 
 def _affine(text: Any, place: str) -> "dict[str, fmpq]":
@@ -74,7 +53,7 @@ class Entry:
         if unknown := sorted(self._parts.keys() - {"", *spans}):
             raise Unreadable(f"{place}: no span {', '.join(unknown)}")
 
-    def at(self, values: Values) -> fmpq:
+    def at(self, values: Values) -> Number:
         """Its value at some values of the spans."""
         return sum((c * values[name] if name else c for name, c in self._parts.items()), fmpq(0))
 
@@ -131,30 +110,22 @@ class Effect:
         return {name: self._entry(table, name) for name in table.keys}
 
     def add_to(self, total: Elements, values: Values) -> None:
-        """Add its elements, at some values of its spans."""
+        """Add its elements, at some values of its spans, which may be variables."""
 
-        def weights(table: Mapping[str, Entry]) -> Weights:
+        def weights(table: Mapping[str, Entry]) -> dict[str, Number]:
             return {name: entry.at(values) for name, entry in table.items()}
 
-        def polynomial(entries: Sequence[Entry]) -> fmpq_poly:
-            return fmpq_poly([entry.at(values) for entry in entries])
+        def coefficients(entries: Sequence[Entry]) -> list[Number]:
+            return [entry.at(values) for entry in entries]
 
-        total.impedances += [(weights(motion), polynomial(resists)) for motion, resists in self._impedances]
-        total.volts += [(polynomial(above), polynomial(below)) for above, below in self._volts]
+        total.impedances += [(weights(motion), coefficients(resists)) for motion, resists in self._impedances]
+        total.volts += [(coefficients(above), coefficients(below)) for above, below in self._volts]
         for at, table in self._points.items():
-            _add(total.points[at], weights(table))
+            add_weights(total.points[at], weights(table))
         scalar = {key: entry.at(values) for key, entry in self._scalars.items()}
         total.oil *= scalar.get("oil", fmpq(1))
         total.spool += scalar.get("spool", fmpq(0))
         total.asymmetry += scalar.get("asymmetry", fmpq(0))
-        sound = total.oil > 0 and total.spool >= 0 and -1 < total.asymmetry < 1
-        if not sound or any(low == 0 for _, low in total.volts):
-            raise Unreadable(f"effect {self.name}: its elements are of no rig")
-
-
-def _add(weights: dict[str, fmpq], more: Weights) -> None:
-    for name, weight in more.items():
-        weights[name] = weights.get(name, fmpq(0)) + weight
 
 
 def _span(table: Table) -> Span:
@@ -198,23 +169,6 @@ class Loop:
     def closed(self) -> Polynomials:
         """The characteristic polynomial at a factor of one."""
         return self.opened[0] + self.returned[0], self.opened[1] + self.returned[1]
-
-
-@dataclass(frozen=True)
-class Mechanics:
-    """Beams, mount, rod and oil: the determinant, and numerators over it.
-
-    Attributes:
-        opened: the determinant.
-        moved: what a force on the tip does to the tip, m/N.
-        sensed: what a flow does to what is sensed, by its name; of the displacement per volt of the sensor, in m.
-        crossed: of each of them, what a force and a flow together do: determinants with both columns replaced.
-    """
-
-    opened: fmpq_poly
-    moved: fmpq_poly
-    sensed: dict[str, fmpq_poly]
-    crossed: dict[str, fmpq_poly]
 
 
 class Rig:
@@ -280,9 +234,7 @@ class Rig:
             values: list[dict[str, fmpq]] = [{} for _ in self.effects]
             for (k, name, _), value in zip(places, chosen, strict=True):
                 values[k][name] = value
-            total = Elements()
-            for effect, own in zip(self.effects, values, strict=True):
-                effect.add_to(total, own)
+            total = self.elements(values)
             performs = all(
                 span.performing[0] <= value <= span.performing[1]
                 for (_, _, span), value in zip(places, chosen, strict=True)
@@ -293,30 +245,34 @@ class Rig:
             )
             yield self._loop(", ".join(named), total, gain, performing if performs else None)
 
+    def elements(self, values: Sequence[Values]) -> Elements:
+        """Those of all effects, at numbers for the spans of each.
+
+        Raises:
+            Unreadable: where they are of no rig.
+        """
+        total = Elements()
+        for effect, own in zip(self.effects, values, strict=True):
+            effect.add_to(total, own)
+            sound = total.oil > 0 and total.spool >= 0 and -1 < total.asymmetry < 1
+            if not sound or not all(any(below) for _, below in total.volts):
+                raise Unreadable(f"effect {effect.name}: its elements are of no rig")
+        return total
+
     def _loop(self, name: str, elements: Elements, gain: Pair, performing: Pair | None) -> Loop:
         """The polynomials of one combination."""
-        law, figure = self.law, self.figures
+        law = self.law
         if law is None:
             raise Unreadable("[controller] is not one law")
-        bare, loaded = (self._mechanics(elements, fmpq(mass), list(law.numerators)) for mass in (0, 1))
-        valve = figure["valve_frequency_rad_per_s"]
-        spool = fmpq_poly([valve**2 * (1 + elements.spool), 2 * figure["valve_damping_ratio"] * valve, 1])
-        drive = figure["flow_gain_m3_per_s_per_A"] * valve**2
-        forward, lags = drive * figure["sensor_gain_V_per_m"] * law.numerators[SENSED[0]], ONE
-        if "filter_frequency_rad_per_s" in figure:
-            forward *= figure["filter_frequency_rad_per_s"]
-            lags *= S + figure["filter_frequency_rad_per_s"]
-        for above, below in elements.volts:
-            forward, lags = forward * above, lags * below
-        # What added sensors read passes none of the lags of the displacement's volts.
-        back = {SENSED[0]: forward} | {
-            name: drive * law.numerators[name] * lags for name in SENSED[1:] if name in law.numerators
-        }
-        around = spool * law.denominator * lags
+        bare, loaded = (
+            mechanics(self.figures, elements, (fmpq(mass), self.inner_end_mass), list(law.numerators), fmpq_poly)
+            for mass in (0, 1)
+        )
+        around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
         if bare.opened.degree() + around.degree() > HIGHEST_DEGREE:
             raise Unreadable(f"its loop is of a higher degree than {HIGHEST_DEGREE}")
         returned, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
-        own = tuple(forward * at.sensed[SENSED[0]] for at in (bare, loaded))
+        own = tuple(back[SENSED[0]] * at.sensed[SENSED[0]] for at in (bare, loaded))
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
         return Loop(
             name,
@@ -329,111 +285,32 @@ class Rig:
             performing,
         )
 
-    def _mechanics(self, elements: Elements, mass: fmpq, sensed: Sequence[str]) -> Mechanics:
-        """Beams and oil, and what effects are made of, with a mass on the outer tip.
 
-        The unknowns are the outer beam's first mode, the inner tip, the force of the oil, or of each chamber, and what
-        the elements name beside; each has one equation.
-        """
-        figure = self.figures
-        leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
-        # Both chambers show only where their sides differ and leak; else they act as one.
-        uneven = elements.asymmetry if leak != 0 else fmpq(0)
-        chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": fmpq(1)}
-        added = elements.points
-        points: dict[str, dict[str, fmpq]] = {"tip": {"first": fmpq(1)}, "rod": {"inner": fmpq(1)}, "base": {}}
-        for point, weights in points.items():
-            _add(weights, added[point])
-        points["sensed"] = dict(points["tip"])
-        _add(points["sensed"], added["sensed"])
+def electronics(
+    figure: Mapping[str, Number],
+    elements: Elements,
+    numerators: Mapping[str, Polynomial],
+    denominator: Polynomial,
+    ring: Ring,
+) -> tuple[Polynomial, dict[str, Polynomial]]:
+    """Controller, filters and valve from what is sensed to a flow: their denominator, and numerators by what is sensed.
 
-        def motion(weights: Mapping[str, fmpq]) -> dict[str, fmpq]:
-            """In coordinates alone."""
-            total: dict[str, fmpq] = {}
-            for name, weight in weights.items():
-                for coordinate, share in points.get(name, {name: fmpq(1)}).items():
-                    total[coordinate] = total.get(coordinate, fmpq(0)) + weight * share
-            return total
-
-        def parts() -> Iterator[tuple[dict[str, fmpq], fmpq_poly]]:
-            """What moves, and the impedance against it."""
-            one = fmpq(1)
-            for side in ("outer", "inner"):
-                own = {"outer": "first", "inner": "inner"}[side]
-                bending = [figure[f"{side}_stiffness_N_per_m"], figure[f"{side}_damping_N_s_per_m"]]
-                yield motion({own: one, "base": -one}), fmpq_poly(bending)
-            yield {"first": one}, fmpq_poly([0, 0, figure["outer_mass_kg"]])
-            yield {"inner": one}, fmpq_poly([0, 0, figure["inner_mass_kg"] + self.inner_end_mass])
-            yield points["tip"], fmpq_poly([0, 0, mass])
-            yield from ((motion(moved), resists) for moved, resists in elements.impedances)
-
-        network = list(parts())
-        names = list(dict.fromkeys(["first", "inner", *chambers, *(name for moved, _ in network for name in moved)]))
-        rows: dict[str, dict[str, fmpq_poly]] = {name: {} for name in names}
-
-        def add(row: str, column: str, value: fmpq_poly) -> None:
-            rows[row][column] = rows[row].get(column, ZERO) + value
-
-        for moved_by, impedance in network:
-            for row, share in moved_by.items():
-                for column, weight in moved_by.items():
-                    add(row, column, share * weight * impedance)
-        stroke, tip = motion({"tip": fmpq(1), "rod": fmpq(-1)}), points["tip"]
-        count = len(chambers)
-        for name, side in chambers.items():  # each adds a force to the cylinder, towards its own end
-            for row, weight in stroke.items():
-                add(row, name, -weight * ONE)
-                add(name, row, weight * S)
-            spring = elements.oil * figure["oil_stiffness_N_per_m"] * side / count
-            add(name, name, fmpq_poly([count * leak / (area * side) ** 2, 1 / spring]))
-        matrix = [[rows[row].get(column, ZERO) for column in names] for row in names]
-
-        def replaced(columns: Mapping[str, Sequence[fmpq]]) -> fmpq_poly:
-            """The determinant with the columns of some unknowns replaced by what drives each equation."""
-            return _determinant(
-                [
-                    [fmpq_poly([columns[name][k]]) if name in columns else row[j] for j, name in enumerate(names)]
-                    for k, row in enumerate(matrix)
-                ]
-            )
-
-        def moved(by: Sequence[fmpq], seen: Mapping[str, fmpq]) -> fmpq_poly:
-            """Numerator of a sum of coordinates over the forces that drive each equation."""
-            return sum((weight * replaced({name: by}) for name, weight in seen.items() if name in names), ZERO)
-
-        def crossed(seen: Mapping[str, fmpq]) -> fmpq_poly:
-            """The tip by a force and a sum of coordinates by a flow, in one determinant."""
-            total = ZERO
-            for one, share in tip.items():
-                for name, weight in seen.items():
-                    if name in names and name != one:
-                        total += share * weight * replaced({one: force, name: flow})
-            return total
-
-        flow = [1 / area if name in chambers else fmpq(0) for name in names]
-        force = [tip.get(name, fmpq(0)) for name in names]
-        # A chamber's unknown is its force; its pressure acts on its own side, and the two against each other.
-        pressure = {name: (1 / (area * side)) for name, side in chambers.items()}
-        read = {
-            "displacement_m": points["sensed"],
-            "inner_displacement_m": {"inner": fmpq(1)},
-            "load_pressure_Pa": pressure,
-        }
-        seen = {name: read[name] for name in sensed}
-        return Mechanics(
-            _determinant(matrix),
-            moved(force, tip),
-            {name: moved(flow, where) for name, where in seen.items()},
-            {name: crossed(where) for name, where in seen.items()},
-        )
-
-
-def _determinant(matrix: Sequence[Sequence[fmpq_poly]]) -> fmpq_poly:
-    """Determinant of a matrix of polynomials, interpolated from its values."""
-    degree = sum(max(max(entry.degree() for entry in row), 0) for row in matrix)
-    n, total, basis = len(matrix), ZERO, ONE
-    for point in (fmpq(k) for k in range(degree + 1)):
-        value = fmpq_mat(n, n, [entry(point) for row in matrix for entry in row]).det()
-        total += basis * ((value - total(point)) / basis(point))
-        basis *= S - point
-    return total
+    Args:
+        figure: lumped figures, by name with unit.
+        elements: of all effects.
+        numerators: of the controller, by what they sense.
+        denominator: of the controller.
+        ring: of the polynomials.
+    """
+    valve = figure["valve_frequency_rad_per_s"]
+    spool = ring([valve**2 * (1 + elements.spool), 2 * figure["valve_damping_ratio"] * valve, 1])
+    drive = figure["flow_gain_m3_per_s_per_A"] * valve**2
+    forward, lags = drive * figure["sensor_gain_V_per_m"] * numerators[SENSED[0]], ring([1])
+    if "filter_frequency_rad_per_s" in figure:
+        forward *= figure["filter_frequency_rad_per_s"]
+        lags *= ring([figure["filter_frequency_rad_per_s"], 1])
+    for above, below in elements.volts:
+        forward, lags = forward * ring(above), lags * ring(below)
+    # What added sensors read passes none of the lags of the displacement's volts.
+    back = {name: drive * numerators[name] * lags for name in SENSED[1:] if name in numerators}
+    return spool * denominator * lags, {SENSED[0]: forward} | back

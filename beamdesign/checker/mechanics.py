@@ -1,0 +1,197 @@
+"""Impedances of the rig's parts and of what effects add, by Cramer's rule: over numbers, or over parameters.
+
+A figure is a rational, or a polynomial in the parameters that vary; what is made of figures is then a polynomial in s
+alone, or in s and these parameters. Nothing is divided by a figure, so that one piece of code serves both.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flint import fmpq
+
+from beamdesign.checker.reading import Unreadable
+
+MOST_COORDINATES = 24
+
+Number = Any
+"""A rational, or a polynomial in parameters."""
+Polynomial = Any
+"""In s, or in s and parameters."""
+Ring = Callable[[Sequence[Number]], Polynomial]
+"""Makes a polynomial of the coefficients of s^0, s^1, ..., such as fmpq_poly."""
+Weights = Mapping[str, Number]
+"""A motion: weights of coordinates and points."""
+
+
+class Elements:
+    """What effects add to the parts of the rig.
+
+    Attributes:
+        impedances: motions, and what resists them: spring, dashpot and mass, N/m, N s/m, kg.
+        points: what is added to the motion of "tip", "rod" and "base", and "sensed" to what the sensor sees of the tip.
+        oil: factor on the stiffness of the oil.
+        spool: spring on the spool, relative to the pilot's.
+        asymmetry: of the piston's sides.
+        volts: numerators and denominators of what filters the sensor's volts, coefficients of s^0, s^1, ...
+    """
+
+    def __init__(self) -> None:
+        self.impedances: list[tuple[Weights, Sequence[Number]]] = []
+        self.points: dict[str, dict[str, Number]] = {"tip": {}, "rod": {}, "base": {}, "sensed": {}}
+        self.oil: Number = fmpq(1)
+        self.spool: Number = fmpq(0)
+        self.asymmetry: Number = fmpq(0)
+        self.volts: list[tuple[Sequence[Number], Sequence[Number]]] = []
+
+
+def add_weights(weights: dict[str, Number], more: Weights) -> None:
+    """Add a motion to another."""
+    for name, weight in more.items():
+        weights[name] = weights.get(name, fmpq(0)) + weight
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """Beams, mount, rod and oil: the determinant, and numerators over it.
+
+    Attributes:
+        opened: the determinant.
+        moved: what a force on the tip does to the tip, m/N.
+        sensed: what a flow does to what is sensed, by its name; of the displacement per volt of the sensor, in m.
+        crossed: of each of them, what a force and a flow together do: determinants with both columns replaced.
+    """
+
+    opened: Polynomial
+    moved: Polynomial
+    sensed: dict[str, Polynomial]
+    crossed: dict[str, Polynomial]
+
+
+def mechanics(
+    figure: Mapping[str, Number],
+    elements: Elements,
+    end_masses: tuple[Number, Number],
+    sensed: Sequence[str],
+    ring: Ring,
+    disturbed: bool = True,
+) -> Mechanics:
+    """Beams and oil, and what effects are made of, with masses on the outer and the inner tip.
+
+    The unknowns are the outer beam's first mode, the inner tip, the pressure of the oil, or of each chamber, and what
+    the elements name beside; each has one equation, which for a chamber is that of its flow times its side and spring.
+
+    Args:
+        figure: lumped figures, by name with unit.
+        elements: of all effects.
+        end_masses: outer and inner, kg.
+        sensed: names of what is sensed.
+        ring: of the polynomials.
+        disturbed: whether to work out what a force on the tip does.
+    """
+    none, one = ring([]), fmpq(1)
+    leak, area = figure["leakage_m3_per_s_per_Pa"], figure["piston_area_m2"]
+    # Both chambers show only where their sides differ and leak; else they act as one.
+    uneven = elements.asymmetry if leak != 0 else fmpq(0)
+    chambers = {"oil_a": 1 + uneven, "oil_b": 1 - uneven} if uneven != 0 else {"oil": one}
+    points: dict[str, dict[str, Number]] = {"tip": {"first": one}, "rod": {"inner": one}, "base": {}}
+    for point, weights in points.items():
+        add_weights(weights, elements.points[point])
+    points["sensed"] = dict(points["tip"])
+    add_weights(points["sensed"], elements.points["sensed"])
+
+    def motion(weights: Weights) -> dict[str, Number]:
+        """In coordinates alone."""
+        total: dict[str, Number] = {}
+        for name, weight in weights.items():
+            for coordinate, share in points.get(name, {name: one}).items():
+                total[coordinate] = total.get(coordinate, fmpq(0)) + weight * share
+        return total
+
+    def parts() -> Iterator[tuple[dict[str, Number], Polynomial]]:
+        """What moves, and the impedance against it."""
+        for side, own in (("outer", "first"), ("inner", "inner")):
+            bending = [figure[f"{side}_stiffness_N_per_m"], figure[f"{side}_damping_N_s_per_m"]]
+            yield motion({own: one, "base": -one}), ring(bending)
+        yield {"first": one}, ring([0, 0, figure["outer_mass_kg"]])
+        yield {"inner": one}, ring([0, 0, figure["inner_mass_kg"] + end_masses[1]])
+        yield points["tip"], ring([0, 0, end_masses[0]])
+        yield from ((motion(moved), ring(resists)) for moved, resists in elements.impedances)
+
+    network = list(parts())
+    names = list(dict.fromkeys(["first", "inner", *chambers, *(name for moved, _ in network for name in moved)]))
+    if len(names) > MOST_COORDINATES:
+        raise Unreadable(f"the elements of effects have more than {MOST_COORDINATES} coordinates")
+    rows: dict[str, dict[str, Polynomial]] = {name: {} for name in names}
+
+    def add(row: str, column: str, value: Polynomial) -> None:
+        rows[row][column] = rows[row].get(column, none) + value
+
+    for moved_by, impedance in network:
+        for row, share in moved_by.items():
+            for column, weight in moved_by.items():
+                add(row, column, share * weight * impedance)
+    stroke, tip = motion({"tip": one, "rod": -one}), points["tip"]
+    count = len(chambers)
+    spring = elements.oil * figure["oil_stiffness_N_per_m"] / count
+    flow = [fmpq(0)] * len(names)
+    for name, side in chambers.items():  # each pushes on the cylinder, towards its own end
+        for row, weight in stroke.items():
+            add(row, name, ring([-weight * area * side]))
+            add(name, row, ring([0, weight * area * side * spring]))
+        add(name, name, ring([count * leak * spring, area * area * side]))
+        flow[names.index(name)] = side * spring
+    matrix = [[rows[row].get(column, none) for column in names] for row in names]
+
+    def replaced(columns: Mapping[str, Sequence[Number]]) -> Polynomial:
+        """The determinant with the columns of some unknowns replaced by what drives each equation."""
+        return determinant(
+            [
+                [ring([columns[name][k]]) if name in columns else row[j] for j, name in enumerate(names)]
+                for k, row in enumerate(matrix)
+            ],
+            ring,
+        )
+
+    def moved(by: Sequence[Number], seen: Weights) -> Polynomial:
+        """Numerator of a sum of coordinates over the forces that drive each equation."""
+        return sum((weight * replaced({name: by}) for name, weight in seen.items() if name in names), none)
+
+    def crossed(seen: Weights) -> Polynomial:
+        """The tip by a force and a sum of coordinates by a flow, in one determinant."""
+        total = none
+        for first, share in tip.items():
+            for name, weight in seen.items():
+                if name in names and name != first:
+                    total += share * weight * replaced({first: force, name: flow})
+        return total
+
+    force = [tip.get(name, fmpq(0)) for name in names]
+    read = {
+        "displacement_m": points["sensed"],
+        "inner_displacement_m": {"inner": one},
+        "load_pressure_Pa": dict.fromkeys(chambers, one),
+    }
+    seen = {name: read[name] for name in sensed}
+    return Mechanics(
+        determinant(matrix, ring),
+        moved(force, tip) if disturbed else none,
+        {name: moved(flow, where) for name, where in seen.items()},
+        {name: crossed(where) for name, where in seen.items()} if disturbed else {},
+    )
+
+
+def determinant(matrix: Sequence[Sequence[Polynomial]], ring: Ring) -> Polynomial:
+    """Determinant of a matrix of polynomials, by elimination without fractions (Bareiss, 1968)."""
+    rows, before, sign = [list(row) for row in matrix], ring([1]), 1
+    for k in range(len(rows) - 1):
+        pivot = next((i for i in range(k, len(rows)) if rows[i][k] != 0), None)
+        if pivot is None:
+            return ring([])
+        if pivot != k:
+            rows[k], rows[pivot], sign = rows[pivot], rows[k], -sign
+        for i in range(k + 1, len(rows)):
+            for j in range(k + 1, len(rows)):
+                rows[i][j] = (rows[k][k] * rows[i][j] - rows[i][k] * rows[k][j]) / before
+        before = rows[k][k]
+    return sign * rows[-1][-1]
