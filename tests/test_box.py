@@ -6,6 +6,7 @@ from math import atan, pi, sqrt
 
 import numpy as np
 import pytest
+from beamdesign.proof.replay_box import Statement, replay, unstable_roots
 from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import loop
@@ -13,7 +14,6 @@ from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proof import replay_box
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.replay_box import Statement, replay, unstable_roots
 from beamdesign.proof.rig_family import Family
 from beamdesign.proof.scaling import largest_scaling
 from beamdesign.proof.stability import stable_ranges

@@ -7,13 +7,13 @@ import subprocess
 import sys
 
 import pytest
+from beamdesign.proof.replay_box import Malformed, replay
 from flint import fmpq
 
 from beamdesign.polynomial import exact
 from beamdesign.proof import replay_box
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.branch import Search
-from beamdesign.proof.replay_box import Malformed, replay
 from beamdesign.proof.rig_family import Family
 
 CUBIC = Family("cubic", "s**3 + 2*s**2 + s + q", {"q": fmpq(1, 2)})

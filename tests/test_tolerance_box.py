@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beamdesign.proof.replay_box import Cell, growth, member, replay
 from flint import ctx, fmpq
 from typer.testing import CliRunner
 
@@ -16,7 +17,6 @@ from beamdesign.polynomial import exact, is_hurwitz, squared_magnitude
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proof import replay_box
 from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.replay_box import Cell, growth, member, replay
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.scaling import largest_scaling
 from beamdesign.proof.tolerance_box import tolerance_box

@@ -149,7 +149,7 @@ def _with(part: _Parametric, known: Mapping[int, fmpq]) -> _Parametric:
 
 
 def _written(part: _Parametric) -> str:
-    """As `replay_box` reads it."""
+    """As `beamdesign.proof.box_statement` reads it."""
     terms = []
     for powers, polynomial in part.items():
         factors = "".join(f"*{name}**{power}" for name, power in zip(NAMES, powers, strict=True) if power)

@@ -28,11 +28,14 @@ __all__ = ["KINDS", "VERSION", "Unreadable", "Verdict", "check"]
 VERSION = 2
 KINDS = {
     "beamdesign.arm_plane": "arm",
+    "beamdesign.box": "box",
     "beamdesign.contact": "contact",
+    "beamdesign.expression_box": "box",
     "beamdesign.mass_range": "mass_range",
     "beamdesign.stages": "stages",
 }
 """Kinds of certificates, and the file of this package that proves what each states."""
+OF_NO_RIG = ("beamdesign.expression_box",)
 PRECISION_BITS = 256
 
 
@@ -91,13 +94,15 @@ def check(
     room = import_module(f"{__name__}.{KINDS[kind]}")
     try:
         with ctx.workprec(PRECISION_BITS):
-            rig = Rig(table)
+            rig = None if kind in OF_NO_RIG else Rig(table)
             given = None if prototype is None else _given(prototype, table)
-            results = [sealed(table, text), *rig.statements(), *room.statements(table, rig)]
+            results = [sealed(table, text), *(rig.statements() if rig else ()), *room.statements(table, rig)]
             unread = ["lines that begin with #, in which nothing is proved"] if any(comments(text)) else []
-            if given is None or "effect" not in given:
+            if rig is not None and (given is None or "effect" not in given):
                 unread += rig.left_open()
-            if given is not None:
+            if given is not None and rig is None:
+                results.append((False, "not of this prototype: it is of an expression, and of no rig"))
+            elif given is not None and rig is not None:
                 others = [(False, f"not of this prototype: {words}") for words in differences(table, rig, given)]
                 results += others or [(True, "it is of this prototype")]
                 results += _named(given, data, source)

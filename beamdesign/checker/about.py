@@ -15,15 +15,23 @@ _ASKED = {
         "torsional_stiffness_N_m_per_rad", "torsional_damping_ratio", "second_controller",
     ),
     "compliance": ("end_stiffness_N_per_m", "force_filter_Hz", "servo"),
+    "tolerance": (
+        "stiffness", "effective_mass", "beam_damping_ratio", "oil_stiffness", "piston_area", "flow_gain", "leakage",
+        "valve_natural_frequency", "valve_damping_ratio", "sensor_gain", "sensor_filter", "outer_end_mass",
+        "inner_end_mass",
+    ),
 }  # fmt: skip
 _ALLOY = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
 _LENGTHS = {"outer_end_mass_kg": 2, "offset_m": 3, "tool_m": 3, "sensor_m": 3}
 _LAWS = ("second_controller", "servo")
 
 
-def about(table: Table, rig: Rig) -> Iterator[str]:
+def about(table: Table, rig: Rig | None) -> Iterator[str]:
     """The rig as it is stated, a line for each part, figures with their units in their names."""
     yield f"label (not proved): {table.word('name')[:200]!r}"
+    if rig is None:
+        yield "an expression, and no rig"
+        return
     figures = ", ".join(f"{name} {short(value)}" for name, value in rig.figures.items())
     yield f"rig: {figures}, inner_end_mass_kg {short(rig.inner_end_mass)}"
     if (controller := rig.law or rig.schedule) is not None:

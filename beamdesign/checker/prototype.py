@@ -38,8 +38,8 @@ SCHEDULED: dict[str, Any] = {
     },
 }
 """What a controller of several stages says likewise."""
-TABLES = ("payload", "goal", "arm", "compliance")
-"""Tables that a certificate states as the prototype has them."""
+TABLES = ("payload", "goal", "arm", "compliance", "tolerance")
+"""Tables that a certificate states as the prototype has them, tolerances where it is about them."""
 
 
 def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
@@ -77,6 +77,8 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
             given_table = DEFAULTS.get(name, {}) | given_table
         if name == "payload" and rig.law is not None and _table(prototype, "controller").get("stage"):
             given_table = given_table | {"outer_end_mass_kg": _within(given_table, stated_table)}
+        if name == "tolerance":  # none is as much as zero, and nothing stated is nothing that was proved of it
+            given_table = {key: value for key, value in given_table.items() if value and stated_table}
         if not same(stated_table, given_table):
             yield f"[{name}] is not that of the prototype"
     if rig.inner_end_mass != _number(_of(prototype, "payload", "inner_end_mass_kg"), "payload.inner_end_mass_kg"):
@@ -86,8 +88,10 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
 def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
     """What cannot be told from the prototype's table alone, and what it asks for beyond what is proved, in words."""
     asked = _of(prototype, "payload", "outer_end_mass_kg")
-    if isinstance(asked, list) and len(asked) == 2 and "outer_end_mass_kg" in table:
-        low, high = table.range("outer_end_mass_kg")
+    box = table.optional("range").whole_of_it()
+    at = (Table(box), "outer_end_mass") if box else (table, "outer_end_mass_kg")
+    if isinstance(asked, list) and len(asked) == 2 and at[1] in at[0]:
+        low, high = at[0].range(at[1])
         if not low <= _number(asked[0], "payload") <= _number(asked[1], "payload") <= high:
             yield f"the prototype's payloads, {asked[0]:g} to {asked[1]:g} kg, are not all within those proved"
     if "material" in table and "material" not in prototype:

@@ -1,19 +1,22 @@
 """Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with volumes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf, pi
 
 from flint import ctx, fmpq
 
 from beamdesign.polynomial import exact, roots
-from beamdesign.proof.box_document import box_document
+from beamdesign.proof.box_member import member
+from beamdesign.proof.box_statement import Interval, Statement
+from beamdesign.proof.box_tables import box_certificate
 from beamdesign.proof.box_volumes import Volumes, verdict_at, volumes_of
 from beamdesign.proof.branch import Search
 from beamdesign.proof.rational import nearest, text
 from beamdesign.proof.refute import refutes, unstable_member
-from beamdesign.proof.replay_box import PRECISION_BITS, Interval, Piece, Statement, holds, member, pieces
 from beamdesign.proof.rig_family import Family, rig_family
+from beamdesign.proof.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
 
 _ENOUGH = 1e-4
@@ -91,7 +94,6 @@ class BoxVerdict:
         box: the box.
         pieces: number of pieces of (frequency, parameters) that were proved to be free of roots on the axis.
         looked_at: number of pieces the search looked at.
-        certificate: text that `replay_box` proves again; empty where the verdict is None.
     """
 
     stable: bool | None
@@ -101,7 +103,16 @@ class BoxVerdict:
     box: Box
     pieces: int
     looked_at: int
-    certificate: str = field(repr=False)
+    write: Callable[[], str] = field(repr=False, compare=False)
+
+    @cached_property
+    def certificate(self) -> str:
+        """Text that `beamdesign.checker` proves again; empty where the verdict is None.
+
+        Raises:
+            InputError: for effects whose elements no certificate states.
+        """
+        return self.write()
 
 
 def certify_box(
@@ -129,17 +140,20 @@ def certify_box(
     family = rig_family(subject) if isinstance(subject, Prototype) else subject
     statement = family.over(box.ranges)
     nominal = {**family.values, **dict(zip(box.names, box.nominal, strict=True))}
+
+    def writer(point: Mapping[str, fmpq], tree: Sequence[str] | None) -> Callable[[], str]:
+        return lambda: box_certificate(subject, family, statement, point, tree)
+
     with ctx.workprec(PRECISION_BITS):
         point = nominal if refutes(statement, nominal) else unstable_member(statement)
         if point is not None and not volumes:
-            certificate = box_document(family, statement, point, None)
-            return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, certificate)
+            return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, writer(point, None))
         try:
             search = Search(statement)
         except ValueError as error:
             if not isinstance(subject, Prototype):
                 raise
-            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, "")
+            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, str)
         if point is None:
             search.run(budget, seconds)
         else:
@@ -151,15 +165,12 @@ def certify_box(
             witness = unstable_member(statement, [_middle(statement, piece) for piece in unsettled])
         point = point or witness
         if point is not None:
-            stable, reason = False, _of(statement, point, box)
-            certificate = box_document(family, statement, point, None)
+            stable, reason, write = False, _of(statement, point, box), writer(point, None)
         elif not unsettled and verdict_at(statement, nominal):
-            stable, reason = True, ""
-            certificate = box_document(family, statement, nominal, tree)
+            stable, reason, write = True, "", writer(nominal, tree)
         else:
-            stable, reason = None, _where(unsettled, shares, search.looked_at)
-            certificate = ""
-    return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, certificate)
+            stable, reason, write = None, _where(unsettled, shares, search.looked_at), str
+    return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, write)
 
 
 def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:

@@ -5,8 +5,10 @@ from typing import NamedTuple
 
 from flint import fmpq
 
+from beamdesign.proof.box_member import Undecided, is_stable, member
+from beamdesign.proof.box_statement import Interval, Statement
 from beamdesign.proof.refute import parameters_at
-from beamdesign.proof.replay_box import Interval, Piece, Statement, Undecided, is_stable, member
+from beamdesign.proof.zero_exclusion import Piece
 
 Cube = tuple[Interval, ...]
 """A sub-box as the shares of the varying variables' ranges."""

@@ -9,9 +9,10 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact
+from beamdesign.proof.box_statement import Node, Statement
 from beamdesign.proof.rational import nearest, text
-from beamdesign.proof.replay_box import ARC_PARTS, Cell, Node, Statement, coefficients, dominated
 from beamdesign.proof.value_set import Pieces, delays, hulls, pieces, support, values
+from beamdesign.proof.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
 
 TURN = 192
 """Directions of separating lines: multiples of a full turn over this."""
@@ -86,7 +87,7 @@ class Search:
 
     @property
     def tree(self) -> list[str]:
-        """The marks of `replay_box.pieces`, open pieces as "?"."""
+        """The marks of `zero_exclusion.pieces`, open pieces as "?"."""
         marks, stack = [], [self._root]
         while stack:
             node = stack.pop()

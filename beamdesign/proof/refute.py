@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from flint import fmpq
 
-from beamdesign.proof.replay_box import Statement, Undecided, is_stable, member_at
+from beamdesign.proof.box_member import Undecided, is_stable, member_at
+from beamdesign.proof.box_statement import Statement
 from beamdesign.proof.value_set import delays, values
 
 _PADE = 3

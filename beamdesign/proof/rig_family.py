@@ -9,9 +9,9 @@ from flint import fmpq, fmpq_mpoly_ctx
 from beamdesign.lumped import figures
 from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
+from beamdesign.proof.box_statement import Interval, Statement
 from beamdesign.proof.rational import text
 from beamdesign.proof.read_once import read_once
-from beamdesign.proof.replay_box import Interval, Statement
 from beamdesign.prototype import Prototype
 
 TRANSPORT = "transport"
@@ -20,7 +20,7 @@ _FACTOR = "effect_gain"
 
 @dataclass(frozen=True)
 class Family:
-    """A characteristic polynomial over parameters; the texts are those of `replay_box.Statement`.
+    """A characteristic polynomial over parameters; the texts are those of `box_statement.Statement`.
 
     Attributes:
         name: what it is of.

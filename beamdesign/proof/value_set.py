@@ -1,6 +1,6 @@
 """Hulls of the value set p(jw, q) over many pieces at once, in floats: the search that comes before the proof.
 
-Same construction as in `replay_box`, which proves in ball arithmetic what is found here; nothing here is a proof.
+Same construction as in `zero_exclusion`, which proves in ball arithmetic what is found here; nothing here is a proof.
 Arrays of points are (2, B, C, V): both ends of a frequency interval, B pieces, C control points of what is bound and V
 points whose convex hull holds the value.
 """
@@ -12,8 +12,9 @@ from math import comb
 import numpy as np
 from flint import fmpq
 
+from beamdesign.proof.box_statement import Node, Statement, Term
 from beamdesign.proof.rational import nearest
-from beamdesign.proof.replay_box import ARC_PARTS, Node, Statement, Term
+from beamdesign.proof.zero_exclusion import ARC_PARTS
 
 _TURN = (1.0, 1j, -1.0, -1j)
 

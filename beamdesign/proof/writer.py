@@ -22,7 +22,7 @@ _NOTES = {
 
 def certificate(
     kind: str,
-    prototype: Prototype,
+    subject: Prototype | str,
     body: Mapping[str, Any],
     summary: str,
     largest_outer_end_mass: float | None = None,
@@ -32,8 +32,8 @@ def certificate(
 
     Args:
         kind: of `beamdesign.checker.KINDS`.
-        prototype: the rig that it is about.
-        body: what it states of the rig: nested tables, with every number as text or a whole number.
+        subject: the rig that it is about, or the name of what is no rig.
+        body: what it states of it: nested tables, with every number as text or a whole number.
         summary: the result in words, put on top as a comment.
         largest_outer_end_mass: kg, as `rig_tables` takes it.
         notes: what to say above a table, by its name.
@@ -49,11 +49,14 @@ def certificate(
         f"version = {VERSION}",
         "",
     ]
-    tables = {"name": prototype.name} | rig_tables(prototype, largest_outer_end_mass) | dict(body)
+    name, rig = (
+        (subject, {}) if isinstance(subject, str) else (subject.name, rig_tables(subject, largest_outer_end_mass))
+    )
+    tables = {"name": name} | rig | dict(body)
     lines = tomli_w.dumps(tables).splitlines(keepends=True)
     words = {**_NOTES, **(notes or {})}
     for name, note in words.items():
-        heads = [k for k, line in enumerate(lines) if line.startswith((f"[{name}]", f"[[{name}]]", f"{name} = ["))]
+        heads = [k for k, line in enumerate(lines) if line.startswith((f"[{name}]", f"[[{name}]]", f"{name} = "))]
         if heads:
             lines[heads[0]] = f"# {note}\n{lines[heads[0]]}"
     above, below = "\n".join(head), "".join(lines)

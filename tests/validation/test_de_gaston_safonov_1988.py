@@ -6,12 +6,12 @@ Automatic Control 33 (1988) 156-171: plant 800 (1 + 0.1 d1) / (s (s + 4 + 0.2 d2
 """
 
 import pytest
+from beamdesign.proof.replay_box import member, replay
 from flint import fmpq
 
 from beamdesign.crossing import crossings
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.box import box_of
-from beamdesign.proof.replay_box import member, replay
 from beamdesign.proof.rig_family import Family
 from beamdesign.proof.scaling import largest_scaling
 

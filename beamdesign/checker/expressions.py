@@ -1,0 +1,315 @@
+"""Expressions that a certificate states: a polynomial p(s, q) as sums and products of leaves, and ranges for its q.
+
+A leaf is a polynomial in s and in variables or their reciprocals, written with + - * / ** of names and whole numbers. A
+variable is a parameter, or a group of parameters that enter by their sum or their product alone.
+"""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from math import comb, prod
+from typing import NamedTuple
+
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
+
+from beamdesign.checker.reading import LONGEST_LIST, Table, Unreadable
+from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials
+
+LONGEST_EXPRESSION = 15_000
+MOST_TERMS, HIGHEST_DEGREE, MOST_PRODUCTS = 2_000, 60, 1_000_000
+"""Terms of a leaf, power of a name, and terms of p over its parameters, all before anything is multiplied out."""
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,500}", re.ASCII)
+
+
+class Term(NamedTuple):
+    """coefficient * s^degree * product of variable^power, or of its reciprocal's power."""
+
+    coefficient: fmpq
+    degree: int
+    powers: dict[str, int]
+
+
+class Node(NamedTuple):
+    """Part of p: a "leaf" by its name, the "delay", or the "sum" or "product" of other parts.
+
+    `bound` says whether it depends on a leaf that is enumerated.
+    """
+
+    kind: str
+    name: str
+    parts: tuple["Node", ...]
+    bound: bool
+
+
+class Expression:
+    """What a certificate states of p: its text, its leaves and groups, and the ranges.
+
+    Attributes:
+        ranges: of each parameter.
+        variables: range of each variable.
+        reciprocal: variables that enter by their reciprocals.
+        enters: ranges of what enters, reciprocals where that is what does.
+        varying: variables that are not fixed.
+        leaves: by name.
+        packs: names of leaves that are enumerated over their control points, those in one pack on a common grid.
+        body: p over the leaves.
+        delay: the variable that is the delay in s, None where there is none.
+        groups: kind and members of a variable that stands for several parameters.
+    """
+
+    def __init__(self, table: Table) -> None:
+        stated = table.table("range")
+        self.ranges = {_name(name, stated): stated.range(name) for name in stated.keys}
+        self.groups: dict[str, tuple[str, list[str]]] = {}
+        for group in table.tables("group"):
+            self.groups[_name(group.word("name"), group)] = group.word("kind", "sum", "product"), group.words("members")
+        self.variables = self.merged(self.ranges)
+        texts, body = table.optional("leaf"), table.word("p")
+        leaves = {_name(name, texts): texts.word(name) for name in texts.keys} or {"p": body}
+        delays = table.optional("delay")
+        late = {_name(name, delays): delays.word(name) for name in delays.keys}
+        self.delay = next(iter(late.values()), None)
+        if len(late) > 1 or (self.delay is not None and not self.variables.get(self.delay, (-1,))[0] >= 0):
+            raise Unreadable("there may be one delay, which is not negative")
+        known = {"s", *late, *leaves}
+        if clash := sorted(
+            {*late} & {*leaves} | {"s"} & {*late, *leaves, *self.variables} | {*late} & {*self.variables}
+        ):
+            raise Unreadable(f"these names stand for more than one thing: {', '.join(clash)[:200]}")
+        self.packs = [Table({"pack": pack}, "bound").words("pack") for pack in _optional_list(table, "bound")]
+        enumerated = [name for pack in self.packs for name in pack]
+        if not all(self.packs) or len(set(enumerated)) < len(enumerated) or not {*enumerated} <= leaves.keys():
+            raise Unreadable("bound must hold lists of leaves, each leaf once")
+        trees = {name: _parsed(text, f"leaf.{name}") for name, text in leaves.items()}
+        self.reciprocal = {name for tree in trees.values() for name in _below(tree)}
+        self.transport = next(iter(late), "")
+        self._names = ["s", *late, *self.variables]
+        self.context = fmpq_mpoly_ctx.get(self._names, "lex")
+        variable = dict(zip(self._names, self.context.gens(), strict=True))
+        allowed = {name: value for name, value in variable.items() if name not in late}
+        self.polynomials = {"s": variable["s"]} | {
+            name: self._multiplied_out(tree, allowed) for name, tree in trees.items()
+        }
+        self.leaves = {name: self._terms(value) for name, value in self.polynomials.items()}
+        for name in self.reciprocal:
+            if not self.variables[name][0] > 0:
+                raise Unreadable(f"{name} enters by its reciprocal and must be positive")
+        self.enters = {n: (1 / b, 1 / a) if n in self.reciprocal else (a, b) for n, (a, b) in self.variables.items()}
+        self.varying = tuple(name for name, (low, high) in self.variables.items() if low < high)
+        tree = _parsed(body, "p") if texts.keys else ast.Name("p")
+        self.body = _structure(tree, known, late, {*enumerated})
+        packs = {name: str(k) for k, pack in enumerate(self.packs) for name in pack}
+        if any(power > 1 for power in _powers(self.body, packs).values()):
+            raise Unreadable("p must be affine in what is bound and in the delay")
+        self.components = {name: list(self._apart(terms)) for name, terms in self.leaves.items()}
+
+    def merged(self, parameters: Mapping[str, Pair]) -> dict[str, Pair]:
+        """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
+        ranges = dict(parameters)
+        for name, (kind, members) in self.groups.items():
+            if name in ranges or not members or len({*members}) < len(members) or not {*members} <= ranges.keys():
+                raise Unreadable(f"group {name} must be of parameters that are in no other")
+            ends = [ranges.pop(member) for member in members]
+            if kind == "product" and any(low < 0 for low, _ in ends):
+                raise Unreadable(f"group {name}: a factor may be negative")
+            start = fmpq(int(kind == "product"))
+            low, high = (
+                prod(side, start=start) if kind == "product" else sum(side, start) for side in zip(*ends, strict=True)
+            )
+            ranges[name] = low, high
+        return ranges
+
+    def _multiplied_out(self, tree: ast.expr, variable: Mapping[str, fmpq_mpoly]) -> fmpq_mpoly:
+        """A leaf, its reciprocals as variables."""
+        one = self.context.constant(1)
+
+        def above(node: ast.expr) -> fmpq_mpoly:
+            match node:
+                case ast.Constant(value=int(value)) if not isinstance(value, bool):
+                    return one * value
+                case ast.Name(id=name) if name in variable and name not in self.reciprocal:
+                    return variable[name]
+                case ast.UnaryOp(op=ast.USub(), operand=inner):
+                    return -above(inner)
+                case ast.BinOp(left=left, op=ast.Add(), right=right):
+                    return above(left) + above(right)
+                case ast.BinOp(left=left, op=ast.Sub(), right=right):
+                    return above(left) - above(right)
+                case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                    return above(left) * above(right)
+                case ast.BinOp(left=left, op=ast.Div(), right=right):
+                    return above(left) * below(right)
+                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
+                    return above(left) ** power
+            raise Unreadable(f"not a polynomial in s and what has a range: {ast.unparse(node)[:100]}")
+
+        def below(node: ast.expr) -> fmpq_mpoly:
+            match node:
+                case ast.Constant(value=int(value)) if value:
+                    return one / value
+                case ast.Name(id=name) if name in variable and name != "s":
+                    return variable[name]
+                case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                    return below(left) * below(right)
+                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
+                    return below(left) ** power
+            raise Unreadable(f"cannot be divided by: {ast.unparse(node)[:100]}")
+
+        return above(tree)
+
+    def _terms(self, polynomial: fmpq_mpoly) -> list[Term]:
+        found = []
+        for powers, c in polynomial.terms():
+            named = dict(zip(self._names, map(int, powers), strict=True))
+            found.append(Term(c, named.pop("s"), {name: power for name, power in named.items() if power}))
+        return found
+
+    def _apart(self, terms: Sequence[Term]) -> Iterator[tuple[dict[str, int], list[Term]]]:
+        """Terms that share no varying variable with the rest, and the degree in each of their variables."""
+        groups: list[tuple[set[str], list[Term]]] = []
+        for term in terms:
+            names, own = {*term.powers} & {*self.varying}, [term]
+            for other in [group for group in groups if group[0] & names]:
+                groups.remove(other)
+                names, own = names | other[0], other[1] + own
+            groups.append((names, own))
+        yield from ((degrees(own, sorted(names)), own) for names, own in groups)
+
+    def over_all(self) -> fmpq_mpoly:
+        """P multiplied out, with the delay's exponential as a variable, and as such what is a reciprocal."""
+
+        def size(node: Node) -> int:
+            inner = map(size, node.parts)
+            return sum(inner) if node.kind == "sum" else prod(inner, start=len(self.leaves.get(node.name, ())) or 1)
+
+        if size(self.body) > MOST_PRODUCTS:
+            raise Unreadable(f"p has more than {MOST_PRODUCTS} terms over its parameters")
+
+        def at(node: Node) -> fmpq_mpoly:
+            if node.kind == "delay":
+                return self.context.gen(self._names.index(self.transport))
+            if node.kind == "leaf":
+                return self.polynomials[node.name]
+            parts = [at(part) for part in node.parts]
+            start = self.context.constant(int(node.kind == "product"))
+            return prod(parts, start=start) if node.kind == "product" else sum(parts, start)
+
+        return at(self.body)
+
+    @cached_property
+    def degree(self) -> int:
+        """The highest power of s whose coefficient, without the delay, does not vanish for all of the box."""
+        whole = self.over_all()
+        fixed = {n: self.enters[n][0] for n in self.variables if n not in self.varying}
+        left = whole.subs(fixed | ({self.transport: 0} if self.transport else {}))
+        return max((int(powers[0]) for powers in left.monoms()), default=-1)
+
+    def member(self, parameters: Mapping[str, fmpq]) -> tuple[fmpq_poly, fmpq_poly, fmpq]:
+        """Plain part, late part that exp(-s delay) multiplies, and delay, at one value of every parameter."""
+        value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in self.merged(_points(parameters)).items()}
+
+        def at(node: Node) -> Polynomials:
+            if node.kind == "delay":
+                return ZERO, ONE
+            if node.kind == "leaf":
+                total = ZERO
+                for c, degree, powers in self.leaves[node.name]:
+                    total += fmpq_poly([0] * degree + [prod((value[n] ** e for n, e in powers.items()), start=c)])
+                return total, ZERO
+            plain, late = at(node.parts[0])
+            for part in node.parts[1:]:
+                more, later = at(part)
+                if node.kind == "sum":
+                    plain, late = plain + more, late + later
+                else:
+                    plain, late = plain * more, plain * later + late * more
+            return plain, late
+
+        return *at(self.body), fmpq(0) if self.delay is None else value[self.delay]
+
+
+def degrees(terms: Sequence[Term], names: Sequence[str]) -> dict[str, int]:
+    """The highest power of each variable."""
+    return {name: max(term.powers.get(name, 0) for term in terms) for name in names}
+
+
+def _points(parameters: Mapping[str, fmpq]) -> dict[str, Pair]:
+    return {name: (value, value) for name, value in parameters.items()}
+
+
+def _optional_list(table: Table, key: str) -> list[list[str]]:
+    return table.entries(key) if key in table else []
+
+
+def _name(name: str, table: Table) -> str:
+    if not _NAME.fullmatch(name) or len(table.keys) > LONGEST_LIST:
+        raise Unreadable(f"{table.place}: not a name, or too many: {name[:60]!r}")
+    return name
+
+
+def _parsed(text: str, place: str) -> ast.expr:
+    """The tree of an expression within the limits."""
+    if len(text) > LONGEST_EXPRESSION:
+        raise Unreadable(f"{place} is longer than {LONGEST_EXPRESSION} characters")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError) as error:
+        raise Unreadable(f"{place} is not an expression: {str(error)[:100]}") from error
+    terms, powers = _size(tree)
+    if terms > MOST_TERMS or max(powers.values(), default=0) > HIGHEST_DEGREE:
+        raise Unreadable(f"{place} comes to too many terms, or to too high powers")
+    return tree
+
+
+def _size(node: ast.AST) -> tuple[int, Counter[str]]:
+    """Terms of an expression when it is multiplied out, and the degree in every name, both at most."""
+    match node:
+        case ast.Name(id=name):
+            return 1, Counter({name: 1})
+        case ast.UnaryOp(operand=inner):
+            return _size(inner)
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
+            terms, powers = _size(left)
+            # The largest power first: a binomial coefficient of thousands is itself long work.
+            power = min(power, HIGHEST_DEGREE + 1)
+            return comb(terms + power - 1, power), Counter({name: power * e for name, e in powers.items()})
+        case ast.BinOp(left=left, op=operation, right=right):
+            (one, first), (other, second) = _size(left), _size(right)
+            if isinstance(operation, ast.Add | ast.Sub):
+                return one + other, first | second
+            return one * other, first + second
+    return 1, Counter()
+
+
+def _below(tree: ast.AST) -> set[str]:
+    """Names in denominators."""
+    quotients = (node for node in ast.walk(tree) if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div))
+    return {name.id for node in quotients for name in ast.walk(node.right) if isinstance(name, ast.Name)}
+
+
+def _structure(node: ast.expr, leaves: set[str], delays: Mapping[str, str], bound: set[str]) -> Node:
+    match node:
+        case ast.Name(id=name) if name in delays:
+            return Node("delay", delays[name], (), False)
+        case ast.Name(id=name) if name in leaves:
+            return Node("leaf", name, (), name in bound)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
+            kind = "sum" if isinstance(operation, ast.Add) else "product"
+            parts = [_structure(side, leaves, delays, bound) for side in (left, right)]
+            flat = tuple(p for part in parts for p in (part.parts if part.kind == kind else (part,)))
+            return Node(kind, "", flat, any(part.bound for part in flat))
+    raise Unreadable(f"p is not a sum or product of leaves: {ast.unparse(node)[:100]}")
+
+
+def _powers(node: Node, packs: Mapping[str, str]) -> Counter[str]:
+    """Degree in each pack of bound leaves and, under "delay", in the delay."""
+    if not node.parts:
+        key = "delay" if node.kind == "delay" else packs.get(node.name, "")
+        return Counter({key: 1} if key else {})
+    total = _powers(node.parts[0], packs)
+    for part in node.parts[1:]:
+        more = _powers(part, packs)
+        total = total | more if node.kind == "sum" else total + more
+    return total

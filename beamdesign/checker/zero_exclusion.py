@@ -1,0 +1,380 @@
+"""No root on the imaginary axis for any member of a box, piece by piece: the prover's method, own code.
+
+On a piece, frequencies from w1 to w2 and a box Q of parameters, p(jw, q) keeps to one side of a line through zero
+where it does so at w1 and w2 by more than it can stray from the chord between them, max |p''| (w2 - w1)^2 / 8. At one
+frequency the values lie in the convex hull of control points: every part of p that stands alone contributes its own,
+what stands in several places is enumerated (mapping theorem, Zadeh and Desoer, 1963), and powers of a parameter have
+Bernstein's coefficients, which are values of the polar form (Ramshaw, 1989). Above the last frequency the leading
+coefficient outweighs all others, so that none is lost either (Fujiwara, 1916).
+
+The tree of pieces is in prefix order: each cut is followed by its lower and its upper side, so that pieces fill the box
+by construction. A variable is cut in the middle of its range, or of its reciprocal's where it enters by that.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from math import comb, prod
+
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly
+
+from beamdesign.checker.expressions import Expression, Node, Term, degrees
+from beamdesign.checker.reading import Unreadable, rational, short
+from beamdesign.checker.roots import Pair, parts
+
+PRECISION_BITS = 96
+TANGENTS = 6
+"""Around the arc of exp(-jwT)."""
+MOST_POINTS = 200_000
+"""Control points of p on one piece."""
+MOST_WORK = 200_000_000
+"""Control points of p on all pieces."""
+
+Values = Mapping[str, Pair]
+"""Of each variable the range, as it enters."""
+
+
+class Frame:
+    """Control points of p at one frequency, over one cell.
+
+    Attributes:
+        choices: of what is enumerated, a value of every leaf.
+    """
+
+    def __init__(self, cell: "Cell", w: fmpq) -> None:
+        self.cell, self.w = cell, arb(w)
+        self._square = arb(w * w)
+        self._known: dict[tuple[int, int], list[acb]] = {}
+        packs = [self._pack(pack) for pack in cell.expression.packs]
+        self.choices = [{name: value for one in chosen for name, value in one.items()} for chosen in product(*packs)]
+        self._least: dict[tuple[int, int], arb] = {}
+
+    def _value(self, control: tuple[arb_poly, arb_poly]) -> acb:
+        even, odd = control
+        return acb(even(self._square), self.w * odd(self._square))
+
+    def _leaf(self, name: str) -> list[acb]:
+        """What lies along either axis makes two ends of a side; the rest adds its own points."""
+        points, sides = [acb(0)], [(arb(0), arb(0)), (arb(0), arb(0))]
+        for axis, controls in self.cell.controls(name):
+            values = [self._value(control) for control in controls]
+            if axis is None or len(values) == 1:
+                points = [a + b for a in points for b in values]
+            else:
+                along = [value.imag if axis else value.real for value in values]
+                low, high = along[0], along[0]
+                for number in along[1:]:
+                    low, high = low.min(number), high.max(number)
+                sides[axis] = sides[axis][0] + low, sides[axis][1] + high
+        corners = [acb(x, y) for x in _ends(sides[0]) for y in _ends(sides[1])]
+        return [point + corner for point in points for corner in corners]
+
+    def _pack(self, pack: Sequence[str]) -> list[dict[str, acb]]:
+        if len(pack) == 1:
+            return [{pack[0]: point} for point in self._leaf(pack[0])]
+        columns = [[self._value(control) for control in column] for column in self.cell.common(tuple(pack))]
+        return [dict(zip(pack, values, strict=True)) for values in zip(*columns, strict=True)]
+
+    def points(self, node: Node, choice: int) -> list[acb]:
+        """Control points of a part of p, with what is enumerated at one of its choices."""
+        key = id(node), choice if node.bound else -1
+        if key not in self._known:
+            self._known[key] = self._points(node, choice)
+        return self._known[key]
+
+    def _points(self, node: Node, choice: int) -> list[acb]:
+        if node.kind == "delay":
+            return self._arc(*self.cell.values[node.name])
+        if node.kind == "leaf":
+            return [self.choices[choice][node.name]] if node.bound else self._leaf(node.name)
+        found = self.points(node.parts[0], choice)
+        for part in node.parts[1:]:
+            others = self.points(part, choice)
+            found = [a + b if node.kind == "sum" else a * b for a in found for b in others]
+        return found
+
+    def _arc(self, least: fmpq, most: fmpq) -> list[acb]:
+        """The ends of the arc exp(-jwT), and corners of tangents around it."""
+        start, sweep = self.w * least, (self.w * (most - least)).min(2 * arb.pi())
+        if least == most:
+            return [_turned(start)]
+        part = sweep / (2 * TANGENTS)
+        corners = [_turned(start + (2 * k + 1) * part) / part.cos() for k in range(TANGENTS)]
+        return [_turned(start), *corners, _turned(start + sweep)]
+
+    def size(self, node: Node) -> arb:
+        """Upper bound of the size of a part of p at this frequency."""
+        most = arb(0)
+        for choice in range(len(self.choices)) if node.bound else (0,):
+            for point in self.points(node, choice):
+                most = most.max(point.real**2 + point.imag**2)
+        return most.sqrt()
+
+    def least(self, x: arb, y: arb) -> arb:
+        """Lower bound of the real part of p times x - jy."""
+        alone = self._sum([node for node in self.cell.summands if not node.bound], 0, x, y)
+        bound = [node for node in self.cell.summands if node.bound]
+        found = [self._sum(bound, choice, x, y) for choice in range(len(self.choices))]
+        least = found[0]
+        for number in found[1:]:
+            least = least.min(number)
+        return alone + least
+
+    def _sum(self, nodes: Sequence[Node], choice: int, x: arb, y: arb) -> arb:
+        total = arb(0)
+        for node in nodes:
+            along = [x * point.real + y * point.imag for point in self.points(node, choice)]
+            least = along[0]
+            for number in along[1:]:
+                least = least.min(number)
+            total += least
+        return total
+
+
+class Cell:
+    """A box of the variables, as they enter."""
+
+    def __init__(self, expression: Expression, values: Values) -> None:
+        self.expression, self.values = expression, dict(values)
+        self.summands = expression.body.parts if expression.body.kind == "sum" else (expression.body,)
+        self._controls: dict[str, list[tuple[int | None, list[tuple[arb_poly, arb_poly]]]]] = {}
+        self._common: dict[tuple[str, ...], list[list[tuple[arb_poly, arb_poly]]]] = {}
+        self._frames: dict[fmpq, Frame] = {}
+
+    def half(self, name: str, upper: bool) -> "Cell":
+        """The lower or the upper half in one variable."""
+        low, high = self.values[name]
+        middle = (low + high) / 2
+        return Cell(self.expression, self.values | {name: (middle, high) if upper else (low, middle)})
+
+    def frame(self, w: fmpq) -> Frame:
+        """At one frequency; the last few are kept, since pieces share their ends."""
+        if w not in self._frames:
+            if len(self._frames) > 3:
+                del self._frames[next(iter(self._frames))]
+            self._frames[w] = Frame(self, w)
+        return self._frames[w]
+
+    def controls(self, name: str) -> list[tuple[int | None, list[tuple[arb_poly, arb_poly]]]]:
+        """Of each part of a leaf that shares no variable with the rest, the axis along which it lies and its points."""
+        if name not in self._controls:
+            self._controls[name] = []
+            for powers, terms in self.expression.components[name]:
+                parities = {term.degree % 2 for term in terms}
+                self._controls[name].append((parities.pop() if len(parities) == 1 else None, self._grid(terms, powers)))
+        return self._controls[name]
+
+    def common(self, pack: tuple[str, ...]) -> list[list[tuple[arb_poly, arb_poly]]]:
+        """Of leaves that are enumerated together, the points of each on a grid of all their variables."""
+        if pack not in self._common:
+            leaves = self.expression.leaves
+            powers = common_degrees(self.expression, pack)
+            self._common[pack] = [self._grid(leaves[name], powers) for name in pack]
+        return self._common[pack]
+
+    def _grid(self, terms: Sequence[Term], powers: Mapping[str, int]) -> list[tuple[arb_poly, arb_poly]]:
+        """Even and odd part, on the axis, of the polynomial in s at each control point."""
+        found = []
+        for index in product(*(range(degree + 1) for degree in powers.values())):
+            at = dict(zip(powers, index, strict=True))
+            coefficients = [fmpq(0)] * (1 + max((term.degree for term in terms), default=0))
+            for c, degree, own in terms:
+                # A variable of the grid that a term lacks counts as its power of zero, which is one everywhere.
+                factors = (
+                    _polar(*self.values[name], powers[name], at[name], power)
+                    if name in at
+                    else self.values[name][0] ** power
+                    for name, power in own.items()
+                )
+                coefficients[degree] += prod(factors, start=c)
+            even, odd = parts(fmpq_poly(coefficients))
+            found.append((arb_poly(even), arb_poly(odd)))
+        return found
+
+    def coefficients(self, node: Node) -> tuple[list[Pair], list[fmpq]]:
+        """Ranges of the coefficients without delay, and the largest sizes of those that the delay multiplies."""
+        if node.kind == "delay":
+            return [], [fmpq(1)]
+        if node.kind == "leaf":
+            terms = self.expression.leaves[node.name]
+            found = [(fmpq(0), fmpq(0))] * (1 + max((term.degree for term in terms), default=-1))
+            for c, degree, powers in terms:
+                low, high = c, c
+                for name, power in powers.items():
+                    for _ in range(power):
+                        low, high = _times((low, high), self.values[name])
+                found[degree] = found[degree][0] + low, found[degree][1] + high
+            return found, []
+        plain, late = self.coefficients(node.parts[0])
+        for part in node.parts[1:]:
+            more, later = self.coefficients(part)
+            if node.kind == "sum":
+                size = max(len(plain), len(more))
+                plain = [
+                    (a[0] + b[0], a[1] + b[1]) for a, b in zip(_filled(plain, size), _filled(more, size), strict=True)
+                ]
+                size = max(len(late), len(later))
+                late = [_at(late, k) + _at(later, k) for k in range(size)]
+            else:
+                sizes, others = [most(c) for c in plain], [most(c) for c in more]
+                first, second = _convolved(sizes, later), _convolved(late, others)
+                late = [_at(first, k) + _at(second, k) for k in range(max(len(first), len(second)))]
+                total = [(fmpq(0), fmpq(0))] * (len(plain) + len(more) - 1 if plain and more else 0)
+                for (i, a), (j, b) in product(enumerate(plain), enumerate(more)):
+                    low, high = _times(a, b)
+                    total[i + j] = total[i + j][0] + low, total[i + j][1] + high
+                plain = total
+        return plain, late
+
+    def leads(self, w: fmpq) -> bool:
+        """Whether the leading term outweighs all others from a frequency up, so that p vanishes nowhere there."""
+        plain, late = self.coefficients(self.expression.body)
+        low, high = plain.pop()
+        others = [most(c) for c in plain]
+        rest = sum(((_at(others, k) + _at(late, k)) * w**k for k in range(len(plain))), fmpq(0))
+        return w > 0 and rest < max(low, -high) * w ** len(plain)
+
+    def clear(self, w1: fmpq, w2: fmpq, x: arb, y: arb) -> bool:
+        """Whether p keeps to the side of the line across (x, y) towards which that points, from w1 to w2."""
+        frames = self.frame(w1), self.frame(w2)
+        chord = arb((w2 - w1) ** 2 / 8)
+        stray = sum((self._growth(frames, node, chord)[2] for node in self.summands), arb(0)) * chord
+        stray *= (x * x + y * y).sqrt()
+        return all(bool(frame.least(x, y) > stray) for frame in frames)
+
+    def _growth(self, frames: tuple[Frame, Frame], node: Node, chord: arb) -> tuple[arb, arb, arb]:
+        """Bounds of the size of a part of p between two frequencies, and of its first and second derivative in w."""
+        if node.kind == "delay":
+            most_late = arb(self.values[node.name][1])
+            return arb(1), most_late, most_late**2
+        if node.kind == "product":
+            size, slope, bend = self._growth(frames, node.parts[0], chord)
+            for part in node.parts[1:]:
+                f, df, ddf = self._growth(frames, part, chord)
+                size, slope, bend = size * f, size * df + slope * f, size * ddf + 2 * slope * df + bend * f
+            return size, slope, bend
+        if node.kind == "leaf":
+            slope, bend = self._steepness(node.name, frames[1].w)
+        else:
+            inner = [self._growth(frames, part, chord) for part in node.parts]
+            slope, bend = sum((df for _, df, _ in inner), arb(0)), sum((ddf for _, _, ddf in inner), arb(0))
+        return frames[0].size(node).max(frames[1].size(node)) + bend * chord, slope, bend
+
+    def _steepness(self, name: str, w: arb) -> tuple[arb, arb]:
+        """Bounds of the derivatives of a leaf up to a frequency: sums of those of its terms."""
+        sizes = fmpq_poly([])
+        for c, degree, powers in self.expression.leaves[name]:
+            largest = prod((most(self.values[n]) ** power for n, power in powers.items()), start=abs(c))
+            sizes += fmpq_poly([0] * degree + [largest])
+        slope = sizes.derivative()
+        return arb_poly(slope)(w), arb_poly(slope.derivative())(w)
+
+
+def common_degrees(expression: Expression, pack: Sequence[str]) -> dict[str, int]:
+    """The grid of leaves that are enumerated together: the degree in each varying variable of theirs."""
+    terms = [term for name in pack for term in expression.leaves[name]]
+    return degrees(terms, sorted({name for term in terms for name in term.powers} & {*expression.varying}))
+
+
+def control_points(expression: Expression) -> int:
+    """How many control points p has on one piece."""
+
+    def of_leaf(name: str) -> int:
+        return prod(1 + power for powers, _ in expression.components[name] for power in powers.values())
+
+    def of(node: Node) -> int:
+        if node.kind == "sum":
+            inner = [of(part) for part in node.parts]
+            return sum(inner) if node is expression.body else prod(inner)
+        if node.kind == "delay":
+            return TANGENTS + 2
+        return prod(map(of, node.parts), start=1 if node.bound or node.parts else of_leaf(node.name))
+
+    return of(expression.body) * prod(
+        of_leaf(pack[0]) if len(pack) == 1 else prod(1 + e for e in common_degrees(expression, pack).values())
+        for pack in expression.packs
+    )
+
+
+def walked(expression: Expression, marks: Sequence[str]) -> Iterator[tuple[str, bool]]:
+    """Each piece of a tree in words, and whether p vanishes nowhere on it.
+
+    The marks are NAME (a cut in a variable), w=VALUE (in frequency, rad/s), X,Y (what is across a line) and "inf" (the
+    leading term outweighs the others).
+
+    Raises:
+        Unreadable: where the tree ends too soon or too late, cuts outside of its pieces or is too much work.
+    """
+    points = control_points(expression)
+    if points > MOST_POINTS or points * len(marks) > MOST_WORK:
+        raise Unreadable(f"{points} control points on each of {len(marks)} pieces are more than is looked at")
+    whole = Cell(expression, expression.enters)
+    plain, late = whole.coefficients(expression.body)
+    if len(late) >= len(plain):
+        raise Unreadable("the highest power of s is delayed: loops of neutral type are not covered")
+    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, fmpq(0), None)]
+    with ctx.workprec(PRECISION_BITS):
+        for mark in marks:
+            if not open_pieces:
+                raise Unreadable("the tree goes on after all pieces are settled")
+            cell, w1, w2 = open_pieces.pop()
+            if mark in expression.varying:
+                open_pieces += [(cell.half(mark, True), w1, w2), (cell.half(mark, False), w1, w2)]
+            elif mark.startswith("w="):
+                w = rational(mark[2:], "a cut of the tree")
+                if not w > w1 or (w2 is not None and not w < w2):
+                    raise Unreadable(f"{mark[:60]} does not cut its piece")
+                open_pieces += [(cell, w, w2), (cell, w1, w)]
+            else:
+                upper = "infinity" if w2 is None else short(w2)
+                yield f"{short(w1)} to {upper} rad/s", _settled(cell, w1, w2, mark)
+    if open_pieces:
+        raise Unreadable("the tree ends before all pieces are settled")
+
+
+def _settled(cell: Cell, w1: fmpq, w2: fmpq | None, mark: str) -> bool:
+    if mark == "inf":
+        return w2 is None and cell.leads(w1)
+    x, comma, y = mark.partition(",")
+    if not comma:
+        raise Unreadable(f"not a mark of the tree: {mark[:60]!r}")
+    across = [arb(rational(number, "a line of the tree")) for number in (x, y)]
+    return w2 is not None and cell.clear(w1, w2, *across)
+
+
+def _polar(low: fmpq, high: fmpq, degree: int, highs: int, power: int) -> fmpq:
+    """The polar form of x^power, as of a degree, at `highs` times the high end and else the low end.
+
+    It is the mean over all products of `power` of these arguments: the coefficient of t^power in
+    (1 + low t)^(degree - highs) (1 + high t)^highs over the number of such products.
+    """
+    return (fmpq_poly([1, low]) ** (degree - highs) * fmpq_poly([1, high]) ** highs)[power] / comb(degree, power)
+
+
+def _turned(angle: arb) -> acb:
+    return acb(angle.cos(), -angle.sin())
+
+
+def _ends(side: tuple[arb, arb]) -> tuple[arb, ...]:
+    return side[:1] if side[0] == side[1] else side
+
+
+def most(interval: Pair) -> fmpq:
+    """The largest size."""
+    return max(abs(interval[0]), abs(interval[1]))
+
+
+def _times(a: Pair, b: Pair) -> Pair:
+    ends = [x * y for x in a for y in b]
+    return min(ends), max(ends)
+
+
+def _at(coefficients: Sequence[fmpq], k: int) -> fmpq:
+    return coefficients[k] if k < len(coefficients) else fmpq(0)
+
+
+def _filled(ranges: Sequence[Pair], size: int) -> list[Pair]:
+    return [*ranges, *[(fmpq(0), fmpq(0))] * (size - len(ranges))]
+
+
+def _convolved(a: Sequence[fmpq], b: Sequence[fmpq]) -> list[fmpq]:
+    return list(fmpq_poly(list(a)) * fmpq_poly(list(b)))
