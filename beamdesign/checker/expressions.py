@@ -34,13 +34,13 @@ class Term(NamedTuple):
 class Node(NamedTuple):
     """Part of p: a "leaf" by its name, the "delay", or the "sum" or "product" of other parts.
 
-    `bound` says whether it depends on a leaf that is enumerated.
+    `packs` are the places of the packs of enumerated leaves on which it depends, ascending.
     """
 
     kind: str
     name: str
     parts: tuple["Node", ...]
-    bound: bool
+    packs: tuple[int, ...]
 
 
 class Expression:
@@ -99,9 +99,9 @@ class Expression:
         self.enters = {n: (1 / b, 1 / a) if n in self.reciprocal else (a, b) for n, (a, b) in self.variables.items()}
         self.varying = tuple(name for name, (low, high) in self.variables.items() if low < high)
         tree = _parsed(body, "p") if texts.keys else ast.Name("p")
-        self.body = _structure(tree, known, late, {*enumerated})
-        packs = {name: str(k) for k, pack in enumerate(self.packs) for name in pack}
-        if any(power > 1 for power in _powers(self.body, packs).values()):
+        places = {name: k for k, pack in enumerate(self.packs) for name in pack}
+        self.body = _structure(tree, known, late, places)
+        if any(power > 1 for power in _powers(self.body).values()):
             raise Unreadable("p must be affine in what is bound and in the delay")
         self.components = {name: list(self._apart(terms)) for name, terms in self.leaves.items()}
 
@@ -289,27 +289,25 @@ def _below(tree: ast.AST) -> set[str]:
     return {name.id for node in quotients for name in ast.walk(node.right) if isinstance(name, ast.Name)}
 
 
-def _structure(node: ast.expr, leaves: set[str], delays: Mapping[str, str], bound: set[str]) -> Node:
+def _structure(node: ast.expr, leaves: set[str], delays: Mapping[str, str], packs: Mapping[str, int]) -> Node:
     match node:
         case ast.Name(id=name) if name in delays:
-            return Node("delay", delays[name], (), False)
+            return Node("delay", delays[name], (), ())
         case ast.Name(id=name) if name in leaves:
-            return Node("leaf", name, (), name in bound)
+            return Node("leaf", name, (), (packs[name],) if name in packs else ())
         case ast.BinOp(left=left, op=ast.Add() | ast.Mult() as operation, right=right):
             kind = "sum" if isinstance(operation, ast.Add) else "product"
-            parts = [_structure(side, leaves, delays, bound) for side in (left, right)]
+            parts = [_structure(side, leaves, delays, packs) for side in (left, right)]
             flat = tuple(p for part in parts for p in (part.parts if part.kind == kind else (part,)))
-            return Node(kind, "", flat, any(part.bound for part in flat))
+            return Node(kind, "", flat, tuple(sorted({k for part in flat for k in part.packs})))
     raise Unreadable(f"p is not a sum or product of leaves: {ast.unparse(node)[:100]}")
 
 
-def _powers(node: Node, packs: Mapping[str, str]) -> Counter[str]:
+def _powers(node: Node) -> Counter[str]:
     """Degree in each pack of bound leaves and, under "delay", in the delay."""
     if not node.parts:
-        key = "delay" if node.kind == "delay" else packs.get(node.name, "")
-        return Counter({key: 1} if key else {})
-    total = _powers(node.parts[0], packs)
+        return Counter({"delay": 1} if node.kind == "delay" else map(str, node.packs))
+    total = _powers(node.parts[0])
     for part in node.parts[1:]:
-        more = _powers(part, packs)
-        total = total | more if node.kind == "sum" else total + more
+        total = total | _powers(part) if node.kind == "sum" else total + _powers(part)
     return total

@@ -15,7 +15,7 @@ def _hurwitz_matrix(polynomial: fmpq_poly, degree: int) -> fmpq_mat:
     return fmpq_mat(size, size, entries)
 
 
-def routh(polynomial: fmpq_poly) -> bool:
+def is_hurwitz(polynomial: fmpq_poly) -> bool:
     """Whether all roots lie in the open left half plane: the quotients of Euclid's algorithm on the two parts."""
     coefficients = polynomial.coeffs()
     degree = polynomial.degree()
@@ -59,7 +59,7 @@ class Family:
 
     def is_stable(self, mass: fmpq) -> bool:
         """Whether one member has all its roots, and in the open left half plane."""
-        return self.at(mass).degree() == self.degree and routh(self.at(mass))
+        return self.at(mass).degree() == self.degree and is_hurwitz(self.at(mass))
 
     def verdict(self, low: fmpq, high: fmpq) -> bool | None:
         """Whether all masses strictly between are stable (True), none is (False), or some are (None)."""

@@ -29,7 +29,7 @@ from beamdesign.checker.ranges import Statements
 from beamdesign.checker.reading import Table, Unreadable, short
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import Pair
-from beamdesign.checker.stability import routh
+from beamdesign.checker.stability import is_hurwitz
 from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
 
 MOST_CYCLES = 100_000
@@ -224,7 +224,7 @@ _CLAIMS: dict[str, Callable[[Sequence[StateSpace], Table, Pair], Claimed]] = {
 
 def _frozen(loops: Sequence[StateSpace], example: Table, masses: Pair) -> tuple[bool, str]:
     stage, mass = example.whole("stage", 1, len(loops)), example.number("outer_end_mass_kg")
-    proved = masses[0] <= mass <= masses[1] and not routh(loops[stage - 1].matrix(mass).charpoly())
+    proved = masses[0] <= mass <= masses[1] and not is_hurwitz(loops[stage - 1].matrix(mass).charpoly())
     return proved, f"{'unstable' if proved else 'not unstable'} at {short(mass)} kg that stays, stage {stage}"
 
 

@@ -12,8 +12,10 @@ by construction. A variable is cut in the middle of its range, or of its recipro
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 from itertools import product
 from math import comb, prod
+from typing import TypeVar
 
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly
 
@@ -29,26 +31,28 @@ MOST_POINTS = 200_000
 MOST_WORK = 200_000_000
 """Control points of p on all pieces."""
 
+T = TypeVar("T")
+Control = tuple[arb_poly, arb_poly]
+"""A control point of a leaf: even and odd part of a polynomial in s on the axis, over w^2."""
 Values = Mapping[str, Pair]
 """Of each variable the range, as it enters."""
 
 
-class Frame:
-    """Control points of p at one frequency, over one cell.
+Choice = tuple[int, ...]
+"""A place in each of some packs of what is enumerated."""
 
-    Attributes:
-        choices: of what is enumerated, a value of every leaf.
-    """
+
+class Frame:
+    """Control points of p at one frequency, over one cell."""
 
     def __init__(self, cell: "Cell", w: fmpq) -> None:
         self.cell, self.w = cell, arb(w)
         self._square = arb(w * w)
-        self._known: dict[tuple[int, int], list[acb]] = {}
-        packs = [self._pack(pack) for pack in cell.expression.packs]
-        self.choices = [{name: value for one in chosen for name, value in one.items()} for chosen in product(*packs)]
-        self._least: dict[tuple[int, int], arb] = {}
+        self._known: dict[int, dict[Choice, list[acb]]] = {}
+        self._sizes: dict[int, arb] = {}
+        self._packs = [self._pack(pack) for pack in cell.expression.packs]
 
-    def _value(self, control: tuple[arb_poly, arb_poly]) -> acb:
+    def _value(self, control: Control) -> acb:
         even, odd = control
         return acb(even(self._square), self.w * odd(self._square))
 
@@ -61,10 +65,7 @@ class Frame:
                 points = [a + b for a in points for b in values]
             else:
                 along = [value.imag if axis else value.real for value in values]
-                low, high = along[0], along[0]
-                for number in along[1:]:
-                    low, high = low.min(number), high.max(number)
-                sides[axis] = sides[axis][0] + low, sides[axis][1] + high
+                sides[axis] = sides[axis][0] + reduce(arb.min, along), sides[axis][1] + reduce(arb.max, along)
         corners = [acb(x, y) for x in _ends(sides[0]) for y in _ends(sides[1])]
         return [point + corner for point in points for corner in corners]
 
@@ -74,23 +75,37 @@ class Frame:
         columns = [[self._value(control) for control in column] for column in self.cell.common(tuple(pack))]
         return [dict(zip(pack, values, strict=True)) for values in zip(*columns, strict=True)]
 
-    def points(self, node: Node, choice: int) -> list[acb]:
-        """Control points of a part of p, with what is enumerated at one of its choices."""
-        key = id(node), choice if node.bound else -1
-        if key not in self._known:
-            self._known[key] = self._points(node, choice)
-        return self._known[key]
+    def points(self, node: Node) -> dict[Choice, list[acb]]:
+        """Control points of a part of p, for every choice of what is enumerated in it."""
+        if id(node) not in self._known:
+            self._known[id(node)] = self._points(node)
+        return self._known[id(node)]
 
-    def _points(self, node: Node, choice: int) -> list[acb]:
+    def _points(self, node: Node) -> dict[Choice, list[acb]]:
         if node.kind == "delay":
-            return self._arc(*self.cell.values[node.name])
+            return {(): self._arc(*self.cell.values[node.name])}
+        if node.kind == "leaf" and node.packs:
+            return {(k,): [choice[node.name]] for k, choice in enumerate(self._packs[node.packs[0]])}
         if node.kind == "leaf":
-            return [self.choices[choice][node.name]] if node.bound else self._leaf(node.name)
-        found = self.points(node.parts[0], choice)
+            return {(): self._leaf(node.name)}
+        found, packs = self.points(node.parts[0]), node.parts[0].packs
         for part in node.parts[1:]:
-            others = self.points(part, choice)
-            found = [a + b if node.kind == "sum" else a * b for a in found for b in others]
+            both = tuple(sorted({*packs, *part.packs}))
+            pairs = self._side_by_side(both, [(packs, found), (part.packs, self.points(part))])
+            if node.kind == "sum":
+                found = {choice: [x + y for x in a for y in b] for choice, (a, b) in pairs}
+            else:
+                found = {choice: [x * y for x in a for y in b] for choice, (a, b) in pairs}
+            packs = both
         return found
+
+    def _side_by_side(
+        self, packs: Choice, tables: Sequence[tuple[Choice, Mapping[Choice, T]]]
+    ) -> Iterator[tuple[Choice, list[T]]]:
+        """For every choice in some packs, what each table has for its part of that choice."""
+        places = [([packs.index(k) for k in own], table) for own, table in tables]
+        for choice in product(*(range(len(self._packs[k])) for k in packs)):
+            yield choice, [table[tuple([choice[k] for k in own])] for own, table in places]
 
     def _arc(self, least: fmpq, most: fmpq) -> list[acb]:
         """The ends of the arc exp(-jwT), and corners of tangents around it."""
@@ -103,31 +118,23 @@ class Frame:
 
     def size(self, node: Node) -> arb:
         """Upper bound of the size of a part of p at this frequency."""
-        most = arb(0)
-        for choice in range(len(self.choices)) if node.bound else (0,):
-            for point in self.points(node, choice):
-                most = most.max(point.real**2 + point.imag**2)
-        return most.sqrt()
+        if id(node) not in self._sizes:
+            points = (point for found in self.points(node).values() for point in found)
+            self._sizes[id(node)] = reduce(arb.max, [point.real**2 + point.imag**2 for point in points]).sqrt()
+        return self._sizes[id(node)]
 
     def least(self, x: arb, y: arb) -> arb:
         """Lower bound of the real part of p times x - jy."""
-        alone = self._sum([node for node in self.cell.summands if not node.bound], 0, x, y)
-        bound = [node for node in self.cell.summands if node.bound]
-        found = [self._sum(bound, choice, x, y) for choice in range(len(self.choices))]
-        least = found[0]
-        for number in found[1:]:
-            least = least.min(number)
-        return alone + least
 
-    def _sum(self, nodes: Sequence[Node], choice: int, x: arb, y: arb) -> arb:
-        total = arb(0)
-        for node in nodes:
-            along = [x * point.real + y * point.imag for point in self.points(node, choice)]
-            least = along[0]
-            for number in along[1:]:
-                least = least.min(number)
-            total += least
-        return total
+        def along(point: acb) -> arb:
+            return x * point.real + y * point.imag
+
+        tables = [
+            (node.packs, {choice: reduce(arb.min, map(along, found)) for choice, found in self.points(node).items()})
+            for node in self.cell.summands
+        ]
+        totals = (sum(found, arb(0)) for _, found in self._side_by_side(self.cell.expression.body.packs, tables))
+        return reduce(arb.min, totals)
 
 
 class Cell:
@@ -136,8 +143,8 @@ class Cell:
     def __init__(self, expression: Expression, values: Values) -> None:
         self.expression, self.values = expression, dict(values)
         self.summands = expression.body.parts if expression.body.kind == "sum" else (expression.body,)
-        self._controls: dict[str, list[tuple[int | None, list[tuple[arb_poly, arb_poly]]]]] = {}
-        self._common: dict[tuple[str, ...], list[list[tuple[arb_poly, arb_poly]]]] = {}
+        self._controls: dict[str, list[tuple[int | None, list[Control]]]] = {}
+        self._common: dict[tuple[str, ...], list[list[Control]]] = {}
         self._frames: dict[fmpq, Frame] = {}
 
     def half(self, name: str, upper: bool) -> "Cell":
@@ -154,7 +161,7 @@ class Cell:
             self._frames[w] = Frame(self, w)
         return self._frames[w]
 
-    def controls(self, name: str) -> list[tuple[int | None, list[tuple[arb_poly, arb_poly]]]]:
+    def controls(self, name: str) -> list[tuple[int | None, list[Control]]]:
         """Of each part of a leaf that shares no variable with the rest, the axis along which it lies and its points."""
         if name not in self._controls:
             self._controls[name] = []
@@ -163,7 +170,7 @@ class Cell:
                 self._controls[name].append((parities.pop() if len(parities) == 1 else None, self._grid(terms, powers)))
         return self._controls[name]
 
-    def common(self, pack: tuple[str, ...]) -> list[list[tuple[arb_poly, arb_poly]]]:
+    def common(self, pack: tuple[str, ...]) -> list[list[Control]]:
         """Of leaves that are enumerated together, the points of each on a grid of all their variables."""
         if pack not in self._common:
             leaves = self.expression.leaves
@@ -171,7 +178,7 @@ class Cell:
             self._common[pack] = [self._grid(leaves[name], powers) for name in pack]
         return self._common[pack]
 
-    def _grid(self, terms: Sequence[Term], powers: Mapping[str, int]) -> list[tuple[arb_poly, arb_poly]]:
+    def _grid(self, terms: Sequence[Term], powers: Mapping[str, int]) -> list[Control]:
         """Even and odd part, on the axis, of the polynomial in s at each control point."""
         found = []
         for index in product(*(range(degree + 1) for degree in powers.values())):
@@ -287,7 +294,7 @@ def control_points(expression: Expression) -> int:
             return sum(inner) if node is expression.body else prod(inner)
         if node.kind == "delay":
             return TANGENTS + 2
-        return prod(map(of, node.parts), start=1 if node.bound or node.parts else of_leaf(node.name))
+        return prod(map(of, node.parts), start=1 if node.packs or node.parts else of_leaf(node.name))
 
     return of(expression.body) * prod(
         of_leaf(pack[0]) if len(pack) == 1 else prod(1 + e for e in common_degrees(expression, pack).values())
