@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arm_assembled import DENSITY_KG_PER_M3, LENGTH_M, SHEAR_PA, assemble, tube
 from arm_elements import lever, matrices
+from beamdesign.proof.replay_box import replay as replay_box
 from flint import fmpq, fmpq_poly
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -27,8 +28,6 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import loop
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.replay_box import Statement, member
-from beamdesign.proof.replay_box import replay as replay_box
 from beamdesign.proof.rig_tables import prototype_table
 from beamdesign.prototype import Arm, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
@@ -471,6 +470,10 @@ def test_a_payload_anywhere_within_bounds_is_proved_at_once(
 
 def test_the_family_over_places_is_the_polynomial_of_the_place(link: Prototype):
     """The polynomial that a certificate states, put in numbers, against that of one place, exactly."""
+
+    from beamdesign.proof.box_member import member
+    from beamdesign.proof.box_statement import Statement
+
     rig = at(link, 0.05, -0.1, 0.15)
     family = prove_anywhere(rig, (2.5, 2.5), (0.0, 0.0, 0.0))["both"]
     table = tomllib.loads(family.certificate)

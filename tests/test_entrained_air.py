@@ -5,6 +5,7 @@ from math import pi
 import casadi as ca
 import numpy as np
 import pytest
+from beamdesign.proof.replay_box import member_at
 from flint import fmpq
 from gap_sets import believed
 
@@ -18,8 +19,8 @@ from beamdesign.loop import close_loop
 from beamdesign.lumped import figures
 from beamdesign.members import family
 from beamdesign.polynomial import exact
+from beamdesign.proof.box_member import member_at
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.replay_box import member_at
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import assemble

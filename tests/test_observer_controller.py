@@ -21,12 +21,12 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import figures
 from beamdesign.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof import replay_box
 from beamdesign.proof.bilinear import axis_inside
 from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked, Certificate
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import guaranteed_gain_margin
+from beamdesign.proof.rig_tables import prototype_table
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
@@ -453,7 +453,7 @@ def test_the_displacement_alone_goes_to_boxes_and_to_code(bare: Prototype) -> No
     prototype = bare.but(controller=as_observer(lag), tolerance=bare.tolerance.but(stiffness=0.02))
     verdict = certify_box(prototype, tolerance_box(prototype, 1.0, None, MASSES_KG), volumes=False)
     assert verdict.stable
-    assert replay_box.replay(verdict.certificate).valid
+    assert check(verdict.certificate, prototype_table(prototype)).valid
     one, other = (realise(law, 5000.0, 32, 10.0, 0.04) for law in (lag, as_observer(lag)))
     for found, expected in zip(other.sections, one.sections, strict=True):
         assert (found.follow, found.direct) == pytest.approx((expected.follow, expected.direct), rel=1e-6)
