@@ -7,11 +7,12 @@ the expression multiplied out: they may differ by a positive number, and by powe
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from math import prod
 from typing import Any
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from beamdesign.checker.expressions import Expression
+from beamdesign.checker.expressions import MOST_PRODUCTS, Expression
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.mechanics import Elements, Number, mechanics
 from beamdesign.checker.reading import Table, Unreadable, rational, short
@@ -47,7 +48,7 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
     for name, ends in expression.ranges.items():
         if name in own and not ends[0] <= own[name] <= ends[1]:
             yield False, f"{name}: the rig's own, {short(own[name])}, is not within {_words(ends)}"
-        elif ends[0] < ends[1] or name in left:
+        elif ends[0] < ends[1] or name in needed:
             yield True, f"{name} {_words(ends)}{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
     proved = _alike(expression, _characteristic(expression, rig))
     yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
@@ -162,9 +163,12 @@ def _alike(expression: Expression, loop: fmpq_mpoly) -> bool:
             total = total + parameter[member] if kind == "sum" else total * parameter[member]
         return total
 
-    # What enters by its reciprocal: p times its highest power.
     whole = expression.over_all()
     names = list(whole.context().names())
+    many = [len(expression.groups[n][1]) if expression.groups.get(n, ("",))[0] == "sum" else 1 for n in names]
+    if sum(prod(m ** int(e) for m, e in zip(many, powers, strict=True)) for powers in whole.monoms()) > MOST_PRODUCTS:
+        raise Unreadable("the expression has too many terms over the parameters of its groups")
+    # What enters by its reciprocal: p times its highest power.
     turned = {
         k: max(powers[k] for powers in whole.monoms())
         for k, n in enumerate(names)

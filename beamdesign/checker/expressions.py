@@ -64,7 +64,9 @@ class Expression:
         self.ranges = {_name(name, stated): stated.range(name) for name in stated.keys}
         self.groups: dict[str, tuple[str, list[str]]] = {}
         for group in table.tables("group"):
-            self.groups[_name(group.word("name"), group)] = group.word("kind", "sum", "product"), group.words("members")
+            if (name := _name(group.word("name"), group)) in self.groups:
+                raise Unreadable(f"there are two groups {name}")
+            self.groups[name] = group.word("kind", "sum", "product"), group.words("members")
         self.variables = self.merged(self.ranges)
         texts, body = table.optional("leaf"), table.word("p")
         leaves = {_name(name, texts): texts.word(name) for name in texts.keys} or {"p": body}
@@ -94,8 +96,8 @@ class Expression:
         }
         self.leaves = {name: self._terms(value) for name, value in self.polynomials.items()}
         for name in self.reciprocal:
-            if not self.variables[name][0] > 0:
-                raise Unreadable(f"{name} enters by its reciprocal and must be positive")
+            if not self.variables[name][0] > 0 or name == self.delay:
+                raise Unreadable(f"{name} enters by its reciprocal and must be positive, and no delay")
         self.enters = {n: (1 / b, 1 / a) if n in self.reciprocal else (a, b) for n, (a, b) in self.variables.items()}
         self.varying = tuple(name for name, (low, high) in self.variables.items() if low < high)
         tree = _parsed(body, "p") if texts.keys else ast.Name("p")
@@ -103,13 +105,23 @@ class Expression:
         self.body = _structure(tree, known, late, places)
         if any(power > 1 for power in _powers(self.body).values()):
             raise Unreadable("p must be affine in what is bound and in the delay")
+        if self._order(self.body) > HIGHEST_DEGREE:
+            raise Unreadable(f"p has a higher degree in s than {HIGHEST_DEGREE}")
         self.components = {name: list(self._apart(terms)) for name, terms in self.leaves.items()}
+
+    def _order(self, node: Node) -> int:
+        """The highest power of s, at most."""
+        inner = map(self._order, node.parts)
+        if node.parts:
+            return max(inner) if node.kind == "sum" else sum(inner)
+        return max((term.degree for term in self.leaves.get(node.name, ())), default=0) if node.kind == "leaf" else 0
 
     def merged(self, parameters: Mapping[str, Pair]) -> dict[str, Pair]:
         """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
         ranges = dict(parameters)
         for name, (kind, members) in self.groups.items():
-            if name in ranges or not members or len({*members}) < len(members) or not {*members} <= ranges.keys():
+            left = ranges.keys() & parameters.keys()
+            if name in parameters or not members or len({*members}) < len(members) or not {*members} <= left:
                 raise Unreadable(f"group {name} must be of parameters that are in no other")
             ends = [ranges.pop(member) for member in members]
             if kind == "product" and any(low < 0 for low, _ in ends):
@@ -127,8 +139,8 @@ class Expression:
 
         def above(node: ast.expr) -> fmpq_mpoly:
             match node:
-                case ast.Constant(value=int(value)) if not isinstance(value, bool):
-                    return one * value
+                case ast.Constant(value=int(value)):
+                    return one * int(value)
                 case ast.Name(id=name) if name in variable and name not in self.reciprocal:
                     return variable[name]
                 case ast.UnaryOp(op=ast.USub(), operand=inner):
@@ -142,19 +154,19 @@ class Expression:
                 case ast.BinOp(left=left, op=ast.Div(), right=right):
                     return above(left) * below(right)
                 case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
-                    return above(left) ** power
+                    return above(left) ** int(power)
             raise Unreadable(f"not a polynomial in s and what has a range: {ast.unparse(node)[:100]}")
 
         def below(node: ast.expr) -> fmpq_mpoly:
             match node:
                 case ast.Constant(value=int(value)) if value:
-                    return one / value
+                    return one / int(value)
                 case ast.Name(id=name) if name in variable and name != "s":
                     return variable[name]
                 case ast.BinOp(left=left, op=ast.Mult(), right=right):
                     return below(left) * below(right)
                 case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
-                    return below(left) ** power
+                    return below(left) ** int(power)
             raise Unreadable(f"cannot be divided by: {ast.unparse(node)[:100]}")
 
         return above(tree)
@@ -264,10 +276,12 @@ def _parsed(text: str, place: str) -> ast.expr:
 
 
 def _size(node: ast.AST) -> tuple[int, Counter[str]]:
-    """Terms of an expression when it is multiplied out, and the degree in every name, both at most."""
+    """Terms of an expression when it is multiplied out, and the degree in every name and in numbers, all at most."""
     match node:
         case ast.Name(id=name):
             return 1, Counter({name: 1})
+        case ast.Constant():
+            return 1, Counter({"": 1})
         case ast.UnaryOp(operand=inner):
             return _size(inner)
         case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:

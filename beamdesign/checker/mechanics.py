@@ -13,6 +13,8 @@ from flint import fmpq
 from beamdesign.checker.reading import Unreadable
 
 MOST_COORDINATES = 24
+MOST_TERMS = 20_000
+"""Of a polynomial in s and parameters."""
 
 Number = Any
 """A rational, or a polynomial in parameters."""
@@ -193,5 +195,7 @@ def determinant(matrix: Sequence[Sequence[Polynomial]], ring: Ring) -> Polynomia
         for i in range(k + 1, len(rows)):
             for j in range(k + 1, len(rows)):
                 rows[i][j] = (rows[k][k] * rows[i][j] - rows[i][k] * rows[k][j]) / before
+                if len(rows[i][j]) > MOST_TERMS:
+                    raise Unreadable(f"the mechanics come to a polynomial of more than {MOST_TERMS} terms")
         before = rows[k][k]
     return sign * rows[-1][-1]

@@ -319,21 +319,20 @@ def walked(expression: Expression, marks: Sequence[str]) -> Iterator[tuple[str, 
     if len(late) >= len(plain):
         raise Unreadable("the highest power of s is delayed: loops of neutral type are not covered")
     open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, fmpq(0), None)]
-    with ctx.workprec(PRECISION_BITS):
-        for mark in marks:
-            if not open_pieces:
-                raise Unreadable("the tree goes on after all pieces are settled")
-            cell, w1, w2 = open_pieces.pop()
-            if mark in expression.varying:
-                open_pieces += [(cell.half(mark, True), w1, w2), (cell.half(mark, False), w1, w2)]
-            elif mark.startswith("w="):
-                w = rational(mark[2:], "a cut of the tree")
-                if not w > w1 or (w2 is not None and not w < w2):
-                    raise Unreadable(f"{mark[:60]} does not cut its piece")
-                open_pieces += [(cell, w, w2), (cell, w1, w)]
-            else:
-                upper = "infinity" if w2 is None else short(w2)
-                yield f"{short(w1)} to {upper} rad/s", _settled(cell, w1, w2, mark)
+    for mark in marks:
+        if not open_pieces:
+            raise Unreadable("the tree goes on after all pieces are settled")
+        cell, w1, w2 = open_pieces.pop()
+        if mark in expression.varying:
+            open_pieces += [(cell.half(mark, True), w1, w2), (cell.half(mark, False), w1, w2)]
+        elif mark.startswith("w="):
+            w = rational(mark[2:], "a cut of the tree")
+            if not w > w1 or (w2 is not None and not w < w2):
+                raise Unreadable(f"{mark[:60]} does not cut its piece")
+            open_pieces += [(cell, w, w2), (cell, w1, w)]
+        else:
+            upper = "infinity" if w2 is None else short(w2)
+            yield f"{short(w1)} to {upper} rad/s", _settled(cell, w1, w2, mark)
     if open_pieces:
         raise Unreadable("the tree ends before all pieces are settled")
 
@@ -345,7 +344,8 @@ def _settled(cell: Cell, w1: fmpq, w2: fmpq | None, mark: str) -> bool:
     if not comma:
         raise Unreadable(f"not a mark of the tree: {mark[:60]!r}")
     across = [arb(rational(number, "a line of the tree")) for number in (x, y)]
-    return w2 is not None and cell.clear(w1, w2, *across)
+    with ctx.workprec(PRECISION_BITS):
+        return w2 is not None and cell.clear(w1, w2, *across)
 
 
 def _polar(low: fmpq, high: fmpq, degree: int, highs: int, power: int) -> fmpq:
