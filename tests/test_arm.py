@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from arm_assembled import DENSITY_KG_PER_M3, LENGTH_M, SHEAR_PA, assemble, tube
 from arm_elements import lever, matrices
-from beamdesign.proof.replay_box import replay as replay_box
 from flint import fmpq, fmpq_poly
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
@@ -437,7 +436,7 @@ def test_a_payload_off_to_both_sides_is_proved_in_ball_arithmetic(link: Prototyp
     rig = at(link, 0.0, 0.1, -0.1)
     verdict = both_planes(rig).prove(0.0, 6.8)
     assert verdict.stable
-    assert replay_box(verdict.certificate).valid
+    assert check(verdict.certificate).valid
     near = work_out(at(link, 0.0, 0.03, -0.03), (5.0, 6.8), (0.0, 0.0, -100.0))
     assert near.stable
     assert near.sampled_load_Hz is not None
@@ -460,7 +459,7 @@ def test_a_payload_anywhere_within_bounds_is_proved_at_once(
     assert list(found) == (["both"] if within[2] else ["y", "z"])
     for verdict in found.values():
         assert verdict.stable, verdict.reason
-        assert replay_box(verdict.certificate).valid
+        assert check(verdict.certificate).valid
     random = np.random.default_rng(5)
     for _ in range(30):
         place = tuple(float(a) for a in np.array(offset) + random.uniform(-1, 1, 3) * within)

@@ -95,7 +95,7 @@ def test_elements_of_many_effects_add_up_behind_a_filter(rig: Prototype):
 
 
 def test_unequal_sides_that_do_not_leak_are_one_spring(rig: Prototype):
-    """The mean of both pressures then stays where it is, as a root at zero that nothing drives and that shows nowhere."""
+    """The mean of both pressures then stays where it is: a root at zero that nothing drives and that shows nowhere."""
     tight = rig.but(servovalve=rig.servovalve.but(leakage_m3_per_s_per_Pa=0.0), effects={"unequal_piston_areas": {}})
     ((opened, closed, pushed),) = (derived(member.rig) for member in family(tight).members)
     (loop,) = from_elements(tight)

@@ -5,7 +5,6 @@ from math import pi
 import casadi as ca
 import numpy as np
 import pytest
-from beamdesign.proof.replay_box import member_at
 from flint import fmpq
 from gap_sets import believed
 
