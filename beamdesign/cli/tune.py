@@ -184,6 +184,8 @@ def tune(
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
+    elif len(found.laws) > 1:
+        say("  changes between the laws are not covered by any proof: the prototype has effects")
     paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
     for name, path in paths.items():
         say(f"{name}: {path}")

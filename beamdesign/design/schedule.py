@@ -42,7 +42,7 @@ class LawsTuning:
         reason: why there is no answer, empty where there is one.
         alone_Hz: of several laws, the bandwidth of each tuned with a mass inside of its own: what no common mass can
             exceed.
-        switching: what is proved of changes between several laws.
+        switching: what is proved of changes between several laws; None with effects, which that does not cover.
     """
 
     prototype: Prototype
@@ -113,7 +113,7 @@ def tune_schedule(
 ) -> LawsTuning:
     """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all.
 
-    Changes between the laws are proved, and set as far apart as that needs.
+    Changes between the laws are proved, and set as far apart as that needs, where the prototype has no effects.
 
     Args:
         prototype: the rig; its goal sets the limits, and a structured controller of its own the form of the stages.
@@ -125,8 +125,8 @@ def tune_schedule(
         spread: rigs that are off, of which the worst for every stage are proved as well; none: the nominal rig alone.
 
     Raises:
-        InputError: where so many stages do not fit into the range, for effects, and for structured stages without a
-            filter before them.
+        InputError: where so many stages do not fit into the range, and for structured stages without a filter before
+            them.
     """
     told = progress or (lambda fraction, text: None)
     figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
@@ -180,6 +180,8 @@ def tune_schedule(
     inside = best[0].prototype.payload.inner_end_mass_kg
     payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside)
     rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
+    if rig.effects:  # of which no states are known in which laws could change
+        return LawsTuning(rig, whole_kg, tuple(best), "", bandwidths)
     proved = switching(
         stage_families(rig),
         *whole_kg,
@@ -213,9 +215,6 @@ def _ranges(
             found = stage_ranges(whole_kg, stages, overlap_kg)
         except ValueError as error:
             problems.append(("stages", str(error)))
-    if prototype.effects:
-        names = ", ".join(prototype.effects)
-        problems.append(("effects", f"changes of stage are proved without effects ({names}); take them out"))
     laws = () if prototype.controller is None else prototype.controller.laws
     if prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
         problems.append(

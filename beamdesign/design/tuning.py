@@ -123,8 +123,8 @@ def tune(
     best = found.proved
     if best is None and alone:
         rest = (kind, largest_inner_end_mass_kg, progress, sections, sensors, spread)
-        own_range = {"stable_kg": stable_kg, "least_inner_end_mass_kg": least_inner_end_mass_kg}
-        return tune(prototype.but(controller=None), outer_end_mass_kg, *rest, **own_range)
+        bare = prototype.but(controller=None)
+        return tune(bare, outer_end_mass_kg, *rest, stable_kg=stable_kg, least_inner_end_mass_kg=inside[0])
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         why = no_answer(kind, prototype.goal, outer_end_mass_kg, found.reason)
         return Tuning(prototype, outer_end_mass_kg, None, found.sampled, found.certificates, why)

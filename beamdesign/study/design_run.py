@@ -107,7 +107,7 @@ def certified_laws(found: LawsTuning) -> tuple[Prototype, tuple[tuple[Certificat
         for stage, law in zip(found.stages, found.laws, strict=True)
         if law.best is not None
     ]
-    return each[0][1] if found.switching is None else found.prototype, tuple(each)
+    return each[0][1] if len(found.laws) == 1 else found.prototype, tuple(each)
 
 
 def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:

@@ -1,6 +1,6 @@
 """Back to the design: every law and the inner end mass tuned and proved anew on the diagnosed prototype."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from beamdesign.controllers import Scheduled
 from beamdesign.design.schedule import tune_schedule
@@ -11,7 +11,7 @@ from beamdesign.proof.certificate import Certificate
 from beamdesign.proof.contact import Wall
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.study.design_run import CERTIFICATE_NAME, certified
+from beamdesign.study.design_run import certified, certified_laws
 from beamdesign.study.stiffness_run import carried_out
 
 
@@ -68,14 +68,11 @@ def _of_stages(
         )
     except ValueError as error:  # so many stages do not fit
         return Redesign(masses_kg, reason=str(error))
-    if found.rig is None or found.rig.schedule is None:
+    new = found.prototype.schedule
+    if found.reason or new is None:
         return Redesign(masses_kg, reason=found.reason)
-    rig = found.rig.but(controller=schedule.but(stage=found.rig.schedule.stage))
-    proofs = (
-        certified(stage.prototype, proved, stage.outer_end_mass_kg, f"stage_{stage.number}.{CERTIFICATE_NAME}")
-        for stage, proved in zip(rig.stages(masses_kg), found.proved, strict=True)
-    )
-    return Redesign(masses_kg, rig, tuple(proofs))
+    rig = found.prototype.but(controller=schedule.but(stage=new.stage, dwell_s=new.dwell_s))
+    return Redesign(masses_kg, *certified_laws(replace(found, prototype=rig)))
 
 
 _WALL = Wall((exact(0.0), exact(1e9)), (exact(0.0), exact(0.0)))
