@@ -5,6 +5,8 @@ W(w^2) = |plain(jw)|^2 - |late(jw)|^2 vanishes, at the delays that give exp(-jwT
 of these it is, a pair moves to the right where W grows with w^2 and to the left where it falls.
 """
 
+from typing import Any
+
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.checker.roots import S, bound, halve, inner, isolate, parts, pieces, square_free
@@ -18,7 +20,8 @@ def unstable_roots(plain: fmpq_poly, late: fmpq_poly, delay: fmpq) -> int | None
     None where a root is on the axis, or too near to it to be told from one.
     """
     count = 0
-    for root, multiplicity in (plain + late).numer().complex_roots():
+    roots: list[Any] = (plain + late).complex_roots()
+    for root, multiplicity in roots:
         if root.real.contains(0):
             return None
         count += multiplicity if root.real > 0 else 0

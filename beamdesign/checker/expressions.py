@@ -215,7 +215,7 @@ class Expression:
         """The highest power of s whose coefficient, without the delay, does not vanish for all of the box."""
         whole = self.over_all()
         fixed = {n: self.enters[n][0] for n in self.variables if n not in self.varying}
-        left = whole.subs(fixed | ({self.transport: fmpq(0)} if self.transport else {}))
+        left = whole.subs(fixed | dict.fromkeys(filter(None, [self.transport]), fmpq(0)))
         return max((int(powers[0]) for powers in left.monoms()), default=-1)
 
     def member(self, parameters: Mapping[str, fmpq]) -> tuple[fmpq_poly, fmpq_poly, fmpq]:
