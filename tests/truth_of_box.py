@@ -237,9 +237,8 @@ def _loop_gain(table: dict[str, Any], at: dict[str, float], s: complex) -> compl
     moves, oil, spool, uneven, filtered = [], 1.0, 0.0, 0.0, 1.0 + 0j
     points: dict[str, dict[str, float]] = {"tip": {"first": 1.0}, "rod": {"inner": 1.0}, "base": {}, "sensed": {}}
     for effect in table.get("effect", []):
-        spans = {
-            n: at.get(f"{effect['name']}_{n}", number(one["ends"][0])) for n, one in effect.get("span", {}).items()
-        }
+        stated = {name: number(one["ends"][0]) for name, one in effect.get("span", {}).items()}
+        spans = {name: at.get(f"{effect['name']}_{name}", value) for name, value in stated.items()}
         made = effect["elements"]
 
         def entry(text: str, spans: dict[str, float] = spans) -> float:

@@ -139,8 +139,8 @@ class Expression:
 
         def above(node: ast.expr) -> fmpq_mpoly:
             match node:
-                case ast.Constant(value=int(value)):
-                    return one * int(value)
+                case ast.Constant(value=int(value)) if value is not True and value is not False:
+                    return one * value
                 case ast.Name(id=name) if name in variable and name not in self.reciprocal:
                     return variable[name]
                 case ast.UnaryOp(op=ast.USub(), operand=inner):
@@ -159,8 +159,8 @@ class Expression:
 
         def below(node: ast.expr) -> fmpq_mpoly:
             match node:
-                case ast.Constant(value=int(value)) if value:
-                    return one / int(value)
+                case ast.Constant(value=int(value)) if value and value is not True:
+                    return one / value
                 case ast.Name(id=name) if name in variable and name != "s":
                     return variable[name]
                 case ast.BinOp(left=left, op=ast.Mult(), right=right):
