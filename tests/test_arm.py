@@ -2,16 +2,22 @@
 
 import json
 import tomllib
+from contextlib import suppress
+from copy import deepcopy
+from fractions import Fraction
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 from arm_assembled import DENSITY_KG_PER_M3, LENGTH_M, SHEAR_PA, assemble, tube
 from arm_elements import lever, matrices
 from flint import fmpq, fmpq_poly
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
+from truth_of_arm_plane import Plane, true
 from typer.testing import CliRunner
 
 from beamdesign.arm.anywhere import prove_anywhere
@@ -557,6 +563,88 @@ def test_certificates_are_proved_again_and_false_ones_refused(link: Prototype):
     for old, new in (("free_length_m", "length_m"), ('name = "z"', 'name = "y"'), ("tip_comp", "comp")):
         with pytest.raises(Unreadable):  # torsion has no part in the other plane
             check(resealed(text.replace(old, new)))
+
+
+@pytest.mark.parametrize("sensor", [None, (0.05, 0.1, 0.0)])
+def test_the_model_of_the_truth_is_the_arm(link: Prototype, sensor: tuple[float, float, float] | None):
+    """Poles and responses of a plane with load pressure fed back, against the matrices put together by hand."""
+    assert link.arm is not None
+    lag = link.but(arm=link.arm.but(offset_m=OFFSET, sensor_m=sensor))
+    rig, payload, frequency = with_pressure(lag, 1e-10), 2.9, np.array([0.5, 8.0, 40.0, 150.0])
+    model = Plane(tomllib.loads(certify_plane(rig, "z", 0.0, 6.8).text))
+    by_hand = assemble(lag, payload, OFFSET, END_INERTIA, 1e-10)
+    expected, found = np.linalg.eigvals(by_hand.a), model.poles(payload)
+    assert max(np.abs(expected / pole - 1).min() for pole in found) < 1e-6
+    w = 2 * pi * frequency
+    load = plane_loop(rig, "z").at_load(payload).compliance_response(frequency)
+    np.testing.assert_allclose(model.magnitudes("load_compliance", payload, w), np.abs(load), rtol=1e-9)
+    for kind, response in (
+        ("tip_compliance", plane_loop(rig, "z").at(payload).compliance_response(frequency)),
+        ("peak_sensitivity", plane_loop(rig, "z").at(payload).sensitivity_response(frequency)),
+        ("controller_effort", plane_loop(rig, "z").at(payload).effort_response(frequency)),
+    ):
+        np.testing.assert_allclose(model.magnitudes(kind, payload, w), np.abs(response), rtol=1e-9)
+    cut = [np.linalg.solve(1j * x * np.eye(len(by_hand.a)) - by_hand.opened, by_hand.valve) for x in w]
+    loop_gain = [abs(by_hand.current @ one) for one in cut]
+    np.testing.assert_allclose(model.magnitudes("loop_gain", payload, w), loop_gain, rtol=1e-6)
+
+
+MUTATIONS = (
+    (("arm", "offset_m", 0), "0.9"),
+    (("arm", "offset_m", 1), "0.6"),
+    (("arm", "sensor_m"), ["0", "-0.5", "0"]),
+    (("arm", "end_polar_inertia_kg_m2"), "0.1"),
+    (("arm", "torsional_stiffness_N_m_per_rad"), "100000"),
+    (("arm", "torsional_damping_ratio"), "0.01"),
+    (("material", "6061-T6", "shear_modulus_Pa"), "26999999000"),
+    (("plane", "free_length_m"), "1.2"),
+    (("plane", "section", "corner_radius_m"), "0.001"),
+    (("plane", "torsion", "damping_N_m_s_per_rad"), "4"),
+    (("rig", "sensor_gain_V_per_m"), "2400"),
+    (("rig", "outer_damping_N_s_per_m"), "137"),
+    (("rig", "valve_frequency_rad_per_s"), "900"),
+    (("controller", "law", "numerators", 0, 0), "0.04"),
+    (("outer_end_mass_kg",), ["0", "20"]),
+    (("stability", "stable"), False),
+    (("stability", "stays_stable_to_kg"), "infinite"),
+    (("claim", 0, "limit"), "0.00000005"),
+    (("claim", 0, "bandwidth_Hz"), "3.6"),
+    (("claim", 1, "limit"), "1.7"),
+    (("claim", 1), {"kind": "peak_sensitivity", "limit": "3", "holds": False}),
+)
+
+
+def changed(table: dict[str, Any], place: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    """A certificate's table with another value, under its own checksum."""
+    inner = table = deepcopy(table)
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    return tomllib.loads(resealed(tomli_w.dumps(table)))
+
+
+def test_truth_of_arm_plane(link: Prototype):
+    """What is honest is not false, and true with room to spare; what is false in floats is never valid."""
+    honest = tomllib.loads(certify_plane(at(link, 0.05, 0.1, 0.0), "z", 0.0, 6.8).text)
+    assert true(honest) is not False
+    roomy = deepcopy(honest)
+    roomy["claim"] = [claim | {"limit": str(Fraction(claim["limit"]) * 11 / 10)} for claim in honest["claim"]]
+    assert true(roomy) is True
+    assert check(resealed(tomli_w.dumps(roomy))).valid
+    for place, value in MUTATIONS:
+        forged = changed(honest, place, value)
+        assert true(forged) is False, place
+        with suppress(Unreadable):
+            assert not check(tomli_w.dumps(forged)).valid, place
+    unstable = tomllib.loads(certify_plane(at(link, 0.0, 0.5, 0.0), "z", 0.0, 6.8).text)
+    assert true(unstable) is not False
+    for place, value in (
+        (("stability", "range", 0, "stable"), False),
+        (("stability", "range", 1, "sample"), "0"),
+        (("stability", "crossing", 0, "frequency_Hz"), ["1", "2"]),
+        (("stability", "crossing"), []),
+    ):
+        assert true(changed(unstable, place, value)) is False
 
 
 def test_a_certificate_is_of_the_arm_that_it_was_made_for_and_of_no_other(link: Prototype):

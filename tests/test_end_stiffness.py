@@ -3,11 +3,16 @@
 import hashlib
 import json
 import re
+import tomllib
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from flint import fmpq
+from stated_rig import StatedRig
+from truth_of_contact import Port, true
 from typer.testing import CliRunner
 
 from beamdesign.checker import Unreadable, check
@@ -38,13 +43,13 @@ from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proof.bouncing import popov_slack
 from beamdesign.proof.contact import Wall, prove_contact, stable_walls
 from beamdesign.proof.passivity import absorbed
-from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.proof.rig_tables import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulate import SimulatedRecord, simulate
 from beamdesign.study.drawn_stiffness import drawn_rigs
-from beamdesign.study.stiffness_run import carried_out
+from beamdesign.study.stiffness_run import carried_out, contact_text
 from beamdesign.tip import Tip, tip
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
@@ -370,6 +375,60 @@ def test_the_certificate_of_contact_is_proved_again(rig: Prototype, judged: dict
         altered, count = re.subn(before, after, text, count=1)
         assert count == 1
         assert refused(signed_again(altered)), before
+
+
+def test_the_model_of_the_truth_is_the_tip(rig: Prototype) -> None:
+    """F / x by hand and poles of the models in floats."""
+    frequencies = np.geomspace(0.01, 800, 60)
+    filtered = read_prototype(PROTOTYPES / "structured.toml")
+    assert isinstance(filtered.controller, Structured)
+    for prototype, law in ((rig, FIRM), (filtered, CompliantLaw(filtered.controller, 4e5, 9.0))):
+        made = prototype.but(controller=controller_of(prototype, law))
+        model = Port(StatedRig({"version": 2, **rig_tables(made)}))
+        expected = apparent(prototype, law, 2.0, frequencies)
+        assert np.abs(model.impedance(2 * np.pi * frequencies, 2.0) / expected - 1).max() < 1e-9
+        expected = np.linalg.eigvals(closed(prototype, law, 2.0)[0])
+        found = model.poles(0.0, 0.0, 2.0)
+        assert max(np.abs(expected / pole - 1).min() for pole in found) < 1e-5
+
+
+MUTATIONS = (
+    (("outer_end_mass_kg",), ["0", "80"]),
+    (("rig", "sensor_gain_V_per_m"), "20000"),
+    (("controller", "gain_A_per_V"), "0.06"),
+    (("stability", "stable"), False),
+    (("passivity", "passive"), True),
+    (("passivity", "band", 0, "outer"), ["0", "36000"]),
+    (("passivity", "band", 0, "inner"), ["0", "37000"]),
+    (("passivity", "band"), []),
+    (("passivity", "troublemaker", "mass_kg"), "0"),
+    (("passivity", "troublemaker", "damping_N_s_per_m"), "2000"),
+    (("contact", "stable"), False),
+    (("bouncing", "stiffness_N_per_m"), "3000000"),
+    (("bouncing", "multiplier_s"), "0"),
+    (("stiffness", "end_stiffness_N_per_m"), "100000000"),
+    (("stiffness", "share"), "0.05"),
+    (("stiffness", "bandwidth_Hz"), "infinite"),
+)
+
+
+def test_truth_of_contact(rig: Prototype) -> None:
+    """What is honest is not false, and true with room to spare; what is false in floats is never valid."""
+    text = contact_text(rig, judge_as_it_is(rig, MASSES_KG, WALL), MASSES_KG, WALL)
+    honest = tomllib.loads(text)
+    assert true(honest) is not False
+    roomy = deepcopy(honest)
+    roomy["stiffness"]["share"] = "0.11"
+    roomy["bouncing"]["stiffness_N_per_m"] = "1200000"
+    assert true(roomy) is True
+    assert check(signed_again(tomli_w.dumps(roomy))).valid
+    for place, value in MUTATIONS:
+        forged = inner = deepcopy(honest)
+        for key in place[:-1]:
+            inner = inner[key]
+        inner[place[-1]] = value
+        assert true(forged) is False, place
+        assert refused(signed_again(tomli_w.dumps(forged))), place
 
 
 def refused(text: str) -> bool:
