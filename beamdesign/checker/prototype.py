@@ -38,6 +38,8 @@ SCHEDULED: dict[str, Any] = {
     },
 }
 """What a controller of several stages says likewise."""
+MAY_BE_EMPTY = ("a", "b", "c", "b_command", "section")
+"""Lists of a controller that say as much as nothing where they are empty."""
 TABLES = ("payload", "goal", "arm", "compliance", "tolerance")
 """Tables that a certificate states as the prototype has them, tolerances where it is about them."""
 
@@ -148,14 +150,14 @@ def _each(scheduled: Mapping[str, Any], stages: Any) -> Iterator[dict[str, Any]]
 
 
 def _full(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A table, and those within it, without lists that are empty, which say as much as nothing."""
+    """A table, and those within it, without lists that say nothing."""
 
     def whole(value: Any) -> Any:
         if isinstance(value, list):
             return [whole(item) for item in value]
         return _full(value) if isinstance(value, dict) else value
 
-    return {key: whole(value) for key, value in table.items() if value != []}
+    return {key: whole(value) for key, value in table.items() if value != [] or key not in MAY_BE_EMPTY}
 
 
 def _figures(prototype: Mapping[str, Any], alloys: Mapping[str, Table]) -> dict[str, arb | None]:
