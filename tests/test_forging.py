@@ -487,6 +487,46 @@ def test_exit_statuses_with_flint_and_the_standard_library_alone(
         assert "Traceback" not in done.stderr
 
 
+def _lags(count: int) -> Table:
+    return {"volts": [{"numerator": ["1"], "denominator": ["1", "1/1000"]} for _ in range(count)]}
+
+
+def _coordinates(count: int) -> Table:
+    return {"impedance": [{"motion": {f"x{k}": "1" for k in range(count)}, "resists": ["1", "1", "1"]}]}
+
+
+@pytest.mark.parametrize("elements", [_lags(61), _coordinates(31), _coordinates(5000)])
+def test_degrees_have_a_limit(stable: Honest, elements: Table):
+    with pytest.raises(Unreadable, match="degree"):
+        check(resealed(stable.table | {"effect": [{"name": "x", "parameters": {}, "elements": elements}]}))
+
+
+def test_states_of_a_controller_have_a_limit():
+    table = honest("beamdesign.mass_range", "sensors").table
+    table["controller"] |= {"a": [["0"] * 61] * 61, "b": [["0", "0"]] * 61, "c": ["0"] * 61}
+    with pytest.raises(Unreadable, match="states"):
+        check(resealed(table))
+
+
+@pytest.mark.parametrize("spans", [9, 8])
+def test_work_has_a_limit(stable: Honest, spans: int):
+    """Too many combinations; and as many as there may be, of a high degree and with many claims."""
+    span = {f"a{k}": {"ends": ["0", "1"]} for k in range(spans)}
+    effect = {"name": "x", "parameters": {}, "span": span, "elements": _lags(8)}
+    with pytest.raises(Unreadable, match="combinations" if spans > 8 else "work"):
+        check(resealed(stable.table | {"effect": [effect], "claim": [stable.table["claim"][0]] * 200}))
+
+
+def test_a_point_is_no_coordinate_and_no_effect_stands_twice(stable: Honest):
+    effect = {"name": "x", "parameters": {}, "elements": {"points": {"tip": {"base": "1"}}}}
+    with pytest.raises(Unreadable, match="coordinates"):
+        check(resealed(stable.table | {"effect": [effect]}))
+    effect["elements"] = {}
+    assert valid(resealed(stable.table | {"effect": [effect]}))
+    with pytest.raises(Unreadable, match="twice"):
+        check(resealed(stable.table | {"effect": [effect, effect]}))
+
+
 @pytest.mark.parametrize("depth", [31, 40, 5000])
 def test_nesting_has_a_limit(stable: Honest, depth: int):
     with pytest.raises(Unreadable):

@@ -174,6 +174,8 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     for elements, own in effects:
         for point, weights in elements.get("points", {}).items():
             for name, weight in weights.items():
+                if name in points:
+                    raise ValueError("a point is no coordinate")
                 points[point][name] = points[point].get(name, 0.0) + _value(weight, own)
         for one in elements.get("impedance", []):
             motion = {name: _value(weight, own) for name, weight in one["motion"].items()}
@@ -196,6 +198,8 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     names = dict.fromkeys(("first", "inner"))
     for weights in (*points.values(), *(motion for motion, _ in network)):
         names |= dict.fromkeys(name for name in weights if name not in points)
+    for name, weight in points["tip"].items():
+        points["sensed"][name] = points["sensed"].get(name, 0.0) + weight
     n, index = len(names), {name: k for k, name in enumerate(names)}
 
     def row(weights: Mapping[str, float]) -> np.ndarray:
@@ -234,7 +238,7 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     a[valve + 1, valve + 1] = -2 * figure["valve_damping_ratio"] * natural
     b[valve + 1, 1] = natural**2 * figure["flow_gain_m3_per_s_per_A"]
     volts = np.zeros(size)
-    volts[:n] = figure["sensor_gain_V_per_m"] * (tip + row(points["sensed"]))
+    volts[:n] = figure["sensor_gain_V_per_m"] * row({"sensed": 1.0})
     at = valve + 2
     for (above, below), order in zip(filters, lags, strict=True):
         if len(above) > order + 1 or below[-1] == 0:

@@ -8,7 +8,7 @@ from typing import Any
 
 from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.checker.reading import Table, Unreadable, rational
+from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational
 from beamdesign.checker.roots import Pair, S
 
 SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
@@ -175,6 +175,8 @@ def _observer(law: Law, table: Table) -> bool:
     a, b, c, d = table.rows("a"), table.rows("b"), table.numbers("c"), table.numbers("d")
     n, p = len(a), len(sensors)
     fits = len(b) == len(c) == n and len(d) == p and all(len(row) == n for row in a) and all(len(row) == p for row in b)
+    if n > HIGHEST_DEGREE:
+        raise Unreadable(f"{table.place}: {n} states are more than {HIGHEST_DEGREE}")
     if not fits or sensors != list(law.numerators):
         raise Unreadable(f"{table.place}: the matrices do not fit each other or the sensors")
     above, below = [fmpq_poly([0])] * p, S**n

@@ -12,7 +12,7 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.inequalities import INEQUALITIES, Bound, Slack, magnitudes
 from beamdesign.checker.ranges import Statements, agrees, stability
-from beamdesign.checker.reading import Table, Unreadable, short
+from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, short
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import Pair, S
 from beamdesign.checker.stability import Family, stable_on_rectangle
@@ -26,6 +26,10 @@ def statements(table: Table, rig: Rig) -> Statements:
     yield same, f"the polynomials {'are' if same else 'are not'} those of the rig and its elements"
     if not any(member.loop.performing for member in members):
         raise Unreadable("no combination of the ends of the spans is to perform")
+    claims = table.tables("claim")
+    degree = max(p.degree() for member in members for p in member.loop.closed)
+    if (work := len(members) * (1 + len(claims)) * degree**5) > MOST_WORK:
+        raise Unreadable(f"{len(members)} loops of degree {degree} with {len(claims)} claims are too much work: {work}")
     stated, alone = table.table("stability"), members[0] if len(members) == 1 else None
     if alone is not None and alone.loop.gain[0] == alone.loop.gain[1]:
         yield from stability(stated, Family(*alone.at(alone.loop.gain[0])), *masses)
@@ -39,7 +43,7 @@ def statements(table: Table, rig: Rig) -> Statements:
             proved = inside and all(member.is_stable_over(ends) for member in members)
             yield proved, words if proved else f"not proved: {words}"
         yield agrees(stated, "stable", whole)
-    for claim in table.tables("claim"):
+    for claim in claims:
         yield _claim(claim, members, whole, masses)
 
 

@@ -36,7 +36,7 @@ def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements
             stated = table.word(key)
             far = rational(stated, key) if stated != "infinite" or not upwards else _reach(family, high)
             a, b = (high, far) if upwards else (far, low)
-            proved = a <= b and family.is_stable_over(a, b)
+            proved = 0 <= a <= b and family.is_stable_over(a, b)
             words = f"stays stable {'up' if upwards else 'down'} to {stated if stated == 'infinite' else short(far)} kg"
             yield proved, words if proved else f"not proved: {words}"
 

@@ -16,6 +16,10 @@ LONGEST_FIGURE, LONGEST_NUMBER = 700, 3_000
 """Characters of a figure that stands alone, the decimals of the least float among them, and of a coefficient."""
 LONGEST_LIST = 64
 """Entries of a list: coefficients of a polynomial, entries of a row of a matrix, ranges, claims."""
+HIGHEST_DEGREE = 60
+"""Of the polynomials of a loop, and of its controller."""
+MOST_WORK = 10**10
+"""Loops times statements about each times the fifth power of their degree, which is how time grows with it."""
 LONGEST_WORDS = 20_000
 """Characters of a text that is no number, and entries of a list of such."""
 

@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.checker.law import SENSED, Law, Schedule, same_frequency
 from beamdesign.checker.mechanics import Elements, Number, Polynomial, Ring, add_weights, mechanics
-from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.reading import HIGHEST_DEGREE, Table, Unreadable, rational, short
 from beamdesign.checker.roots import ZERO, Pair, Polynomials
 
 FIGURES = (
@@ -24,8 +24,9 @@ FIGURES = (
     "leakage_m3_per_s_per_Pa", "valve_frequency_rad_per_s", "valve_damping_ratio", "sensor_gain_V_per_m",
 )  # fmt: skip
 MAY_BE_ZERO = ("outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa")
-MOST_MEMBERS, HIGHEST_DEGREE = 64, 60
-"""Combinations of the ends of spans, and the power of s in a loop: several times what any rig here comes to."""
+MOST_MEMBERS = 64
+"""Combinations of the ends of spans: twice what all effects together come to."""
+POINTS = {"tip", "rod", "base", "sensed"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,60}", re.ASCII)
 ONCE: Pair = (fmpq(1), fmpq(1))
 """A factor of one."""
@@ -89,8 +90,10 @@ class Effect:
         self._scalars = {key: self._entry(made, key) for key in ("oil", "spool", "asymmetry") if key in made}
         points = made.optional("points")
         self._points = {at: self._weights(points.table(at)) for at in points.keys}
-        if unknown := sorted(self._points.keys() - {"tip", "rod", "base", "sensed"}):
+        if unknown := sorted(self._points.keys() - POINTS):
             raise Unreadable(f"{made.place}.points: not known: {', '.join(unknown)}")
+        if any(weights.keys() & POINTS for weights in self._points.values()):
+            raise Unreadable(f"{made.place}.points: what is added to a point is a motion of coordinates")
         self._impedances = [
             (self._weights(one.table("motion")), self._list(one, "resists")) for one in made.tables("impedance")
         ]
@@ -200,6 +203,8 @@ class Rig:
         self.schedule = Schedule(controller) if controller is not None and scheduled else None
         self.law = Law(controller) if controller is not None and not scheduled else None
         self.effects = [Effect(one) for one in table.tables("effect")]
+        if len({effect.name for effect in self.effects}) < len(self.effects):
+            raise Unreadable("an effect stands there twice")
 
     def statements(self) -> Iterator[tuple[bool, str]]:
         """That what it states twice agrees."""
@@ -264,13 +269,12 @@ class Rig:
         law = self.law
         if law is None:
             raise Unreadable("[controller] is not one law")
+        _refuse_size(elements, law)
         bare, loaded = (
             mechanics(self.figures, elements, (fmpq(mass), self.inner_end_mass), list(law.numerators), fmpq_poly)
             for mass in (0, 1)
         )
         around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
-        if bare.opened.degree() + around.degree() > HIGHEST_DEGREE:
-            raise Unreadable(f"its loop is of a higher degree than {HIGHEST_DEGREE}")
         returned, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
         own = tuple(back[SENSED[0]] * at.sensed[SENSED[0]] for at in (bare, loaded))
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
@@ -284,6 +288,16 @@ class Rig:
             gain,
             performing,
         )
+
+
+def _refuse_size(elements: Elements, law: Law) -> None:
+    """Refuse a loop of a high degree before anything is multiplied out."""
+    moving = {name for motion, _ in elements.impedances for name in motion}
+    moving |= {name for weights in elements.points.values() for name in weights}
+    lags = max(one.degree() for one in (*law.numerators.values(), law.denominator))
+    lags += sum(max(len(above), len(below)) - 1 for above, below in elements.volts)
+    if (degree := 2 * len(moving - POINTS) + lags) > HIGHEST_DEGREE:
+        raise Unreadable(f"what is beside the rig's own parts has degree {degree}, more than {HIGHEST_DEGREE}")
 
 
 def electronics(
