@@ -258,6 +258,19 @@ def test_all_stages_are_those_of_the_prototype() -> None:
     assert len(differs(payload=table["payload"] | {"outer_end_mass_kg": [0.0, 7.0]})) == 1
 
 
+def test_a_single_law_is_of_a_prototype_that_has_it_for_these_payloads() -> None:
+    prototype = scheduled()
+
+    def differs(payload: tuple[float, float], number: int = 1) -> list[str]:
+        alone = prototype.stages((0.0, 6.8))[number].prototype
+        tables = rig_tables(alone.but(payload=alone.payload.but(outer_end_mass_kg=payload)))
+        table = Table(tables)
+        return list(differences(table, Rig(table), prototype_table(prototype)))
+
+    assert differs((1.767, 5.033)) == differs((2.0, 3.0)) == []
+    assert len(differs((1.767, 5.1))) == len(differs((2.0, 3.0), 0)) == 1
+
+
 def test_a_dwell_that_the_schedule_does_not_keep_is_said() -> None:
     def told(dwell_s: str) -> str:
         text = re.sub('\ndwell_s = "0.1"', f'\ndwell_s = "{dwell_s}"', made("dwelling")[0], count=1)

@@ -408,20 +408,6 @@ d = [1.0]
         Observer.of(1.0, ["displacement_m"], np.eye(13), np.ones((13, 1)), np.ones(13), [0.0])
 
 
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        (["certify-switching"], "'observer' is not for certify-switching"),
-    ],
-)
-def test_commands_that_cannot_say_so(rig: Prototype, tmp_path: Path, command: list[str], words: str) -> None:
-    path = tmp_path / "prototype.toml"
-    write_prototype(rig, path)
-    done = CliRunner().invoke(app, [command[0], str(path), *command[1:]])
-    assert isinstance(done.exception, InputError)
-    assert words in str(done.exception)
-
-
 def test_a_sampled_loop_is_the_continuous_one_as_the_period_shrinks(rig: Prototype) -> None:
     """A held current is late by half a period: the difference falls with it."""
     row = ScenarioRecord(name="push", outer_end_mass_kg=3.0, input=(Step(amplitude_N=50.0, at_s=0.005, rise_s=0.005),))

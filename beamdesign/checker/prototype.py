@@ -4,7 +4,7 @@ What a prototype's geometry gives where no lumped figure stands is worked out an
 modulus and density the certificate states. What a prototype leaves out has the value that its format gives it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from flint import arb, fmpq
@@ -12,6 +12,7 @@ from flint import arb, fmpq
 from beamdesign.checker.law import decimal, same
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Rig
+from beamdesign.checker.roots import Pair
 from beamdesign.checker.section import agree, area, second_moment
 
 MODE_MASS_FRACTION = fmpq(236, 1000)
@@ -77,8 +78,8 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
         stated_table, given_table = _full(table.optional(name).whole_of_it()), _full(_table(prototype, name))
         if name in prototype or name in ("payload", "goal"):
             given_table = DEFAULTS.get(name, {}) | given_table
-        if name == "payload" and rig.law is not None and _table(prototype, "controller").get("stage"):
-            given_table = given_table | {"outer_end_mass_kg": _within(given_table, stated_table)}
+        if name == "payload" and (stages := _own_stages(rig, prototype)):
+            given_table = {**given_table, "outer_end_mass_kg": _within(stages, stated_table)}
         if name == "tolerance":  # none is as much as zero, and nothing stated is nothing that was proved of it
             given_table = {key: value for key, value in given_table.items() if value and stated_table}
         if not same(stated_table, given_table):
@@ -89,13 +90,12 @@ def differences(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterato
 
 def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]:
     """What cannot be told from the prototype's table alone, and what it asks for beyond what is proved, in words."""
-    asked = _of(prototype, "payload", "outer_end_mass_kg")
-    box = table.optional("range").whole_of_it()
-    at = (Table(box), "outer_end_mass") if box else (table, "outer_end_mass_kg")
-    if isinstance(asked, list) and len(asked) == 2 and at[1] in at[0]:
-        low, high = at[0].range(at[1])
-        if not low <= _number(asked[0], "payload") <= _number(asked[1], "payload") <= high:
-            yield f"the prototype's payloads, {asked[0]:g} to {asked[1]:g} kg, are not all within those proved"
+    payload, box = _table(prototype, "payload"), table.optional("range").whole_of_it()
+    at, key = (Table(box), "outer_end_mass") if box else (table, "outer_end_mass_kg")
+    if "outer_end_mass_kg" in payload and key in at:
+        (low, high), (least, most) = at.range(key), _masses(payload)
+        if not low <= least <= most <= high:
+            yield f"the prototype's payloads, {short(least)} to {short(most)} kg, are not all within those proved"
     if "material" in table and "material" not in prototype:
         yield f"that {', '.join(table.optional('material').whole_of_it())} is as [material] states"
     given = _table(prototype, "effects")
@@ -104,14 +104,34 @@ def left_open(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[
             yield f"the prototype does not state {', '.join(unstated)} of {effect.name}, which has a usual value"
 
 
-def _within(payload: Mapping[str, Any], stated: Mapping[str, Any]) -> Any:
-    """Payloads of one stage, as stated, where they are some of all."""
-    given, own = payload.get("outer_end_mass_kg"), stated.get("outer_end_mass_kg")
-    if not isinstance(own, list) or not isinstance(given, list) or not len(own) == len(given) == 2:
-        return given
-    ends = [rational(end) for end in own]
-    inside = decimal(given[0]) <= ends[0] <= ends[1] <= decimal(given[1])
-    return [int(end.p) / int(end.q) for end in ends] if inside else given
+def _within(stages: Sequence[Mapping[str, Any]], stated: Mapping[str, Any]) -> Any:
+    """Payloads of a single law, as stated, where they are some of those of a stage with that law; else the stage's."""
+    own = stated.get("outer_end_mass_kg")
+    for least, most in map(_masses, stages):
+        if isinstance(own, list) and len(own) == 2 and least <= rational(own[0]) <= rational(own[1]) <= most:
+            return [float(int(v.p) / int(v.q)) for v in map(rational, own)]
+    return stages[0]["outer_end_mass_kg"]
+
+
+def _masses(table: Mapping[str, Any]) -> Pair:
+    """The payloads of a prototype or of a stage of its controller."""
+    found = table.get("outer_end_mass_kg")
+    if not isinstance(found, list) or len(found) != 2:
+        raise Unreadable("outer_end_mass_kg of the prototype must be [least, most]")
+    return _number(found[0], "outer_end_mass_kg"), _number(found[1], "outer_end_mass_kg")
+
+
+def _own_stages(rig: Rig, prototype: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The stages of a prototype whose law is the one of the certificate, each as it would stand by itself."""
+    stages = _full(_table(prototype, "controller")).get("stage", [])
+    if not isinstance(stages, list) or not all(isinstance(stage, dict) for stage in stages):
+        raise Unreadable("controller.stage of the prototype must be a list of tables")
+
+    def alone(stage: Mapping[str, Any]) -> dict[str, Any]:
+        kind = "structured" if "section" in stage else "lag" if "pole_Hz" in stage else "proportional"
+        return {"kind": kind} | {key: value for key, value in stage.items() if key != "outer_end_mass_kg"}
+
+    return [stage for stage in stages if rig.law is not None and same(_full(rig.law.figures), alone(stage))]
 
 
 def _plane(table: Table, prototype: Mapping[str, Any]) -> Iterator[str]:
@@ -131,22 +151,13 @@ def _laws(table: Table, rig: Rig, prototype: Mapping[str, Any]) -> Iterator[str]
     given = _full(_table(prototype, "controller"))
     if "plane" in table and table.table("plane").whole_of_it()["name"] == "y":
         given = _full(_table(_table(prototype, "arm"), "second_controller")) or given
-    laws = (given, *_each(given, given.get("stage", [])))
-    if rig.law is not None and not any(same(_full(rig.law.figures), law) for law in laws):
+    if rig.law is not None and not same(_full(rig.law.figures), given) and not _own_stages(rig, prototype):
         yield "[controller] is not that of the prototype"
     if rig.schedule is not None:
         whole = SCHEDULED | given
         whole["estimator"] = {**SCHEDULED["estimator"], **_table(whole, "estimator")}
         if not same(_full(rig.schedule.figures), whole):
             yield "[controller] with its stages is not that of the prototype"
-
-
-def _each(scheduled: Mapping[str, Any], stages: Any) -> Iterator[dict[str, Any]]:
-    """The laws of several that take turns, each as it would stand by itself."""
-    for stage in stages:
-        law = {key: value for key, value in _full(stage).items() if key not in ("up_to_kg", "outer_end_mass_kg")}
-        kind = "structured" if "section" in law else "lag" if "pole_Hz" in law else "proportional"
-        yield {"kind": kind} | law
 
 
 def _full(table: Mapping[str, Any]) -> dict[str, Any]:
