@@ -20,8 +20,8 @@ def positive(matrix: fmpq_mat) -> bool:
             return False
         for i in range(k + 1, n):
             share = rows[i][k] / rows[k][k]
-            for j in range(k, n):
-                rows[i][j] -= share * rows[k][j]
+            for j in range(k + 1, i + 1):  # the lower triangle is enough
+                rows[i][j] -= share * rows[j][k]
     return True
 
 

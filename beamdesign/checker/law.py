@@ -14,6 +14,20 @@ from beamdesign.checker.roots import Pair, S
 SENSED = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
 FLOAT_ROUNDING = fmpq(1, 10**14)
 """How far a figure in rad/s may be from 2 pi times the one in Hz: both are decimals of floats."""
+SCHEDULED: dict[str, Any] = {
+    "period_s": 0.0005,
+    "dwell_s": 0.1,
+    "estimator": {
+        "noise_V": 0.002,
+        "window_s": 0.08,
+        "update_s": 0.01,
+        "forgetting_s": 0.3,
+        "model_error": 0.1,
+        "largest_std_kg": 0.15,
+        "band_kg": 0.4,
+    },
+}
+"""What a prototype's controller of several stages says where it says nothing, beside its stages."""
 
 
 class Law:
@@ -96,7 +110,11 @@ class Schedule:
         self.stages = [self._stage(one) for one in table.tables("stage")]
         if not self.stages or len({stage.order for stage in self.stages}) > 1:
             raise Unreadable(f"{table.place} needs stages that have as many sections as each other")
-        self.figures: dict[str, Any] = _in_hertz({key: table.take(key) for key in table.keys})
+        table.word("kind", "scheduled"), table.number("period_s")
+        estimator = table.table("estimator")
+        for key in SCHEDULED["estimator"]:
+            estimator.number(key)
+        self.figures: dict[str, Any] = _in_hertz({key: table.take(key) for key in ("kind", "stage", *SCHEDULED)})
 
     def _stage(self, table: Table) -> Stage:
         sections = tuple(

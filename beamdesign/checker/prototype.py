@@ -9,7 +9,7 @@ from typing import Any
 
 from flint import arb, fmpq
 
-from beamdesign.checker.law import decimal, same
+from beamdesign.checker.law import SCHEDULED, decimal, same
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Rig
 from beamdesign.checker.roots import Pair
@@ -25,20 +25,6 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "arm": {"offset_m": [0.0] * 3, "end_polar_inertia_kg_m2": 0.0, "payload_polar_inertia_kg_m2": 0.0},
 }
 """What a prototype's tables say where they say nothing."""
-SCHEDULED: dict[str, Any] = {
-    "period_s": 0.0005,
-    "dwell_s": 0.1,
-    "estimator": {
-        "noise_V": 0.002,
-        "window_s": 0.08,
-        "update_s": 0.01,
-        "forgetting_s": 0.3,
-        "model_error": 0.1,
-        "largest_std_kg": 0.15,
-        "band_kg": 0.4,
-    },
-}
-"""What a controller of several stages says likewise."""
 MAY_BE_EMPTY = ("a", "b", "c", "b_command", "section")
 """Lists of a controller that say as much as nothing where they are empty."""
 TABLES = ("payload", "goal", "arm", "compliance", "tolerance")

@@ -32,6 +32,8 @@ from beamdesign.checker.roots import Pair
 from beamdesign.checker.stability import is_hurwitz
 from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
 
+MOST_CLAIMS = 32
+"""And as many counterexamples."""
 MOST_CYCLES = 100_000
 LARGEST_DEGREE = 4
 """Of P in the mass."""
@@ -49,6 +51,8 @@ def statements(table: Table, rig: Rig) -> Statements:
     if not loops or low == high:
         raise Unreadable("there is no [controller], or no mass that changes")
     claims, against = table.tables("claim"), table.tables("counterexample")
+    if max(len(claims), len(against)) > MOST_CLAIMS:
+        raise Unreadable(f"it has more than {MOST_CLAIMS} claims or counterexamples")
     something = bool(claims or against)
     yield something, f"{'something' if something else 'nothing'} is claimed"
     for claim in claims:

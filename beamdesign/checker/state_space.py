@@ -12,8 +12,8 @@ from beamdesign.checker.law import SENSED, Law, Stage
 from beamdesign.checker.reading import Unreadable
 from beamdesign.checker.rig import Rig
 
-MOST_STATES = 40
-MOST_BITS = 8_192
+MOST_STATES = 32
+MOST_BITS = 2_048
 """Of the numerators and of the common denominator of a matrix."""
 VELOCITY = 1
 """Place of the state that is the velocity of the outer tip, in whose row alone the mass is."""

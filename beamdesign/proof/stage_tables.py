@@ -30,12 +30,10 @@ def stages_certificate(prototype: Prototype, found: Switching, summary: str) -> 
         "counterexample": "An unstable loop that stays; or two in turn, for which |trace M^cycles| exceeds the order of"
         " M, the\n# transition matrix of one cycle.",
     }
-    body = {
-        "outer_end_mass_kg": stated(found.outer_end_mass_kg),
-        "claim": list(_claims(found)),
-        "counterexample": list(_counterexamples(found)),
-    }
-    return certificate(KIND, prototype, body, summary, notes=notes)
+    body = {"claim": list(_claims(found)), "counterexample": list(_counterexamples(found))}
+    body = {key: entries for key, entries in body.items() if entries}
+    masses = {"outer_end_mass_kg": stated(found.outer_end_mass_kg)}
+    return certificate(KIND, prototype, masses | body, summary, notes=notes)
 
 
 def _claims(found: Switching) -> Iterator[Tables]:
