@@ -216,7 +216,7 @@ def of_rig(table: dict[str, Any], ranges: dict[str, tuple[float, float]], points
         if "controller_zero" not in own or "controller_zero" not in ranges:
             gain = gain * at["controller_gain"] / own["controller_gain"]
         stated = np.polyval(late[::-1], s) / np.polyval(plain[::-1], s)
-        off = np.abs(stated / gain - 1).max()
+        off = (np.abs(stated - gain) / np.maximum(np.maximum(np.abs(stated), np.abs(gain)), 1e-200)).max()
         if not off < CLOSE:
             return False if off > 10 * CLOSE or not np.isfinite(off) else None
     return True
