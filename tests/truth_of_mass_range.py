@@ -348,7 +348,8 @@ def _listed(loop: Member, stated: Mapping[str, Any], low: float, high: float) ->
         sample = number(part["sample"])
         yield a <= sample <= b and low <= a <= b <= high
         # Where a crossing is an end, its enclosure is so narrow that the end is too close to call.
-        for mass in (sample, *np.linspace(a, b, 9)[1:-1], *(end for end in (a, b) if end in (low, high))):
+        crossed = {end for enclosure, _ in crossings for end in enclosure}
+        for mass in (sample, *np.linspace(a, b, 9)[1:-1], *({a, b} - crossed)):
             verdict = _is_stable(loop, mass, gain)
             yield None if verdict is None else verdict is part["stable"]
     for (a, b), entry in crossings:
