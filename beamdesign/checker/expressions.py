@@ -12,7 +12,7 @@ from functools import cached_property
 from math import comb, prod
 from typing import NamedTuple
 
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
 
 from beamdesign.checker.reading import HIGHEST_DEGREE, LONGEST_LIST, Table, Unreadable
 from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials
@@ -214,7 +214,9 @@ class Expression:
     def degree(self) -> int:
         """The highest power of s whose coefficient, without the delay, does not vanish for all of the box."""
         whole = self.over_all()
-        fixed = {n: self.enters[n][0] for n in self.variables if n not in self.varying}
+        fixed: dict[str | int, int | fmpz | fmpq] = {
+            n: self.enters[n][0] for n in self.variables if n not in self.varying
+        }
         left = whole.subs(fixed | dict.fromkeys(filter(None, [self.transport]), fmpq(0)))
         return max((int(powers[0]) for powers in left.monoms()), default=-1)
 
