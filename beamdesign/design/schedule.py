@@ -126,7 +126,7 @@ def tune_schedule(
 
     Raises:
         InputError: where so many stages do not fit into the range, and for structured stages without a filter before
-            them.
+            them whose changes are to be proved.
     """
     told = progress or (lambda fraction, text: None)
     figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
@@ -216,7 +216,8 @@ def _ranges(
         except ValueError as error:
             problems.append(("stages", str(error)))
     laws = () if prototype.controller is None else prototype.controller.laws
-    if prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
+    proved = not prototype.effects  # else no proof of changes asks for states to hand over
+    if proved and prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
         problems.append(
             ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
         )
