@@ -1,0 +1,161 @@
+"""Certificates as they were written, of every kind that is forged, and what tells whether one is valid, and of what."""
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import truth_of_mass_range
+from forging import Table, is_number
+
+from beamdesign.checker import Unreadable, check, reading
+from beamdesign.checker.prototype import differences
+from beamdesign.checker.rig import Rig
+from beamdesign.controllers import Lag, Observer, Section, Structured
+from beamdesign.proof.certificate import Asked
+from beamdesign.proof.certifying import certify
+from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.prototype import (
+    Actuator,
+    Beam,
+    Payload,
+    Prototype,
+    Sensor,
+    Servovalve,
+)
+
+AT_LEAST = 500
+"""Mutations for every kind of certificate, shared out among those of a kind."""
+CLAIMS = ("decay_rate", 3.0), ("gain_margin", 1.05)
+OF_THE_RIG = ("rig", "controller", "effect", "payload", "goal", "arm", "compliance", "material")
+
+
+@dataclass(frozen=True)
+class Honest:
+    """A certificate as it was written, and the prototype that it is of."""
+
+    text: str
+    prototype: Prototype
+    largest_kg: float
+
+    @property
+    def table(self) -> Table:
+        """As it is read."""
+        return tomllib.loads(self.text)
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        """The prototype as it is compared."""
+        return prototype_table(self.prototype, self.largest_kg)
+
+
+def _paper() -> Prototype:
+    """The appendix of Zalucky and Hardt (1984) in SI, with a lag and 4.5 kg inside; the outer beam by its geometry."""
+    return Prototype(
+        name="paper",
+        outer_beam=Beam(
+            stiffness_N_per_m=486_800.0, material="6061-T6", free_length_m=1.195, width_m=0.14, wall_m=0.0023,
+            end_mass_kg=2.93, damping_ratio=0.05,
+        ),
+        inner_beam=Beam(stiffness_N_per_m=157_500.0, effective_mass_kg=1.6, damping_ratio=0.05),
+        actuator=Actuator(piston_area_m2=1.13e-4, oil_stiffness_N_per_m=1.3e7),
+        servovalve=Servovalve(
+            flow_gain_m3_per_s_per_A=1.13e-2, leakage_m3_per_s_per_Pa=3.8e-13, natural_frequency_Hz=150.0,
+            damping_ratio=0.5,
+        ),
+        sensor=Sensor(gain_V_per_m=1180.0),
+        controller=Lag(gain_A_per_V=0.15, pole_Hz=1.75, zero_Hz=26.0),
+        payload=Payload(inner_end_mass_kg=4.5, outer_end_mass_kg=(0.0, 6.8)),
+    )  # fmt: skip
+
+
+def certified(prototype: Prototype, masses: tuple[float, float], *claims: tuple[str, float]) -> Honest:
+    """A certificate over a range of outer end masses, with what is claimed beside the best figures."""
+    return Honest(certify(prototype, *masses, [Asked(*claim) for claim in claims]).text, prototype, masses[1])
+
+
+def _stable() -> Honest:
+    return certified(_paper(), (3.0, 6.8), *CLAIMS)
+
+
+def _unstable() -> Honest:
+    """With both crossings in the range."""
+    return certified(_paper(), (0.0, 20.0))
+
+
+def _effects() -> Honest:
+    """Spans, a gain that varies, one more coordinate, filters."""
+    slower = Lag(gain_A_per_V=0.05, pole_Hz=1.75, zero_Hz=26.0)
+    effects: dict[str, dict[str, float]] = {"seal_friction": {}, "unequal_piston_areas": {}, "sensor_lag": {}}
+    return certified(_paper().but(controller=slower, effects=effects), (3.0, 4.0))
+
+
+def _sections() -> Honest:
+    """Which also bounds the loop's gain and its effort."""
+    section = Section(zero_Hz=30.0, zero_damping_ratio=0.6, pole_Hz=35.0, pole_damping_ratio=0.5)
+    law = Structured(gain_A_per_V=0.08, pole_Hz=1.75, zero_Hz=26.0, section=(section,))
+    return certified(_paper().but(controller=law), (3.0, 5.0), CLAIMS[0], ("controller_effort", 0.3))
+
+
+def _sensors() -> Honest:
+    """A lag in a realisation of its own, with a share of the load pressure, behind the sensor's filter."""
+    pole, zero = 2 * np.pi * 1.75, 2 * np.pi * 26.0
+    law = Observer(
+        gain_A_per_V=0.1, sensors=("displacement_m", "load_pressure_Pa"), a=((-pole,),),
+        b=((pole * (1 - pole / zero), 1e-9),), c=(1.0,), d=(pole / zero, 1e-9),
+    )  # fmt: skip
+    return certified(
+        _paper().but(controller=law, sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=400.0)), (4.0, 6.0), CLAIMS[1]
+    )
+
+
+Truth = Callable[[Mapping[str, Any]], bool | None]
+FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
+    "beamdesign.mass_range": (
+        truth_of_mass_range.true,
+        {
+            "stable": (_stable, 90),
+            "unstable": (_unstable, 210),
+            "effects": (_effects, 60),
+            "sections": (_sections, 60),
+            "sensors": (_sensors, 80),
+        },
+    ),
+}
+"""For every kind of certificate a model of what it states, and certificates with how many mutations of each."""
+EACH = [(kind, name) for kind, (_, made) in FORGED.items() for name in made]
+
+
+@cache
+def honest(kind: str, name: str) -> Honest:
+    """One of the certificates."""
+    return FORGED[kind][1][name][0]()
+
+
+def valid(text: str, prototype: Any = None) -> bool:
+    """Whether a certificate is proved again; nothing else may come of it than a verdict, or that it cannot be read."""
+    try:
+        return check(text, prototype).valid
+    except Unreadable:
+        return False
+
+
+def is_another(table: Table, prototype: Mapping[str, Any]) -> bool:
+    """Whether a certificate is told to be of another rig than a prototype; that takes no proof."""
+    read = reading.Table(table)
+    try:
+        return any(differences(read, Rig(read), prototype))
+    except Unreadable:
+        return True
+
+
+def figures(value: Any) -> Any:
+    """A table with its numbers by their value."""
+    if isinstance(value, dict):
+        return {key: figures(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [figures(item) for item in value]
+    return Fraction(value) if is_number(value) else value
