@@ -4,33 +4,49 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
-from typing import Any
+from functools import cache, partial
+from typing import Any, Literal
 
 import numpy as np
+import truth_of_arm_plane
+import truth_of_box
+import truth_of_contact
 import truth_of_mass_range
+import truth_of_stages
+from flint import fmpq
 from forging import Table, is_number
 
+from beamdesign.arm.certificate import certify_plane
 from beamdesign.checker import Unreadable, check, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
-from beamdesign.controllers import Lag, Observer, Section, Structured
+from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
+from beamdesign.design.end_stiffness import judge_as_it_is
+from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
+from beamdesign.proof.contact import Wall
+from beamdesign.proof.lyapunov import switching
 from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.proof.stage_family import stage_families
+from beamdesign.proof.stage_tables import stages_certificate
+from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import (
     Actuator,
+    Arm,
     Beam,
     Payload,
     Prototype,
     Sensor,
     Servovalve,
+    Tolerance,
 )
+from beamdesign.study.stiffness_run import contact_text
 
 AT_LEAST = 500
 """Mutations for every kind of certificate, shared out among those of a kind."""
 CLAIMS = ("decay_rate", 3.0), ("gain_margin", 1.05)
-OF_THE_RIG = ("rig", "controller", "effect", "payload", "goal", "arm", "compliance", "material")
+OF_THE_RIG = ("rig", "controller", "effect", "payload", "goal", "arm", "compliance", "material", "tolerance", "plane")
 
 
 @dataclass(frozen=True)
@@ -112,7 +128,55 @@ def _sensors() -> Honest:
     )
 
 
-Truth = Callable[[Mapping[str, Any]], bool | None]
+def _tame() -> Prototype:
+    """With less gain, which is stable at every mass and under many a change of it."""
+    payload = Payload(inner_end_mass_kg=2.5, outer_end_mass_kg=(0.0, 6.8))
+    return _paper().but(controller=Lag(gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0), payload=payload)
+
+
+def _plane(name: Literal["y", "z"], sideways_m: float) -> Honest:
+    rig = _tame().but(arm=Arm(offset_m=(0.05, sideways_m, 0.0), end_polar_inertia_kg_m2=0.0073))
+    return Honest(certify_plane(rig, name, 0.0, 6.8).text, rig, 6.8)
+
+
+def _port() -> Honest:
+    """Against walls of up to 1 GN/m."""
+    rig, masses, wall = _tame(), (0.0, 6.8), Wall((fmpq(0), fmpq(10**9)))
+    return Honest(contact_text(rig, judge_as_it_is(rig, masses, wall), masses, wall), rig, 6.8)
+
+
+def _box(gain_A_per_V: float, sigmas: float) -> Honest:
+    tolerance = Tolerance(stiffness=0.03, flow_gain=0.05)
+    law = Lag(gain_A_per_V=gain_A_per_V, pole_Hz=1.7, zero_Hz=20.0)
+    rig = _tame().but(tolerance=tolerance, controller=law)
+    found = certify_box(rig, tolerance_box(rig, sigmas, None, (0.0, 2.0)), volumes=False)
+    assert found.certificate
+    return Honest(found.certificate, rig, 2.0)
+
+
+def _changing(law: Lag | Proportional | Scheduled, masses: tuple[float, float]) -> Honest:
+    """A payload that changes however it likes, and a law that stays or several that take turns."""
+    rig = _tame().but(controller=law)
+    return Honest(stages_certificate(rig, switching(stage_families(rig), *masses), ""), rig, 6.8)
+
+
+def _unsettled() -> Honest:
+    return _changing(Lag(gain_A_per_V=0.15, pole_Hz=1.75, zero_Hz=26.0), (0.0, 6.8))
+
+
+def _steady() -> Honest:
+    return _changing(Proportional(gain_A_per_V=0.004), (0.0, 1.0))
+
+
+def _stages() -> Honest:
+    stages = (
+        Stage(outer_end_mass_kg=(0.0, 4.0), gain_A_per_V=0.05, pole_Hz=1.7, zero_Hz=20.0),
+        Stage(outer_end_mass_kg=(3.0, 6.8), gain_A_per_V=0.06, pole_Hz=1.7, zero_Hz=20.0),
+    )
+    return _changing(Scheduled(stage=stages), (2.0, 3.0))
+
+
+Truth = Callable[[dict[str, Any]], bool | None]
 FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
     "beamdesign.mass_range": (
         truth_of_mass_range.true,
@@ -123,6 +187,19 @@ FORGED: dict[str, tuple[Truth, dict[str, tuple[Callable[[], Honest], int]]]] = {
             "sections": (_sections, 60),
             "sensors": (_sensors, 80),
         },
+    ),
+    "beamdesign.arm_plane": (
+        truth_of_arm_plane.true,
+        {"twisted": (partial(_plane, "z", 0.1), 350), "straight": (partial(_plane, "y", 0.0), 150)},
+    ),
+    "beamdesign.box": (
+        truth_of_box.true,
+        {"stable": (partial(_box, 0.05, 1.0), 400), "unstable": (partial(_box, 0.4, 1.0), 100)},
+    ),
+    "beamdesign.contact": (truth_of_contact.true, {"walls": (_port, 500)}),
+    "beamdesign.stages": (
+        truth_of_stages.true,
+        {"steady": (_steady, 200), "unsettled": (_unsettled, 200), "stages": (_stages, 100)},
     ),
 }
 """For every kind of certificate a model of what it states, and certificates with how many mutations of each."""
