@@ -10,14 +10,15 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from math import comb, prod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.checker.reading import HIGHEST_DEGREE, LONGEST_LIST, Table, Unreadable
 from beamdesign.checker.roots import ONE, ZERO, Pair, Polynomials
 
-LONGEST_EXPRESSION = 15_000
+LONGEST_EXPRESSION = 100_000
+"""Characters."""
 MOST_TERMS, MOST_PRODUCTS = 2_000, 1_000_000
 """Terms of a leaf, power of a name, and terms of p over its parameters, all before anything is multiplied out."""
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,500}", re.ASCII)
@@ -68,8 +69,8 @@ class Expression:
                 raise Unreadable(f"there are two groups {name}")
             self.groups[name] = group.word("kind", "sum", "product"), group.words("members")
         self.variables = self.merged(self.ranges)
-        texts, body = table.optional("leaf"), table.word("p")
-        leaves = {_name(name, texts): texts.word(name) for name in texts.keys} or {"p": body}
+        texts, body = table.optional("leaf"), _text(table, "p")
+        leaves = {_name(name, texts): _text(texts, name) for name in texts.keys} or {"p": body}
         delays = table.optional("delay")
         late = {_name(name, delays): delays.word(name) for name in delays.keys}
         self.delay = next(iter(late.values()), None)
@@ -153,8 +154,8 @@ class Expression:
                     return above(left) * above(right)
                 case ast.BinOp(left=left, op=ast.Div(), right=right):
                     return above(left) * below(right)
-                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
-                    return above(left) ** int(power)
+                case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power >= 0:
+                    return above(left) ** power
             raise Unreadable(f"not a polynomial in s and what has a range: {ast.unparse(node)[:100]}")
 
         def below(node: ast.expr) -> fmpq_mpoly:
@@ -166,7 +167,7 @@ class Expression:
                 case ast.BinOp(left=left, op=ast.Mult(), right=right):
                     return below(left) * below(right)
                 case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power > 0:
-                    return below(left) ** int(power)
+                    return below(left) ** power
             raise Unreadable(f"cannot be divided by: {ast.unparse(node)[:100]}")
 
         return above(tree)
@@ -190,7 +191,9 @@ class Expression:
         yield from ((degrees(own, sorted(names)), own) for names, own in groups)
 
     def over_all(self) -> fmpq_mpoly:
-        """P multiplied out, with the delay's exponential as a variable, and as such what is a reciprocal."""
+        """P multiplied out over what varies, where the delay's exponential and reciprocals are variables."""
+        fixed: dict[str | int, Any] = {n: self.enters[n][0] for n in self.variables if n not in self.varying}
+        leaves = {name: value.subs(fixed) for name, value in self.polynomials.items()}
 
         def size(node: Node) -> int:
             inner = map(size, node.parts)
@@ -203,7 +206,7 @@ class Expression:
             if node.kind == "delay":
                 return self.context.gen(self._names.index(self.transport))
             if node.kind == "leaf":
-                return self.polynomials[node.name]
+                return leaves[node.name]
             parts = [at(part) for part in node.parts]
             start = self.context.constant(int(node.kind == "product"))
             return prod(parts, start=start) if node.kind == "product" else sum(parts, start)
@@ -214,10 +217,7 @@ class Expression:
     def degree(self) -> int:
         """The highest power of s whose coefficient, without the delay, does not vanish for all of the box."""
         whole = self.over_all()
-        fixed: dict[str | int, int | fmpz | fmpq] = {
-            n: self.enters[n][0] for n in self.variables if n not in self.varying
-        }
-        left = whole.subs(fixed | dict.fromkeys(filter(None, [self.transport]), fmpq(0)))
+        left = whole.subs({self.transport: fmpq(0)}) if self.transport else whole
         return max((int(powers[0]) for powers in left.monoms()), default=-1)
 
     def member(self, parameters: Mapping[str, fmpq]) -> tuple[fmpq_poly, fmpq_poly, fmpq]:
@@ -257,6 +257,13 @@ def _optional_list(table: Table, key: str) -> list[list[str]]:
     return table.entries(key) if key in table else []
 
 
+def _text(table: Table, key: str) -> str:
+    value = table.take(key)
+    if not isinstance(value, str) or len(value) > LONGEST_EXPRESSION:
+        raise Unreadable(f"{table.place_of(key)} must be a text of at most {LONGEST_EXPRESSION} characters")
+    return value
+
+
 def _name(name: str, table: Table) -> str:
     if not _NAME.fullmatch(name) or len(table.keys) > LONGEST_LIST:
         raise Unreadable(f"{table.place}: not a name, or too many: {name[:60]!r}")
@@ -265,8 +272,6 @@ def _name(name: str, table: Table) -> str:
 
 def _parsed(text: str, place: str) -> ast.expr:
     """The tree of an expression within the limits."""
-    if len(text) > LONGEST_EXPRESSION:
-        raise Unreadable(f"{place} is longer than {LONGEST_EXPRESSION} characters")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError) as error:
