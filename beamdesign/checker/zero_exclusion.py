@@ -268,12 +268,15 @@ class Cell:
 
     def _steepness(self, name: str, w: arb) -> tuple[arb, arb]:
         """Bounds of the derivatives of a leaf up to a frequency: sums of those of its terms."""
-        sizes = fmpq_poly([])
-        for c, degree, powers in self.expression.leaves[name]:
-            largest = prod((most(self.values[n]) ** power for n, power in powers.items()), start=abs(c))
-            sizes += fmpq_poly([0] * degree + [largest])
-        slope = sizes.derivative()
-        return arb_poly(slope)(w), arb_poly(slope.derivative())(w)
+        if name not in self._rates:
+            sizes = fmpq_poly([])
+            for c, degree, powers in self.expression.leaves[name]:
+                largest = prod((most(self.values[n]) ** power for n, power in powers.items()), start=abs(c))
+                sizes += fmpq_poly([0] * degree + [largest])
+            slope = sizes.derivative()
+            self._rates[name] = arb_poly(slope), arb_poly(slope.derivative())
+        first, second = self._rates[name]
+        return first(w), second(w)
 
 
 def common_degrees(expression: Expression, pack: Sequence[str]) -> dict[str, int]:
