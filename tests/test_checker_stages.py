@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 from flint import fmpq, fmpq_mat
 from truth_of_stages import true
 

@@ -1,5 +1,6 @@
 """Controllers of several sensors: from their record to what is proved, replayed and simulated of them."""
 
+import tomllib
 from math import pi
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 from flint import fmpq, fmpq_poly
 from forging import altered
+from truth_of_arm_plane import Plane
 from typer.testing import CliRunner
 
+from beamdesign.arm.certificate import certify_plane
 from beamdesign.arm.plane import plane_loop
 from beamdesign.checker import Unreadable, check
 from beamdesign.checker.stability import stable_on_rectangle
@@ -445,11 +448,27 @@ def test_the_displacement_alone_goes_to_boxes_and_to_code(bare: Prototype) -> No
         assert (found.follow, found.direct) == pytest.approx((expected.follow, expected.direct), rel=1e-6)
 
 
-def test_an_arm_refuses_it(rig: Prototype) -> None:
+def test_an_arm_takes_it(rig: Prototype) -> None:
+    """All three sensors: the loop itself without offset, and with one the model in floats of the arm."""
     tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": 1.475, "material": "6061-T6"}
     link = rig.but(outer_beam=rig.outer_beam.but(**tube), arm=Arm(end_polar_inertia_kg_m2=0.01))
-    with pytest.raises(InputError, match="'observer' is not for the arm"):
-        plane_loop(link, "z")
+    plane, own = plane_loop(link, "z").at(2.5), loop(link).at(2.5)
+    assert (plane.characteristic, plane.opened, plane.returned) == (own.characteristic, own.opened, own.returned)
+    assert (plane.disturbance, plane.demanded) == (own.disturbance, own.demanded)
+    off = link.but(arm=Arm(end_polar_inertia_kg_m2=0.01, offset_m=(0.05, 0.1, 0.0), sensor_m=(0.0, 0.05, 0.0)))
+    found = certify_plane(off, "z", 0.0, 3.0)
+    model, plane = Plane(tomllib.loads(found.text)), plane_loop(off, "z").at(2.5)
+    frequency = np.array([0.5, 8.0, 40.0, 150.0])
+    poles = model.poles(2.5)
+    assert max(np.abs(poles / pole - 1).min() for pole in plane.poles()) < 1e-6
+    for kind, response in (
+        ("tip_compliance", plane.compliance_response(frequency)),
+        ("loop_gain", plane.loop_response(frequency)),
+        ("controller_effort", plane.effort_response(frequency)),
+    ):
+        expected = model.magnitudes(kind, 2.5, 2 * np.pi * frequency)
+        np.testing.assert_allclose(np.abs(response), expected, rtol=1e-8)
+    assert check(found.text, prototype_table(off)).valid
 
 
 def test_a_report_lists_every_entry() -> None:

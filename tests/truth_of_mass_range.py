@@ -13,7 +13,19 @@ from rig_of_certificate import FOLLOWS, Member, law_follows, members, number, nu
 
 CLOSE = 1e-6
 """Relative: nearer than this to its limit a figure is too close to call."""
-TOP = {"kind", "version", "sha256", "name", "outer_end_mass_kg", "claim", "rig", "controller", "effect", "stability"}
+TOP = {
+    "kind",
+    "version",
+    "sha256",
+    "name",
+    "outer_end_mass_kg",
+    "claim",
+    "rig",
+    "controller",
+    "effect",
+    "loop",
+    "stability",
+}
 REPEATED = {"payload", "goal", "arm", "compliance", "material"}
 """Tables of the prototype that a certificate repeats."""
 
@@ -45,6 +57,9 @@ def _verdicts(table: Mapping[str, Any]) -> Iterator[bool | None]:
     if not 0 <= low <= high:
         raise ValueError("no masses")
     loops, stated = members(table), table["stability"]
+    yield len(table["loop"]) == len(loops)
+    for polynomials, loop in zip(table["loop"], loops, strict=True):
+        yield from _of_the_loop(polynomials, loop, high)
     alone = len(loops) == 1 and loops[0].gain[0] == loops[0].gain[1]
     masses = np.linspace(low, high, 1 if low == high else 13)
     grid = [(loop, m, g) for loop in loops for m in masses for g in _grid(*loop.gain)]
@@ -54,6 +69,19 @@ def _verdicts(table: Mapping[str, Any]) -> Iterator[bool | None]:
         yield False if stated["stable"] and stable is False else None if not alone or stable is None else False
     for claim in table.get("claim", []):
         yield _claimed(claim, loops, (low, high), masses, stable)
+
+
+def _of_the_loop(stated: Mapping[str, Any], loop: Member, mass: float) -> Iterator[bool | None]:
+    """Whether polynomials give the loop's own compliance and gain, at some frequencies."""
+    w = 2 * pi * np.array([0.3, 2.0, 9.0, 40.0, 130.0, 300.0])
+    found = {name: [Fraction(value) for value in values] for name, values in stated.items()}
+    size = max(abs(value) for value in found["p1"])
+    at = {name: P.polyval(1j * w, [float(c / size) for c in values] or [0.0]) for name, values in found.items()}
+    closed, returned = at["p0"] + mass * at["p1"], at["returned"] + mass * at["returned_slope"]
+    own = loop.responses(mass, 1.0, w)
+    for one, name in ((at["disturbance"] / closed, "compliance"), (returned / (closed - returned), "loop_gain")):
+        off = abs(abs(one) / own[name] - 1).max()
+        yield bool(off < 1e-6) or (False if off > 1e-3 else None)
 
 
 def _only_numbers(value: Any) -> None:

@@ -145,6 +145,7 @@ class Cell:
         self.summands = expression.body.parts if expression.body.kind == "sum" else (expression.body,)
         self._controls: dict[str, list[tuple[int | None, list[Control]]]] = {}
         self._common: dict[tuple[str, ...], list[list[Control]]] = {}
+        self._rates: dict[str, Control] = {}
         self._frames: dict[fmpq, Frame] = {}
 
     def half(self, name: str, upper: bool) -> "Cell":
