@@ -238,7 +238,7 @@ def _loop_gain(table: dict[str, Any], at: dict[str, float], s: complex) -> compl
     points: dict[str, dict[str, float]] = {"tip": {"first": 1.0}, "rod": {"inner": 1.0}, "base": {}, "sensed": {}}
     for effect in table.get("effect", []):
         stated = {name: number(one["ends"][0]) for name, one in effect.get("span", {}).items()}
-        spans = {name: at.get(f"{effect['name']}_{name}", value) for name, value in stated.items()}
+        spans = at | {name: at.get(f"{effect['name']}_{name}", value) for name, value in stated.items()}
         made = effect["elements"]
 
         def entry(text: str, spans: dict[str, float] = spans) -> float:

@@ -4,11 +4,13 @@ Grids of masses, gains and frequencies cannot prove a statement, but a point of 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
 from itertools import pairwise, product
 from math import inf, isinf, pi
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import polynomial as P
 from rig_of_certificate import FOLLOWS, Member, law_follows, members, number, numbers
 
 CLOSE = 1e-6

@@ -4,7 +4,6 @@ The loop is built from the rig, its controller and its effects, with a variable 
 the expression multiplied out: they may differ by a positive number, and by powers of what is positive.
 """
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from math import prod
@@ -16,10 +15,9 @@ from beamdesign.checker.expressions import MOST_PRODUCTS, Expression
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.mechanics import Elements, Number, mechanics
 from beamdesign.checker.reading import Table, Unreadable, rational, short
-from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, electronics
+from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, electronics, without_unit
 from beamdesign.checker.roots import Pair
 
-_UNIT = re.compile(r"_(N_per_m|N_s_per_m|kg|m2|m3_per_s_per_A|m3_per_s_per_Pa|rad_per_s|V_per_m)$", re.ASCII)
 _DEVIATIONS = {
     "oil_stiffness": "oil_stiffness", "piston_area": "piston_area", "flow_gain": "flow_gain", "leakage": "leakage",
     "valve_frequency": "valve_natural_frequency", "valve_damping_ratio": "valve_damping_ratio",
@@ -58,7 +56,7 @@ def figures(rig: Rig) -> dict[str, fmpq]:
     """What of a rig may vary in a box and has a figure of its own, by name without unit."""
     if rig.law is None:
         raise Unreadable("there is no [controller]")
-    found = {_UNIT.sub("", key): value for key, value in rig.figures.items()}
+    found = {without_unit(key): value for key, value in rig.figures.items()}
     found |= {"inner_end_mass": rig.inner_end_mass}
     if "gain_A_per_V" in rig.law.figures:
         found["controller_gain"] = rational(rig.law.figures["gain_A_per_V"], "controller.gain_A_per_V")
@@ -100,7 +98,7 @@ def _characteristic(expression: Expression, rig: Rig) -> fmpq_mpoly:
     def ring(coefficients: Sequence[Number]) -> fmpq_mpoly:
         return sum((c * variable["s"] ** k for k, c in enumerate(coefficients)), none)
 
-    figure = {key: value[_UNIT.sub("", key)] for key in rig.figures}
+    figure = {key: value[without_unit(key)] for key in rig.figures}
     elements = _elements(rig, expression, value)
     if {"controller_zero", "controller_pole"} & expression.ranges.keys():
         zero, pole, gain = (value[f"controller_{name}"] for name in ("zero", "pole", "gain"))
@@ -143,7 +141,7 @@ def _elements(rig: Rig, expression: Expression, value: Mapping[str, Number]) -> 
         rig.elements(at(corner))
     total = Elements()
     for effect, own in zip(rig.effects, at([value[name] for name, _, _ in places]), strict=True):
-        effect.add_to(total, own)
+        effect.add_to(total, {**value, **own})
     return total
 
 

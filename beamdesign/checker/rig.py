@@ -6,7 +6,7 @@ the ends of all spans, at every gain.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -23,6 +23,7 @@ FIGURES = (
     "inner_damping_N_s_per_m", "oil_stiffness_N_per_m", "piston_area_m2", "flow_gain_m3_per_s_per_A",
     "leakage_m3_per_s_per_Pa", "valve_frequency_rad_per_s", "valve_damping_ratio", "sensor_gain_V_per_m",
 )  # fmt: skip
+_UNIT = re.compile(r"_(N_per_m|N_s_per_m|kg|m2|m3_per_s_per_A|m3_per_s_per_Pa|rad_per_s|V_per_m)$", re.ASCII)
 MAY_BE_ZERO = ("outer_damping_N_s_per_m", "inner_damping_N_s_per_m", "leakage_m3_per_s_per_Pa")
 MOST_MEMBERS = 64
 """Combinations of the ends of spans: twice what all effects together come to."""
@@ -46,10 +47,19 @@ def _affine(text: Any, place: str) -> "dict[str, fmpq]":
     return found
 
 
-class Entry:
-    """A number of an element, affine in the spans of its effect."""
+def without_unit(name: str) -> str:
+    """A figure's name without its unit."""
+    return _UNIT.sub("", name)
 
-    def __init__(self, text: Any, place: str, spans: Mapping[str, Any]) -> None:
+
+NAMES = {without_unit(name) for name in (*FIGURES, "filter_frequency_rad_per_s")}
+"""Of figures that impedances and filters of effects may be times, without unit."""
+
+
+class Entry:
+    """A number of an element, affine in the spans of its effect and in figures of the rig."""
+
+    def __init__(self, text: Any, place: str, spans: Collection[str]) -> None:
         self._parts = _affine(text, place)
         if unknown := sorted(self._parts.keys() - {"", *spans}):
             raise Unreadable(f"{place}: no span {', '.join(unknown)}")
@@ -105,7 +115,7 @@ class Effect:
         return Entry(table.take(key), table.place_of(key), self.spans)
 
     def _list(self, table: Table, key: str) -> list[Entry]:
-        return [Entry(text, table.place_of(key), self.spans) for text in table.entries(key)]
+        return [Entry(text, table.place_of(key), {*self.spans, *NAMES}) for text in table.entries(key)]
 
     def _weights(self, table: Table) -> dict[str, Entry]:
         if wrong := [name for name in table.keys if name.startswith("oil") or not _NAME.fullmatch(name)]:
@@ -258,7 +268,7 @@ class Rig:
         """
         total = Elements()
         for effect, own in zip(self.effects, values, strict=True):
-            effect.add_to(total, own)
+            effect.add_to(total, {without_unit(name): value for name, value in self.figures.items()} | own)
             sound = total.oil > 0 and total.spool >= 0 and -1 < total.asymmetry < 1
             if not sound or not all(any(below) for _, below in total.volts):
                 raise Unreadable(f"effect {effect.name}: its elements are of no rig")

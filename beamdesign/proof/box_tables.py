@@ -65,4 +65,4 @@ def box_certificate(
     if deviations := {key: value for key, value in plain(subject.tolerance).items() if value}:
         body["tolerance"] = stated(deviations)
     heaviest = nearest(statement.parameters["outer_end_mass"][1])
-    return certificate(KIND, subject, body, "\n".join(summary), heaviest, _NOTES)
+    return certificate(KIND, subject, body, "\n".join(summary), heaviest, _NOTES, varying)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from math import pi
+from types import MappingProxyType
 from typing import Any
 
 from flint import fmpq, fmpq_poly
@@ -23,21 +24,26 @@ _WHOLE = ("payload", "goal", "arm", "compliance")
 """Tables of a prototype that a certificate repeats."""
 
 
-def rig_tables(prototype: Prototype, largest_outer_end_mass: float | None = None) -> Tables:
+def rig_tables(
+    prototype: Prototype,
+    largest_outer_end_mass: float | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
+) -> Tables:
     """Tables from which a checker builds the loop, numbers as exact decimals in quotes.
 
     Args:
         prototype: with a controller of one law, or of several stages that take turns, or with none.
         largest_outer_end_mass: kg, whose weight is the load where an effect depends on it; else that of the payload.
+        varying: ranges of figures of which the elements of effects are to be stated as functions, not at their values.
 
     Raises:
-        InputError: for effects for which no linear loop stands, or whose elements are not affine in their spans.
+        InputError: for effects for which no linear loop stands, or whose elements are not affine in what varies.
     """
     tables: Tables = {"rig": _rig(prototype)}
     if prototype.controller is not None:
         tables["controller"] = controller_table(prototype)
     if prototype.effects:
-        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass))
+        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass), varying)
     for name in _WHOLE:
         if (record := getattr(prototype, name)) is not None:
             tables[name] = stated(plain(record))
@@ -133,7 +139,9 @@ def _from_geometry(beam: Beam) -> bool:
 # Effects.
 
 
-def effect_tables(prototype: Prototype, found: LinearFamily) -> list[Tables]:
+def effect_tables(
+    prototype: Prototype, found: LinearFamily, varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({})
+) -> list[Tables]:
     """Each effect with its parameters, its spans, its factors on the gain, and its elements, affine in its spans."""
     tables = []
     for name, own in effect_parameters_of(prototype).items():
@@ -146,7 +154,7 @@ def effect_tables(prototype: Prototype, found: LinearFamily) -> list[Tables]:
                 key: {"ends": _pair(span.low, span.high), "performing": _pair(*span.performing)}
                 for key, span in spans.items()
             }
-        tables.append(table | {"elements": _elements(prototype, name, own, spans)})
+        tables.append(table | {"elements": _elements(prototype, name, own, spans, varying)})
     return tables
 
 
@@ -154,10 +162,16 @@ def _pair(low: float, high: float) -> list[str]:
     return [text(exact(low)), text(exact(high))]
 
 
-def _elements(prototype: Prototype, name: str, own: Mapping[str, float], spans: Mapping[str, Span]) -> Tables:
-    """Elements of an effect whose numbers are sums of numbers and of numbers times spans.
+def _elements(
+    prototype: Prototype,
+    name: str,
+    own: Mapping[str, float],
+    spans: Mapping[str, Span],
+    varying: Mapping[str, tuple[fmpq, fmpq]],
+) -> Tables:
+    """Elements of an effect whose numbers are sums of numbers and of numbers times spans or figures.
 
-    They are taken where all spans are at their low ends, and where one at a time is at its high end; that they are
+    They are taken where all of these are at their low ends, and where one at a time is at its high end; that they are
     affine is seen where all are.
     """
     linear = library()[name].linear
@@ -165,10 +179,14 @@ def _elements(prototype: Prototype, name: str, own: Mapping[str, float], spans: 
     figure = {key: exact(value) for key, value in figures(prototype).items()}
     parameters = {key: exact(value) for key, value in own.items()}
     low = {key: exact(span.low) for key, span in spans.items()}
-    width = {key: exact(span.high) - low[key] for key, span in spans.items() if span.low < span.high}
+    high = {key: exact(span.high) for key, span in spans.items()}
+    for key in figure.keys() & varying.keys():
+        low[key], high[key] = varying[key]
+    width = {key: high[key] - low[key] for key in low if low[key] < high[key]}
 
-    def at(*high: str) -> Tables:
-        return _nested(linear.elements(parameters | low | {key: low[key] + width[key] for key in high}, figure))
+    def at(*raised: str) -> Tables:
+        values = low | {key: high[key] for key in raised}
+        return _nested(linear.elements(parameters | values, figure | values))
 
     base, steps = at(), {key: at(key) for key in width}
 

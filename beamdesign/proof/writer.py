@@ -2,9 +2,11 @@
 
 import hashlib
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import tomli_w
+from flint import fmpq
 
 from beamdesign.proof.rig_tables import rig_tables
 from beamdesign.prototype import Prototype
@@ -27,6 +29,7 @@ def certificate(
     summary: str,
     largest_outer_end_mass: float | None = None,
     notes: Mapping[str, str] | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
 ) -> str:
     """Write a certificate.
 
@@ -37,6 +40,7 @@ def certificate(
         summary: the result in words, put on top as a comment.
         largest_outer_end_mass: kg, as `rig_tables` takes it.
         notes: what to say above a table, by its name.
+        varying: figures that are not at their values, as `rig_tables` takes them.
     """
     head = [
         *(f"# {one_line(line)}".rstrip() for line in summary.splitlines()),
@@ -49,10 +53,10 @@ def certificate(
         f"version = {VERSION}",
         "",
     ]
-    name, rig = (
-        (subject, {}) if isinstance(subject, str) else (subject.name, rig_tables(subject, largest_outer_end_mass))
-    )
-    tables = {"name": name} | rig | dict(body)
+    tables: dict[str, Any] = {"name": subject if isinstance(subject, str) else subject.name}
+    if not isinstance(subject, str):
+        tables |= rig_tables(subject, largest_outer_end_mass, varying)
+    tables |= body
     lines = tomli_w.dumps(tables).splitlines(keepends=True)
     words = {**_NOTES, **(notes or {})}
     for name, note in words.items():
