@@ -237,7 +237,7 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
     at = valve + 2
     for (above, below), order in zip(filters, lags, strict=True):
         if len(above) > order + 1 or below[-1] == 0:
-            raise NotImplementedError("a filter that differentiates")
+            raise ValueError("a filter that differentiates")
         straight = above[order] / below[order] if len(above) > order else 0.0
         shown = straight * volts
         for k in range(order):  # controllable companion form

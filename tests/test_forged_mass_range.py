@@ -275,6 +275,12 @@ def test_a_point_is_no_coordinate_and_no_effect_stands_twice(stable: Honest):
         check(resealed(stable.table | {"effect": [effect, effect]}))
 
 
+def test_no_filter_differentiates(stable: Honest):
+    elements = {"volts": [{"numerator": ["1", "1/1000"], "denominator": ["1"]}]}
+    with pytest.raises(Unreadable, match="of no rig"):
+        check(resealed(stable.table | {"effect": [{"name": "x", "parameters": {}, "elements": elements}]}))
+
+
 def test_the_first_format_is_to_be_made_again(stable: Honest):
     with pytest.raises(Unreadable, match="again"):
         check(resealed(stable.table | {"version": 1}))

@@ -270,7 +270,8 @@ class Rig:
         for effect, own in zip(self.effects, values, strict=True):
             effect.add_to(total, {without_unit(name): value for name, value in self.figures.items()} | own)
             sound = total.oil > 0 and total.spool >= 0 and -1 < total.asymmetry < 1
-            if not sound or not all(any(below) for _, below in total.volts):
+            filters = [(fmpq_poly(list(above)), fmpq_poly(list(below))) for above, below in total.volts]
+            if not sound or any(below == 0 or above.degree() > below.degree() for above, below in filters):
                 raise Unreadable(f"effect {effect.name}: its elements are of no rig")
         return total
 
