@@ -176,7 +176,7 @@ def _plant(rig: Mapping[str, Any], effects: Sequence[tuple[Mapping[str, Any], Ma
             motion = {name: _value(weight, own) for name, weight in one["motion"].items()}
             network.append((motion, [_value(part, own) for part in one["resists"]]))
         filters += [
-            [[_value(c, own) for c in one[key]] for key in ("numerator", "denominator")]
+            [list(P.polytrim([_value(c, own) for c in one[key]])) for key in ("numerator", "denominator")]
             for one in elements.get("volts", [])
         ]
         oil *= _value(elements.get("oil", "1"), own)
