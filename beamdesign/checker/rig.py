@@ -267,8 +267,9 @@ class Rig:
             Unreadable: where they are of no rig.
         """
         total = Elements()
+        figures = {without_unit(name): value for name, value in self.figures.items()}
         for effect, own in zip(self.effects, values, strict=True):
-            effect.add_to(total, {**{without_unit(name): value for name, value in self.figures.items()}, **own})
+            effect.add_to(total, {**figures, **own})
             sound = total.oil > 0 and total.spool >= 0 and -1 < total.asymmetry < 1
             filters = [(fmpq_poly(list(above)), fmpq_poly(list(below))) for above, below in total.volts]
             if not sound or any(below == 0 or above.degree() > below.degree() for above, below in filters):
