@@ -46,7 +46,7 @@ from beamdesign.study.stiffness_run import contact_text
 AT_LEAST = 500
 """Mutations for every kind of certificate, shared out among those of a kind."""
 CLAIMS = ("decay_rate", 3.0), ("gain_margin", 1.05)
-OF_THE_RIG = ("rig", "controller", "effect", "payload", "goal", "arm", "compliance", "material", "tolerance", "plane")
+OF_THE_RIG = ("rig", "controller", "effect", "payload", "goal", "arm", "compliance", "material", "plane")
 
 
 @dataclass(frozen=True)

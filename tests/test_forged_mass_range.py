@@ -256,13 +256,13 @@ def test_states_of_a_controller_have_a_limit():
         check(resealed(table))
 
 
-@pytest.mark.parametrize("spans", [9, 8])
+@pytest.mark.parametrize("spans", [7, 6])
 def test_work_has_a_limit(stable: Honest, spans: int):
     """Too many combinations; and as many as there may be, of a high degree and with many claims."""
     span = {f"a{k}": {"ends": ["0", "1"]} for k in range(spans)}
-    effect = {"name": "x", "parameters": {}, "span": span, "elements": _lags(8)}
-    with pytest.raises(Unreadable, match="combinations" if spans > 8 else "work"):
-        check(resealed(stable.table | {"effect": [effect], "claim": [stable.table["claim"][0]] * 200}))
+    effect = {"name": "x", "parameters": {}, "span": span, "elements": _lags(12)}
+    with pytest.raises(Unreadable, match="combinations" if spans > 6 else "work"):
+        check(resealed(stable.table | {"effect": [effect], "claim": [stable.table["claim"][0]] * 64}))
 
 
 def test_a_point_is_no_coordinate_and_no_effect_stands_twice(stable: Honest):

@@ -36,7 +36,8 @@ def test_a_verdict_repeats_every_claim_with_its_number(kind: str, name: str):
     made = honest(kind, name)
     proved = check(made.text).proved
     for claim in made.table.get("claim", []):
-        assert any(f"{float(claim['limit']):.7g}" in words for words in proved)
+        asked = [claim[key] for key in ("limit", "rate_kg_per_s", "dwell_s") if key in claim]
+        assert all(any(f"{float(number):.7g}" in words for words in proved) for number in asked)
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)

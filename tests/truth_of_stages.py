@@ -90,10 +90,10 @@ def polynomial(coefficients: list[str], s: np.ndarray) -> np.ndarray:
 
 def follows(controller: dict[str, Any]) -> Verdict:
     """Whether the polynomials are those of the figures, at real frequencies."""
-    law, gain = controller["law"], number(controller["gain_A_per_V"])
-    below = polynomial(law["denominator"], AT)
     if controller["kind"] not in ("proportional", "lag", "structured", "observer"):
         return True  # of another kind nothing is stated
+    law, gain = controller["law"], number(controller["gain_A_per_V"])
+    below = polynomial(law["denominator"], AT)
     if controller.get("sensors", [SENSED[0]]) != law["sensors"]:
         raise ValueError("other sensors")
     if controller["kind"] == "observer":

@@ -52,18 +52,16 @@ def _same(stated: Sequence[Table], loops: Sequence[Loop]) -> bool:
 
     Whoever wrote them has them from the effects' laws, and not from the elements.
     """
-    if len(stated) != len(loops):
-        return False
-    good = True
-    for table, loop in zip(stated, loops, strict=True):
-        returned, closed = loop.returned, loop.closed
-        own = {"p0": closed[0], "p1": closed[1], "returned": returned[0], "returned_slope": returned[1]}
-        own |= {"disturbance": loop.disturbance}
-        found = {name: table.polynomial(name) for name in own}
-        lead = closed[1].degree()
-        factor = found["p1"][lead] / closed[1][lead]
-        good = good and factor > 0 and all(one * factor == found[name] for name, one in own.items())
-    return good
+    names = ("p0", "p1", "returned", "returned_slope", "disturbance")
+    found = [[table.polynomial(name) for name in names] for table in stated]
+    return len(found) == len(loops) and all(map(_proportional, found, loops))
+
+
+def _proportional(stated: Sequence[fmpq_poly], loop: Loop) -> bool:
+    own = (*loop.closed, *loop.returned, loop.disturbance)
+    lead = own[1].degree()
+    factor = stated[1][lead] / own[1][lead]
+    return factor > 0 and all(one * factor == other for one, other in zip(own, stated, strict=True))
 
 
 @dataclass(frozen=True)
