@@ -47,7 +47,8 @@ def of_rig(table: Table, expression: Expression, rig: Rig) -> Iterator[tuple[boo
         if name in own and not ends[0] <= own[name] <= ends[1]:
             yield False, f"{name}: the rig's own, {short(own[name])}, is not within {_words(ends)}"
         elif ends[0] < ends[1] or name in needed:
-            yield True, f"{name} {_words(ends)}{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
+            share = f"{_share(name, ends, own, deviations)}{_of_span(name, rig, spans)}"
+            yield True, f"{'for every' if ends[0] < ends[1] else 'with'} {name} {_words(ends)}{share}"
     proved = _alike(expression, _characteristic(expression, rig))
     yield proved, f"the expression is {'' if proved else 'NOT '}the characteristic polynomial of this rig's loop"
 
@@ -208,7 +209,8 @@ def _share(name: str, ends: Pair, own: Mapping[str, fmpq], deviations: Mapping[s
     low, high = (float(short(100 * (end / own[name] - 1))) for end in ends)
     words = f", {low:+.4g} % to {high:+.4g} % of the rig's {short(own[name])}"
     if any(deviations.get(name, ())):
-        words += f", {float(short(sigmas(ends, own[name], *deviations[name]))):.4g} standard deviations"
+        count = float(short(sigmas(ends, own[name], *deviations[name])))
+        words += f", {count:.4g} standard deviation{'' if count == 1 else 's'}"
     return words
 
 
