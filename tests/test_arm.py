@@ -15,6 +15,7 @@ import tomli_w
 from arm_assembled import DENSITY_KG_PER_M3, LENGTH_M, SHEAR_PA, assemble, tube
 from arm_elements import lever, matrices
 from flint import fmpq, fmpq_poly
+from forging import sealed_text
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true
@@ -332,7 +333,9 @@ def test_certificates_of_added_sensors_are_proved_again(link: Prototype):
         found = certify_plane(rig, name, 0.0, 6.8)
         assert check(found.text, prototype_table(rig)).valid
         (limit,) = (c["limit"] for c in tomllib.loads(found.text)["claim"] if c["kind"] == "peak_sensitivity")
-        assert not check(resealed(found.text.replace(f'limit = "{limit}"', f'limit = "{0.999 * float(limit)}"'))).valid
+        assert not check(
+            sealed_text(found.text.replace(f'limit = "{limit}"', f'limit = "{0.999 * float(limit)}"'))
+        ).valid
 
 
 @pytest.mark.parametrize("pressure", [0.0, 1e-10])
@@ -371,7 +374,7 @@ def test_servos_that_measure_at_the_payload_hold_it_but_not_its_roll(link: Proto
     assert outcome.valid, outcome.failed
     elsewhere = goal[1].text.replace('sensor_m = [\n    "0",\n    "0.15"', 'sensor_m = [\n    "0",\n    "0"')
     assert elsewhere != goal[1].text
-    assert not check(resealed(elsewhere)).valid
+    assert not check(sealed_text(elsewhere)).valid
     with pytest.raises(InputError, match="sensor_m"):
         prove_anywhere(rig, (0.0, 6.8), (0.0, 0.01, 0.0))
 
@@ -524,16 +527,6 @@ def test_the_second_controller_acts_sideways_only(link: Prototype):
 # Certificates.
 
 
-def resealed(text: str) -> str:
-    """With the checksum of what the text has become."""
-    from hashlib import sha256
-
-    lines = text.splitlines(keepends=True)
-    rest = "".join(line for line in lines if not line.startswith("sha256"))
-    own = f'sha256 = "{sha256(rest.encode()).hexdigest()}"\n'
-    return "".join(own if line.startswith("sha256") else line for line in lines)
-
-
 FALSE = (
     ('offset_m = [\n    "0.05",\n    "0.05"', 'offset_m = [\n    "0.05",\n    "0.6"', "not proved"),
     ('kind = "peak_sensitivity", limit = "1.', 'kind = "peak_sensitivity", limit = "0.', "not proved: peak"),
@@ -558,11 +551,11 @@ def test_certificates_are_proved_again_and_false_ones_refused(link: Prototype):
         assert any("controller effort" in words for words in outcome.proved)
     for old, new, words in FALSE:
         assert old in text
-        outcome = check(resealed(text.replace(old, new, 1)))
+        outcome = check(sealed_text(text.replace(old, new, 1)))
         assert any(words in reason for reason in outcome.failed), (old, outcome.failed)
     for old, new in (("free_length_m", "length_m"), ('name = "z"', 'name = "y"'), ("tip_comp", "comp")):
         with pytest.raises(Unreadable):  # torsion has no part in the other plane
-            check(resealed(text.replace(old, new)))
+            check(sealed_text(text.replace(old, new)))
 
 
 @pytest.mark.parametrize("sensor", [None, (0.05, 0.1, 0.0)])
@@ -620,7 +613,7 @@ def changed(table: dict[str, Any], place: tuple[Any, ...], value: Any) -> dict[s
     for key in place[:-1]:
         inner = inner[key]
     inner[place[-1]] = value
-    return tomllib.loads(resealed(tomli_w.dumps(table)))
+    return tomllib.loads(sealed_text(tomli_w.dumps(table)))
 
 
 def test_truth_of_arm_plane(link: Prototype):
@@ -630,7 +623,7 @@ def test_truth_of_arm_plane(link: Prototype):
     roomy = deepcopy(honest)
     roomy["claim"] = [claim | {"limit": str(Fraction(claim["limit"]) * 11 / 10)} for claim in honest["claim"]]
     assert true(roomy) is True
-    assert check(resealed(tomli_w.dumps(roomy))).valid
+    assert check(sealed_text(tomli_w.dumps(roomy))).valid
     for place, value in MUTATIONS:
         forged = changed(honest, place, value)
         assert true(forged) is False, place

@@ -1,6 +1,5 @@
 """Certificates of changing payloads and stages: proved again, compared with their prototype, and not after a change."""
 
-import hashlib
 import re
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from typing import Any
 import pytest
 import tomli_w
 from flint import fmpq, fmpq_mat
+from forging import sealed_text
 from truth_of_stages import true
 
 from beamdesign.checker import Unreadable, Verdict, check
@@ -120,13 +120,6 @@ def made(name: str) -> tuple[str, dict[str, Any]]:
     return stages_certificate(prototype, prove(prototype), name), prototype_table(prototype)
 
 
-def resealed(text: str) -> str:
-    """A text with its checksum made right again, as a careful forger would."""
-    without = re.sub(r'sha256 = "[0-9a-f]*"\n', "", text)
-    seal = f'sha256 = "{hashlib.sha256(without.encode()).hexdigest()}"\n'
-    return without.replace("version = 2\n", f"version = 2\n{seal}", 1)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_what_was_proved_is_proved_again_and_true(name: str) -> None:
     text, prototype = made(name)
@@ -137,7 +130,7 @@ def test_what_was_proved_is_proved_again_and_true(name: str) -> None:
     assert stated == CASES[name][2]
     assert len(verdict.proved) == 4 + stated  # intact, the law, something claimed, of this prototype
     assert true(table) is True
-    assert check(resealed(text)).valid
+    assert check(sealed_text(text)).valid
 
 
 def test_every_kind_of_claim_is_among_them() -> None:
@@ -185,7 +178,7 @@ def test_a_forged_certificate_is_not_valid_and_not_true(what: str) -> None:
     assert changed != text
     with_old_seal = outcome(changed)
     assert with_old_seal is None or not with_old_seal.valid
-    forged = outcome(resealed(changed))
+    forged = outcome(sealed_text(changed))
     assert forged is None or (forged.failed and not any("sha256" in words for words in forged.failed))
     try:
         assert true(tomllib.loads(changed)) is False
@@ -203,7 +196,7 @@ def outcome(text: str) -> Verdict | None:
 def test_a_certificate_that_claims_nothing_is_not_valid() -> None:
     table = tomllib.loads(made("filtered")[0])
     del table["claim"]
-    verdict = outcome(resealed(tomli_w.dumps(table)))
+    verdict = outcome(sealed_text(tomli_w.dumps(table)))
     assert verdict is not None
     assert verdict.failed == ("nothing is claimed",)
 
@@ -230,7 +223,7 @@ def test_what_is_not_of_the_format_is_unreadable(name: str, before: str, after: 
     changed, count = re.subn(before, after, made(name)[0], count=1)
     assert count == 1
     with pytest.raises(Unreadable):
-        check(resealed(changed))
+        check(sealed_text(changed))
 
 
 # The prototype.
@@ -277,7 +270,7 @@ def test_a_single_law_is_of_a_prototype_that_has_it_for_these_payloads() -> None
 def test_a_dwell_that_the_schedule_does_not_keep_is_said() -> None:
     def told(dwell_s: str) -> str:
         text = re.sub('\ndwell_s = "0.1"', f'\ndwell_s = "{dwell_s}"', made("dwelling")[0], count=1)
-        (words,) = (words for words in check(resealed(text)).proved if "changes of stage" in words)
+        (words,) = (words for words in check(sealed_text(text)).proved if "changes of stage" in words)
         return words
 
     assert "NOT" in told("0.000001")

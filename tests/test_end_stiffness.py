@@ -1,6 +1,5 @@
 """Compliance on demand: stiffness, passivity, contact and commands against closed forms, matrices and records."""
 
-import hashlib
 import json
 import re
 import tomllib
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 from flint import fmpq
+from forging import sealed_text
 from stated_rig import StatedRig
 from truth_of_contact import Port, true
 from typer.testing import CliRunner
@@ -345,13 +345,6 @@ def test_stiffnesses_that_can_be_had_end_where_a_root_crosses(rig: Prototype, br
         assert is_hurwitz(family.at(part.sample)) is part.stable
 
 
-def signed_again(text: str) -> str:
-    """The text with the checksum of what it now says."""
-    bare = re.sub(r'sha256 = "[0-9a-f]+"\n', "", text, count=1)
-    digest = hashlib.sha256(bare.encode()).hexdigest()
-    return re.sub(r'sha256 = "[0-9a-f]+"', f'sha256 = "{digest}"', text, count=1)
-
-
 @pytest.mark.parametrize("name", ["soft", "firm", "brisk"])
 def test_the_certificate_of_contact_is_proved_again(rig: Prototype, judged: dict[str, EndStiffness], name: str) -> None:
     made = carried_out(rig, judged[name], MASSES_KG, WALL)
@@ -374,7 +367,7 @@ def test_the_certificate_of_contact_is_proved_again(rig: Prototype, judged: dict
     for before, after in false[: 4 if name == "soft" else None]:
         altered, count = re.subn(before, after, text, count=1)
         assert count == 1
-        assert refused(signed_again(altered)), before
+        assert refused(sealed_text(altered)), before
 
 
 def test_the_model_of_the_truth_is_the_tip(rig: Prototype) -> None:
@@ -421,14 +414,14 @@ def test_truth_of_contact(rig: Prototype) -> None:
     roomy["stiffness"]["share"] = "0.11"
     roomy["bouncing"]["stiffness_N_per_m"] = "1200000"
     assert true(roomy) is True
-    assert check(signed_again(tomli_w.dumps(roomy))).valid
+    assert check(sealed_text(tomli_w.dumps(roomy))).valid
     for place, value in MUTATIONS:
         forged = inner = deepcopy(honest)
         for key in place[:-1]:
             inner = inner[key]
         inner[place[-1]] = value
         assert true(forged) is False, place
-        assert refused(signed_again(tomli_w.dumps(forged))), place
+        assert refused(sealed_text(tomli_w.dumps(forged))), place
 
 
 def refused(text: str) -> bool:
