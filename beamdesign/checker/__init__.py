@@ -22,6 +22,7 @@ from beamdesign.checker.about import about
 from beamdesign.checker.prototype import differences, left_open
 from beamdesign.checker.reading import LARGEST_BYTES, Table, Unreadable, comments, read, sealed
 from beamdesign.checker.rig import Rig
+from beamdesign.checker.roots import Pair
 
 __all__ = ["KINDS", "VERSION", "Unreadable", "Verdict", "check"]
 
@@ -73,14 +74,15 @@ class Verdict:
 
 def check(
     source: str | Path,
-    prototype: str | Path | PrototypeTable | Callable[[float | None], PrototypeTable] | None = None,
+    prototype: str | Path | PrototypeTable | Callable[[float | None, Mapping[str, Pair]], PrototypeTable] | None = None,
 ) -> Verdict:
     """Prove a certificate again, and that it is of a prototype.
 
     Args:
         source: path of the certificate, or its text.
         prototype: path of a prototype.toml; or its table with every default filled in, and with the tables that stand
-            for its effects under `effect` where whoever asks can tell; or what gives that for a largest payload in kg.
+            for its effects under `effect` where whoever asks can tell; or what gives that for a largest payload in kg and
+            the ranges of a box.
 
     Raises:
         Unreadable: where either cannot be read, or is beyond the limits.
@@ -117,8 +119,13 @@ def check(
 
 def _given(prototype: Any, table: Table) -> PrototypeTable:
     if callable(prototype):
-        masses = table.range("outer_end_mass_kg") if "outer_end_mass_kg" in table else None
-        return prototype(None if masses is None else int(masses[1].p) / int(masses[1].q))
+        box = table.optional("range")
+        varying = {name: box.range(name) for name in box.keys}
+        masses = table.range("outer_end_mass_kg") if "outer_end_mass_kg" in table else varying.get("outer_end_mass")
+        return prototype(
+            None if masses is None else int(masses[1].p) / int(masses[1].q),
+            {name: ends for name, ends in varying.items() if ends[0] < ends[1]},
+        )
     return prototype if isinstance(prototype, Mapping) else _toml(Path(prototype))
 
 

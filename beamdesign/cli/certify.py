@@ -282,7 +282,7 @@ def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
     from beamdesign.records import InputError
 
     try:
-        verdict = check(path, None if record is None else lambda high: prototype_table(record, high))
+        verdict = check(path, None if record is None else lambda *of: prototype_table(record, *of))
     except Unreadable as error:
         raise InputError(path, [("(certificate)", str(error))]) from error
     for words in verdict.lines():

@@ -56,13 +56,18 @@ def plain(record: Record) -> Tables:
     return found
 
 
-def prototype_table(prototype: Prototype, largest_outer_end_mass: float | None = None) -> Tables:
+def prototype_table(
+    prototype: Prototype,
+    largest_outer_end_mass: float | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
+) -> Tables:
     """A prototype as the checker compares it: every default filled in, and with what it stands on.
 
-    That is, as a certificate states them, what stands for its effects, and the figures of its beams' alloys.
+    That is, as a certificate states them, what stands for its effects, and the figures of its beams' alloys. The other
+    arguments are those of `rig_tables`.
     """
     found = plain(prototype) | {"effects": effect_parameters_of(prototype), "material": _alloys(prototype)}
-    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass))}
+    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass), varying)}
 
 
 def stated(value: Any) -> Any:
