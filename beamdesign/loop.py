@@ -263,11 +263,11 @@ class CriticalGain:
     frequency_Hz: float
 
 
-def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> CriticalGain:
+def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0, from_own: bool = False) -> CriticalGain:
     """Critical gain of a prototype at one outer end mass (kg): exact, not swept.
 
-    The controller's breaks are kept, its gain is raised: from its own where the loop is stable there, which it need not
-    be at a lower one, else from none. With effects it is the least of all linear members.
+    The controller's breaks are kept, its gain is raised: from none; or, where asked for, from its own if the loop is
+    stable there, which it need not be at every lower one. With effects it is the least of all linear members.
 
     Raises:
         ValueError: without a controller, or where the loop oscillates at no gain, at every one or at every low one.
@@ -276,7 +276,7 @@ def critical_gain(prototype: Prototype, outer_end_mass: float = 0.0) -> Critical
         raise ValueError("the prototype has no [controller]")
     unit = prototype.but(controller=prototype.controller.but(gain_A_per_V=1.0))
     members = family(prototype, outer_end_mass).members
-    own = prototype.controller.gain_A_per_V
+    own = prototype.controller.gain_A_per_V if from_own else 0.0
     found = [_critical_gain(_member_loop(unit, member).at(outer_end_mass), own) for member in members]
     return min(found, key=lambda critical: critical.gain_A_per_V)
 
@@ -287,7 +287,7 @@ def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
     def stable(gain: float) -> bool:
         return is_hurwitz(unit.opened + unit.returned * exact(gain))
 
-    least = own if stable(own) else 0.0
+    least = own if own and stable(own) else 0.0
     above = [crossing for crossing in unit.gain_crossings() if crossing.value > least]
     if not above:
         raise ValueError("no larger gain makes this loop oscillate")

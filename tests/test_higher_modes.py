@@ -86,7 +86,7 @@ def test_a_loop_that_is_stable_at_no_low_gain_is_judged_at_its_own():
     rig = lag(1.0).but(controller=law)
     assert not loop(rig.but(controller=law.but(gain_A_per_V=0.0068))).at(0.0).stable
     found = single_mode_reach(rig)
-    assert found.critical_gain_A_per_V == critical_gain(rig).gain_A_per_V > law.gain_A_per_V
+    assert found.critical_gain_A_per_V == critical_gain(rig, from_own=True).gain_A_per_V > law.gain_A_per_V
     assert found.critical_gain_all_A_per_V == pytest.approx(found.critical_gain_A_per_V, rel=0.15)
     assert found.closed_loop_Hz > 50.0
 

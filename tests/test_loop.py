@@ -108,7 +108,7 @@ def test_the_gain_of_a_loop_that_is_stable_at_no_low_gain_is_raised_from_its_own
     """Its matrices' eigenvalues: unstable at a tenth, stable from the law's own gain up to the critical one."""
     section = Section(zero_Hz=13.5, zero_damping_ratio=0.18, pole_Hz=9.8, pole_damping_ratio=0.1)
     law = Structured(gain_A_per_V=0.068, pole_Hz=7.8, zero_Hz=38.0, section=(section,))
-    critical = critical_gain(paper.but(controller=law))
+    critical = critical_gain(paper.but(controller=law), from_own=True)
 
     def growth(gain: float) -> float:
         return float(state_space(paper.but(controller=law.but(gain_A_per_V=gain)), 0.0).poles().real.max())

@@ -81,8 +81,8 @@ def check(
     Args:
         source: path of the certificate, or its text.
         prototype: path of a prototype.toml; or its table with every default filled in, and with the tables that stand
-            for its effects under `effect` where whoever asks can tell; or what gives that for a largest payload in kg and
-            the ranges of a box.
+            for its effects under `effect` where whoever asks can tell; or what gives that for a largest payload in kg
+            and the ranges of a box.
 
     Raises:
         Unreadable: where either cannot be read, or is beyond the limits.

@@ -140,7 +140,7 @@ def terms(prototype: Prototype) -> Terms:
     critical = []
     for mass in dict.fromkeys(masses):
         try:
-            at = critical_gain(prototype, mass)
+            at = critical_gain(prototype, mass, from_own=True)
         except (InputError, ValueError):
             continue
         critical.append(CriticalPoint(mass, at.gain_A_per_V, at.frequency_Hz))

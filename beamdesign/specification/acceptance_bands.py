@@ -86,7 +86,7 @@ def acceptance_bands(
         for at, mass in enumerate(masses_kg):
             responses[at].append(np.abs(closed.at(mass).compliance_response(grid)))
             try:
-                gains[at].append(critical_gain(member, mass))
+                gains[at].append(critical_gain(member, mass, from_own=True))
             except ValueError:  # no gain makes it oscillate
                 gains[at].append(CriticalGain(inf, 0.0))
     found = []

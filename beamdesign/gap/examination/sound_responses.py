@@ -109,7 +109,7 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
         rig = prototype.but(effects={}, controller=law)
         rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=gain.inner_end_mass))
         try:
-            believed = critical_gain(rig, gain.outer_end_mass).gain_A_per_V
+            believed = critical_gain(rig, gain.outer_end_mass, from_own=True).gain_A_per_V
         except (ArithmeticError, ValueError):
             continue
         ratio = gain.gain / believed
