@@ -130,6 +130,8 @@ def _given(prototype: Any, table: Table) -> PrototypeTable:
 
 
 def _bytes(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # a pipe would keep whoever opens it waiting
+        raise Unreadable("is not a regular file")
     try:
         with path.open("rb") as file:
             return file.read(LARGEST_BYTES + 1)
