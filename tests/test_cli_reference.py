@@ -9,14 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.docs import page, topics
 from beamdesign.prototype import read_prototype
 from beamdesign.quantities import unit_of
 from beamdesign.records import InputError
 from beamdesign.report.reference import FILES, effects, find, keys
 from beamdesign.report.reference_words import reference_markdown
 from beamdesign.templates import TEMPLATES
-
-ROOT = Path(__file__).parent.parent
 
 
 def invoke(*arguments: str) -> str:
@@ -203,9 +202,39 @@ def test_all_keys_are_listed_by_table_and_an_unknown_one_is_guessed() -> None:
         CliRunner().invoke(app, ["explain", "laod.tip_force_N"], catch_exceptions=False)
 
 
-def test_the_reference_of_the_readme_is_the_generated_one() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    _, rest = readme.split("<!-- reference: start -->\n")
+def test_every_topic_has_its_page(tmp_path: Path) -> None:
+    answer = tmp_path / "page.json"
+    listed = invoke("explain", "--json", str(answer))
+    assert json.loads(answer.read_text())["topics"] == topics()
+    assert {"proofs", "controllers", "effects", "datasets", "studies", "specification", "adding"} <= set(topics())
+    for topic, title in topics().items():
+        assert f"  {topic}: " in listed
+        said = invoke("explain", topic, "--json", str(answer))
+        assert said.rstrip().endswith(page(topic).rstrip())
+        assert f"# {title}" in said
+        assert json.loads(answer.read_text())["page"] == page(topic)
+
+
+def test_a_topic_with_the_name_of_a_key_tells_the_key_first(tmp_path: Path) -> None:
+    answer = tmp_path / "effects.json"
+    said = invoke("explain", "effects", "--json", str(answer))
+    assert said.startswith("effects\n  effects beyond the linear rig")
+    assert said.index("sensor_lag (sensor)") < said.index("# Effects")
+    told = json.loads(answer.read_text())
+    assert [each["name"] for each in told["effects"]] == [each.name for each in effects()]
+    assert told["page"] == page("effects")
+    assert "#" not in invoke("explain", "width_m", "--json", str(answer))
+    assert json.loads(answer.read_text())["page"] is None
+
+
+def test_an_unknown_word_is_guessed_among_topics_too() -> None:
+    for typed, meant in (("proof", "proofs"), ("dataset", "datasets"), ("controllrs", "controllers")):
+        with pytest.raises(InputError, match=f"did you mean.* {meant}"):
+            CliRunner().invoke(app, ["explain", typed], catch_exceptions=False)
+
+
+def test_the_page_of_all_keys_is_the_generated_one() -> None:
+    _, rest = page("reference").split("<!-- reference: start -->\n")
     block, _ = rest.split("<!-- reference: end -->")
     assert block == reference_markdown(), "regenerate it: beamdesign explain --reference"
     assert invoke("explain", "--reference").rstrip() == block.rstrip()

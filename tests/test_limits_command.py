@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
+from beamdesign.docs import page
 from beamdesign.higher_modes import single_mode_reach
 from beamdesign.linear_reach import reach, with_published_effects
 from beamdesign.loop import critical_gain
@@ -92,9 +93,9 @@ def test_the_figure_shows_every_limit_and_what_governs(rig: Prototype):
     assert "supply flow" in named
 
 
-def test_readme_tells_how_far_the_linear_model_holds():
-    """Figures of the table in the README, from the prototype it names."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_page_on_effects_tells_how_far_the_linear_model_holds():
+    """Figures of the table in the page, from the prototype it names."""
+    text = page("effects")
     rig = read_prototype(ROOT / "studies" / "prototypes" / "published_lag.toml")
     real = with_published_effects(rig)
     equal = rig.but(effects={"pressure_dependent_flow": {}})

@@ -1,58 +1,128 @@
-"""What the README tells a reader to type exists, and the figures it quotes are what the tool computes."""
+"""What README and pages tell a reader to type exists, and the figures they quote are what the tool computes."""
 
 import ast
 import re
 import shlex
 from pathlib import Path
 
+import click
 import pytest
 import typer.main
 
 import beamdesign
+from beamdesign import docs
+from beamdesign.checker import check
 from beamdesign.cli import app
-from beamdesign.controllers import Lag
+from beamdesign.controllers import KINDS, Lag
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, read_prototype
+from beamdesign.rig.effects import library
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-SHELL_BLOCKS = re.findall(r"^```(?:sh|bash|shell|console)\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+DOCS = ROOT / "beamdesign" / "docs"
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in [ROOT / "README.md", *DOCS.glob("*.md")]}
+README = PAGES["README.md"]
+WRITTEN = {
+    "prototype.toml", "certificate.toml", "dataset.toml", "study.toml", "link.toml",
+}  # fmt: skip
+"""Files that commands write or a reader has, wherever they stand."""
 REMEDY = ROOT / "studies" / "prototypes" / "paper_remedy.toml"
 
 
-def typed_commands() -> list[str]:
-    blocks = [line for block in SHELL_BLOCKS for line in block.splitlines() if line.startswith("beamdesign ")]
-    return blocks + re.findall(r"`(beamdesign [^`]+)`", README)
+def shell_blocks(text: str) -> list[str]:
+    return re.findall(r"^```(?:sh|bash|shell|console)\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def python_blocks(text: str) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def typed_commands(text: str) -> list[str]:
+    blocks = [line for block in shell_blocks(text) for line in block.splitlines() if line.startswith("beamdesign ")]
+    return blocks + re.findall(r"`(beamdesign [^`]+)`", text)
+
+
+def anchors(text: str) -> set[str]:
+    headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def commands() -> dict[str, click.Command]:
+    found: dict[str, click.Command] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    return found
 
 
 def test_the_first_two_blocks_run_the_main_job_and_the_tests() -> None:
-    assert "pip install ." in SHELL_BLOCKS[0]
-    assert "beamdesign run studies/prototype.toml --out" in SHELL_BLOCKS[0]
-    assert ".[test]" in SHELL_BLOCKS[1]
-    assert "python -m pytest" in SHELL_BLOCKS[1]
+    first, second, *_ = shell_blocks(README)
+    assert "pip install ." in first
+    assert "beamdesign run studies/prototype.toml --out" in first
+    assert ".[test]" in second
+    assert "python -m pytest" in second
 
 
-@pytest.mark.parametrize("typed", sorted({line for line in typed_commands() if "/" not in line.split()[1]}))
-def test_every_command_and_option_exists(typed: str) -> None:
+@pytest.mark.parametrize(
+    ("page", "typed"),
+    sorted({(page, line) for page, text in PAGES.items() for line in typed_commands(text)}),
+)
+def test_every_command_and_option_exists(page: str, typed: str) -> None:
     name, *words = shlex.split(typed)[1:]
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert name in commands
-    if hasattr(commands[name], "commands"):
-        commands, (name, *words) = commands[name].commands, words
-        assert name in commands
-    options = {option for parameter in commands[name].params for option in parameter.opts}
+    known = commands()
+    assert name in known
+    if hasattr(known[name], "commands"):
+        known, (name, *words) = known[name].commands, words
+        assert name in known
+    options = {option for parameter in known[name].params for option in parameter.opts}
     assert {word.partition("=")[0] for word in words if word.startswith("--")} <= options
 
 
-def test_every_file_it_names_exists() -> None:
-    named = set(re.findall(r"studies/[\w/]+\.\w+", README)) | {"LICENSE"}
-    assert len(named) >= 4
-    assert [name for name in named if not (ROOT / name).is_file()] == []
+def test_every_command_stands_in_the_readme() -> None:
+    rows = [shlex.split(line)[1] for line in re.findall(r"^\| `(beamdesign [^`]+)`", README, flags=re.MULTILINE)]
+    assert set(rows) == set(commands())
+
+
+@pytest.mark.parametrize("page", sorted(PAGES))
+def test_every_file_it_names_exists(page: str) -> None:
+    text = PAGES[page]
+    named = set(re.findall(r"(?<![\w/])(?:studies|tests|beamdesign)/[\w/]+\.(?:\w+)", text))
+    named |= {f"studies/prototypes/{name}" for name in re.findall(r"`(\w+\.toml)`", text) if name not in WRITTEN}
+    if page == "README.md":
+        named.add("LICENSE")
+        assert len(named) >= 4
+    assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
+
+
+@pytest.mark.parametrize("page", sorted(PAGES))
+def test_every_link_leads_somewhere(page: str) -> None:
+    here = ROOT if page == "README.md" else DOCS
+    links = re.findall(r"\]\(([^)\s]+)\)", PAGES[page])
+    for link in links:
+        file, _, anchor = link.partition("#")
+        target = here / file if file else here / page
+        assert target.is_file(), link
+        assert not anchor or anchor in anchors(target.read_text(encoding="utf-8")), link
+    if page == "README.md":
+        assert {f"beamdesign/docs/{topic}.md" for topic in docs.topics()} <= set(links)
+
+
+@pytest.mark.parametrize("page", sorted(set(PAGES) - {"reference.md"}))
+@pytest.mark.parametrize("figure", ["bandwidth", "peak sensitivity"])
+def test_a_figure_is_defined_where_it_is_named_first(page: str, figure: str) -> None:
+    used = re.search(rf"(\*?)\b{figure}\b(\*?)", " ".join(PAGES[page].split()), re.IGNORECASE)
+    assert used is not None or page != "README.md"
+    assert used is None or used.groups() == ("*", "*")
+
+
+def test_every_page_begins_with_its_title() -> None:
+    assert set(docs.topics()) == {name.removesuffix(".md") for name in PAGES} - {"README"}
+    for topic, title in docs.topics().items():
+        assert docs.page(topic).startswith(f"# {title}\n\n")
+    with pytest.raises(KeyError):
+        docs.page("../../README")
 
 
 def test_the_python_example_uses_public_names() -> None:
-    (example,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    (example,) = python_blocks(README)
     imported = [
         alias.name for node in ast.walk(ast.parse(example)) if isinstance(node, ast.ImportFrom) for alias in node.names
     ]
@@ -60,6 +130,26 @@ def test_the_python_example_uses_public_names() -> None:
     assert also is not None
     for name in imported + re.findall(r"`(\w+)`", also[1]):
         assert getattr(beamdesign, name) is not None
+
+
+def test_what_is_added_by_the_examples_is_used_by_a_proof() -> None:
+    effect, controller = python_blocks(PAGES["adding.md"])
+    effects, kinds = set(library()), set(KINDS)
+    try:
+        exec(compile(effect, "adding.md", "exec", dont_inherit=True), {})
+        exec(compile(controller, "adding.md", "exec", dont_inherit=True), {"__name__": "adding"})
+        (added,), (kind,) = set(library()) - effects, set(KINDS) - kinds
+        rig = read_prototype(REMEDY)
+        breaks = {"pole_Hz": 1.75, "zero_Hz": 26.0, "far_pole_Hz": 2000.0, "far_zero_Hz": 8000.0}
+        law = {"kind": kind, "gain_A_per_V": 0.03, **breaks}
+        found = certify(rig.but(effects={added: {}}, controller=law, guarantee=None), 2.0, 2.2)
+        assert found.stable
+        assert check(found.text).valid
+    finally:
+        for name in set(library()) - effects:
+            del library()[name]
+        for name in set(KINDS) - kinds:
+            del KINDS[name]
 
 
 def test_the_finding_is_what_certify_says() -> None:

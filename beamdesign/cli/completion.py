@@ -26,7 +26,7 @@ def templates(incomplete: str) -> list[tuple[str, str]]:
 
 
 def words(incomplete: str) -> list[str]:
-    """Keys, tables and effects that can be explained."""
+    """Keys, tables, effects and topics that can be explained."""
     from beamdesign.report.reference import keys, words
 
     known = sorted({key.path for key in keys()}) if "." in incomplete else words()

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from beamdesign.docs import topics
 from beamdesign.quantities import Plausible, unit_of
 from beamdesign.records import Record, nested_records
 
@@ -149,8 +150,8 @@ def effect_named(word: str) -> EffectEntry | None:
 
 
 def words() -> tuple[str, ...]:
-    """All that can be asked for, each once: keys, tables and effects by name."""
-    names = [key.name for key in keys()] + [effect.name for effect in effects()]
+    """All that can be asked for, each once: keys, tables and effects by name, and topics that there is a page on."""
+    names = [key.name for key in keys()] + [effect.name for effect in effects()] + list(topics())
     return tuple(sorted(dict.fromkeys(names)))
 
 

@@ -1,4 +1,4 @@
-"""The reference of keys as text: what is told of one word, all words by table, and the Markdown of the README."""
+"""The reference of keys as text: what is told of one word, all words by table, and the Markdown of page `reference`."""
 
 from collections.abc import Iterable, Iterator
 from itertools import groupby
