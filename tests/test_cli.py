@@ -345,7 +345,7 @@ def test_the_version_is_told() -> None:
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-@pytest.mark.parametrize("arguments", [["explain", "--reference"], ["certify", "named.toml"]])
+@pytest.mark.parametrize("arguments", [["explain", "--reference"], ["explain", "datasets"], ["certify", "named.toml"]])
 def test_terminals_that_lack_letters_get_the_nearest(tmp_path: Path, encoding: str, arguments: list[str]) -> None:
     named = RIG.read_text(encoding="utf-8").replace('name = "', 'name = "Träger \N{GREEK CAPITAL LETTER OMEGA} ', 1)
     (tmp_path / "named.toml").write_text(named, encoding="utf-8")
