@@ -16,7 +16,7 @@ import truth_of_stages
 from flint import fmpq
 from forging import Table, is_number
 
-from beamdesign.arm.certificate import certify_plane
+from beamdesign.arm.result import certify_plane
 from beamdesign.checker import Unreadable, check, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig

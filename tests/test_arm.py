@@ -23,11 +23,10 @@ from typer.testing import CliRunner
 
 from beamdesign.arm.anywhere import prove_anywhere
 from beamdesign.arm.both_planes import both_planes
-from beamdesign.arm.certificate import certify_plane
 from beamdesign.arm.figures import arm_figures
 from beamdesign.arm.plane import plane_loop
 from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, remaining, twist_remedy
-from beamdesign.arm.result import frequencies, work_out
+from beamdesign.arm.result import certify_plane, frequencies, work_out
 from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app

@@ -1,21 +1,194 @@
-"""Everything that is worked out of an arm at once: proof over the payload, compliance, remaining error, frequencies."""
+"""An arm worked out: of each plane what is proved over the payload, and of both what compliance and error remain."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf, pi, sqrt
+from math import inf, isinf, pi, sqrt
+from typing import Any
 
 import numpy as np
+from flint import fmpq
 from scipy.linalg import eigh
 
 from beamdesign.arm.both_planes import BothPlanes, both_planes, couples_both
-from beamdesign.arm.certificate import PlaneCertificate, certify_plane
 from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
-from beamdesign.arm.plane import PLANES
+from beamdesign.arm.plane import PLANES, Name, PlaneFigures, PlaneLoop, in_plane, plane_loop
 from beamdesign.arm.remaining import Remaining, Vector, remaining
 from beamdesign.arm.statics import at_point, held, tip_compliance
+from beamdesign.crossing import Crossing
 from beamdesign.lumped import lumped_beam
+from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.box import BoxVerdict
-from beamdesign.prototype import Prototype
+from beamdesign.proof.certificate import describe
+from beamdesign.proof.estimates import sampled_masses
+from beamdesign.proof.mass_tables import claim_tables, stability_table
+from beamdesign.proof.performance import Claim, kept_up_to_Hz, least_proved
+from beamdesign.proof.quadratic import quadratic_nonnegative
+from beamdesign.proof.rational import nearest, text
+from beamdesign.proof.rig_tables import stated, texts
+from beamdesign.proof.stability import StabilityMap, stable_ranges
+from beamdesign.proof.statements import magnitude_slack, squared_frequency_below
+from beamdesign.proof.writer import certificate
+from beamdesign.prototype import Goal, Prototype
+
+KIND = "beamdesign.arm_plane"
+NOTES = {
+    "arm": "Payload's centre and sensors from the tip: along the beam, sideways, upwards.",
+    "plane": "The direction in which the tip moves; of the outer beam the length, and torsion where it takes part.",
+}
+METHOD = (
+    "exact rational arithmetic: bending and torsion in one polynomial affine in the payload, every payload with a root"
+    " on the imaginary axis isolated, one Routh test per range between them"
+)
+
+
+@dataclass(frozen=True)
+class PlaneGuaranteed:
+    """The best figures that are proved of a plane that is stable over the whole range, rounded to the safe side.
+
+    Attributes:
+        tip_bandwidth_Hz: up to which a force on the tip moves the tip by no more than the goal's compliance.
+        load_bandwidth_Hz: the same of the payload's centre; zero where even a steady force moves it further.
+        load_static_m_per_N: static compliance at the payload's centre, which is the same for every payload.
+        peak_sensitivity: max |1 / (1 + L)|.
+        loop_gain: max |L| from the goal's frequency up; None where the goal sets it no limit.
+        controller_effort_A_per_V: max |C / (1 + L)|; None likewise.
+    """
+
+    tip_bandwidth_Hz: float
+    load_bandwidth_Hz: float
+    load_static_m_per_N: float
+    peak_sensitivity: float
+    loop_gain: float | None = None
+    controller_effort_A_per_V: float | None = None
+
+
+@dataclass(frozen=True)
+class PlaneCertificate:
+    """What is proved of one plane.
+
+    Attributes:
+        name: direction in which the tip moves.
+        coupled: whether torsion takes part.
+        outer_end_mass_kg: the range of payloads.
+        stability: stable ranges and crossings, exact.
+        guaranteed: None where the range is not stable throughout.
+        text: the certificate as `beamdesign.checker` reads it.
+    """
+
+    name: Name
+    coupled: bool
+    outer_end_mass_kg: tuple[float, float]
+    stability: StabilityMap
+    guaranteed: PlaneGuaranteed | None
+    text: str
+
+    @property
+    def stable(self) -> bool:
+        """Whether every payload of the closed range is stable."""
+        return self.stability.stable
+
+    @property
+    def reason(self) -> str:
+        """In words, why it is not; empty where it is."""
+        return self.stability.reason
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """Payloads of the range at which a root lies on the axis."""
+        return self.stability.crossings
+
+
+def certify_plane(prototype: Prototype, name: Name, low_kg: float, high_kg: float) -> PlaneCertificate:
+    """Decide stability of one plane over a range of payloads, work out what can be guaranteed, and write the proof.
+
+    Raises:
+        InputError: as `beamdesign.arm.plane.plane_loop`.
+        ValueError: for an empty range, or where the payload couples both planes.
+    """
+    closed = plane_loop(prototype, name)
+    stability = stable_ranges(closed.characteristic, exact(low_kg), exact(high_kg))
+    guaranteed, claims = _guarantees(closed, prototype.goal, low_kg, high_kg) if stability.stable else (None, [])
+    own = in_plane(prototype, name)
+    body = {
+        "outer_end_mass_kg": texts((stability.low, stability.high)),
+        "plane": _plane_table(own, closed.figures),
+        "stability": stability_table(stability),
+        **claim_tables(claims),
+    }
+    written = certificate(KIND, own, body, _summary(own, name, stability, claims), notes=NOTES)
+    return PlaneCertificate(name, closed.figures.coupled, (low_kg, high_kg), stability, guaranteed, written)
+
+
+def _guarantees(closed: PlaneLoop, goal: Goal, low_kg: float, high_kg: float) -> tuple[PlaneGuaranteed, list[Claim]]:
+    ends, masses = (low_kg, high_kg), (exact(low_kg), exact(high_kg))
+    samples = [closed.at(mass) for mass in sampled_masses(*masses)]
+    p = closed.characteristic
+
+    def least(above: Affine, below: Affine, start: float, from_Hz: float = 0.0) -> float:
+        square = squared_frequency_below(exact(from_Hz))
+
+        def proves(limit: fmpq) -> bool:
+            return quadratic_nonnegative(*magnitude_slack(limit, below, above), *masses, square, None).holds
+
+        return least_proved(start, proves, 1e12)
+
+    limit = exact(goal.compliance_m_per_N)
+    bands = [kept_up_to_Hz(magnitude_slack(limit, p, numerator), *masses) for numerator in (closed.tip, closed.load)]
+    peak = least(closed.opened, p, max(1.0, *(one.peak_sensitivity() for one in samples)))
+    gain = effort = None
+    if goal.loop_gain is not None:
+        start = _largest([abs(one.loop_response(_above(goal.loop_gain_from_Hz))) for one in samples])
+        gain = least(closed.returned, closed.opened, start, goal.loop_gain_from_Hz)
+    if goal.controller_effort_A_per_V is not None:
+        effort = least(closed.demanded, p, _largest([abs(one.effort_response(_above(0.01))) for one in samples]))
+    static = nearest(closed.load.constant(0) / p.constant(0))  # the payload stands beside s^2 everywhere
+    claims = [
+        Claim("tip_compliance", goal.compliance_m_per_N, ends, True, bands[0]),
+        Claim("load_compliance", goal.compliance_m_per_N, ends, True, bands[1]),
+        Claim("peak_sensitivity", peak, ends, True),
+    ]
+    if gain is not None:
+        claims.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
+    if effort is not None:
+        claims.append(Claim("controller_effort", effort, ends, True))
+    proved = [claim for claim in claims if not isinf(claim.limit) and claim.bandwidth_Hz != 0]
+    return PlaneGuaranteed(bands[0], bands[1], static, peak, gain, effort), proved
+
+
+def _above(frequency_Hz: float) -> np.ndarray:
+    return np.geomspace(max(frequency_Hz, 0.01), 1e5, 3000)
+
+
+def _largest(values: Sequence[np.ndarray]) -> float:
+    return max(float(value.max()) for value in values)
+
+
+def _summary(prototype: Prototype, name: Name, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+    low, high = nearest(stability.low), nearest(stability.high)
+    lines = [
+        f"Certificate of {prototype.name!r}, plane {name}, for every payload from {low:g} to {high:g} kg.",
+        "Stable over the whole range." if stability.stable else f"NOT stable: {stability.reason}.",
+        *(f"Proved: {describe(claim)}." for claim in claims),
+    ]
+    return "\n".join(lines)
+
+
+def _plane_table(prototype: Prototype, figures: PlaneFigures) -> dict[str, Any]:
+    """Length of the outer beam; its torsion, and the section that this follows from, where they are in the loop."""
+    beam = prototype.outer_beam
+    table: dict[str, Any] = {"name": figures.name, "free_length_m": beam.free_length_m}
+    if figures.coupled:
+        table["torsion"] = {
+            "stiffness_N_m_per_rad": text(figures.torsional_stiffness),
+            "damping_N_m_s_per_rad": text(figures.torsional_damping),
+            "polar_inertia_kg_m2": text(figures.polar_inertia),
+        }
+    if figures.coupled and beam.has_geometry:
+        keys = ("width_m", "wall_m", "corner_radius_m", "material")
+        table["section"] = {key: getattr(beam, key) for key in keys}
+    found: dict[str, Any] = stated(table)
+    return found
+
 
 SAMPLES = 9
 """Payloads at which an arm that couples both planes is looked at where no proof settles it."""
