@@ -98,7 +98,7 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
 def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:
     """What of a record its controller cannot be put through."""
     if rig.schedule is not None:
-        from beamdesign.scheduling.scenario import unfit
+        from beamdesign.scheduling.simulation import unfit
 
         return unfit(scenario, row, rig.schedule)
     words = "is for a scheduled controller"
@@ -148,7 +148,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
 
 def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     if rig.schedule is not None:
-        from beamdesign.scheduling.scenario import simulate_stages
+        from beamdesign.scheduling.simulation import simulate_stages
 
         return simulate_stages(rig, scenario, row, position)
     walled = row.wall is not None

@@ -35,8 +35,7 @@ from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.scheduling.estimator import NOTHING, Estimate, PayloadEstimator, fitted_payload
-from beamdesign.scheduling.simulation import Course, simulate_scheduled
-from beamdesign.scheduling.switch import next_stage
+from beamdesign.scheduling.simulation import Course, next_stage, simulate_scheduled
 from beamdesign.simulate import simulate
 
 ROOT = Path(__file__).parents[1]

@@ -1,4 +1,8 @@
-"""A scheduled controller in the loop with the nonlinear rig: sampled law, estimator, switch, payload that changes."""
+"""A scheduled controller in the loop with the nonlinear rig: sampled law, estimator, switch, payload that changes.
+
+Stages change by hysteresis through their overlaps, no sooner than the dwell time after the last change. What is done to
+the rig is a `Course`; a record of a scenario can be put as one.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -6,16 +10,18 @@ from typing import Literal
 import numpy as np
 
 from beamdesign import lumped
+from beamdesign.controllers import Scheduled
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import OUTPUTS, assemble
 from beamdesign.rig.compiled import integrate_on
 from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, structure_of
 from beamdesign.sampled import sampled_law
-from beamdesign.scheduling.estimator import PayloadEstimator
-from beamdesign.scheduling.switch import next_stage
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, inputs_of
+from beamdesign.scheduling.estimator import Estimate, PayloadEstimator
 from beamdesign.simulate import COLUMNS as SIMULATED
-from beamdesign.simulate import SimulatedRecord, diverged, half_steps, substeps_for
+from beamdesign.simulate import SimulatedRecord, as_measured, diverged, half_steps, substeps_for
 
 COLUMNS = (*SIMULATED, "sensor_V", "outer_end_mass_kg", "stage", "estimate_kg", "estimate_std_kg")
 LIMIT_M = 0.02
@@ -142,3 +148,69 @@ def simulate_scheduled(
             stage, changed = chosen, end * period
             changes.append((end * period, stage + 1))
     return SimulatedRecord(rig.name, np.vstack(rows), True, columns=COLUMNS, changes=tuple(changes))
+
+
+def next_stage(schedule: Scheduled, stage: int, estimate: Estimate, since_s: float) -> int:
+    """The stage to go on with.
+
+    A stage keeps acting while the estimate lies within its range, less the estimator's band towards its neighbours:
+    then the payload itself is in the range as long as the estimate errs by no more than the band. Ranges overlap by
+    more than two bands; the rest is hysteresis.
+
+    Args:
+        schedule: stages and figures.
+        stage: number of the one that acts, from 0.
+        estimate: of the payload.
+        since_s: time since the last change.
+    """
+    if since_s < schedule.dwell_s or estimate.std_kg > schedule.estimator.largest_std_kg:
+        return stage
+    mass = estimate.outer_end_mass_kg
+    spare = [min(mass - least, most - mass) for least, most in schedule.kept_kg]
+    if spare[stage] >= 0:
+        return stage
+    return max(range(len(spare)), key=lambda k: spare[k])
+
+
+def course_of(row: ScenarioRecord, scenario: Scenario) -> Course:
+    """What a record does to the rig: force, command, and payload with its change."""
+    inputs, begun = inputs_of(row, scenario), (0.0, row.outer_end_mass_kg)
+    force, command = inputs[:, 0] + row.preload_N, inputs[:, 1]
+    before = row.preload_N if scenario.start == "loaded" else 0.0
+    if (change := row.payload_change) is None:
+        return Course(force, (begun,), command_V=command, before_N=before)
+    return Course(force, (begun, (change.at_s, change.outer_end_mass_kg)), change.joining, command, before)
+
+
+def unfit(scenario: Scenario, row: ScenarioRecord, schedule: Scheduled) -> list[Problem]:
+    """What of a record in its scenario a scheduled controller cannot be put through."""
+    found = []
+    if abs(scenario.sample_s - schedule.period_s) > 1e-9:
+        words = f"must be the period of the scheduled controller, {schedule.period_s:g}, is {scenario.sample_s:g}"
+        found.append(Problem("sample_s", words))
+    if scenario.sampled not in (None, Sampled(period_s=schedule.period_s)):
+        words = f"must be as the scheduled controller is: every {schedule.period_s:g} s, without delay and quantisation"
+        found.append(Problem("sampled", words))
+    if row.wall is not None:
+        found.append(Problem(f"record.{row.name}.wall", "is not for a scheduled controller"))
+    return found
+
+
+def simulate_stages(prototype: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
+    """Simulate a record of a scenario, at a position there, begun with the first stage.
+
+    Law and estimator work at the schedule's period and hear the sensor with its noise where the prototype states it.
+    Under noise nothing comes to rest, so that a record is called stable as long as the tip stays within the limit.
+
+    Raises:
+        InputError: where there is no equilibrium to start from.
+    """
+    noise, seed = prototype.sensor.noise_V or 0.0, scenario.measurement.seed + position
+    course, limit, built = course_of(row, scenario), scenario.displacement_limit_m, prototype
+    if row.inner_end_mass_kg is not None:
+        built = prototype.but(payload=prototype.payload.but(inner_end_mass_kg=row.inner_end_mass_kg))
+    try:
+        found = simulate_scheduled(prototype, course, built, noise_V=noise, seed=seed, limit_m=limit)
+    except ValueError as error:
+        raise InputError(prototype.name, [(f"record.{row.name}", str(error))]) from error
+    return replace(found, name=row.name, samples=as_measured(found.samples, scenario, position))
