@@ -11,7 +11,7 @@ import numpy as np
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import new_figure, save
-from beamdesign.report.stability_chart import plot_stable_gains
+from beamdesign.report.pictures import plot_stable_gains
 
 
 def draw(remedy: Prototype, tuned: Prototype, picture: Path, largest_mass_kg: float = 20.0) -> Path:

@@ -27,9 +27,8 @@ from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.shrink import Errors, errors, gap
 from beamdesign.prototype import Payload, Prototype
-from beamdesign.report.gap_folder import write_gap_folder
+from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
 from beamdesign.report.gap_pictures import bands, diverged, in_bands, zoom
-from beamdesign.report.gap_report import gap_report_html
 from beamdesign.report.gap_tables import (
     HeatMap,
     PlainTable,

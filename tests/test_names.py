@@ -37,7 +37,7 @@ from beamdesign.realisation.machine import compile_self_test, compiler
 from beamdesign.realisation.realise import Realisation, realise
 from beamdesign.records import InputError, Longest, Record, parse
 from beamdesign.report.blindcheck_result import markdown
-from beamdesign.report.record_page import write_record_page
+from beamdesign.report.record_plot import write_record_page
 from beamdesign.report.specification import specification_markdown
 from beamdesign.report.study_plot import draw
 from beamdesign.report.svg import inline_svg

@@ -28,12 +28,10 @@ from beamdesign.report.acceptance import acceptance
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
-from beamdesign.report.html import check_row, report_html
-from beamdesign.report.pictures import loop_pictures, prototype_picture
+from beamdesign.report.pictures import loop_pictures, prototype_picture, stable_gains, wider_map
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
-from beamdesign.report.result_folder import FILES, write_result_folder
-from beamdesign.report.stability_chart import stable_gains, wider_map
+from beamdesign.report.result_folder import FILES, check_row, report_html, write_result_folder
 from beamdesign.report.svg import inline_svg
 from beamdesign.report.trade_rows import plot_trade, read_trade
 from beamdesign.study.design_run import DesignRun

@@ -83,8 +83,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) ->
     from beamdesign.files import write_whole
     from beamdesign.gap.blind.blindcheck import open_all
     from beamdesign.gap.blind.outcome import outcome
-    from beamdesign.report.blindcheck_picture import blindcheck_picture
-    from beamdesign.report.blindcheck_result import markdown, result_fields, result_text
+    from beamdesign.report.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
     from beamdesign.report.canvas import save
 
     opened = open_all(check, unfinished)

@@ -18,7 +18,7 @@ def write_folder(
     with fresh_folder(out) as fresh:
         files = write_tables(tables, fresh)
         if pictures:
-            from beamdesign.report.record_page import write_record_page
+            from beamdesign.report.record_plot import write_record_page
 
             with progress("drawing"):
                 page, figures = write_record_page(rig.name, plan.name, rig.effects, pictures, fresh)

@@ -1,16 +1,46 @@
-"""The files that a diagnosis leaves: the amended prototype, the fields for programs, the report, a new design."""
+"""The files that a diagnosis leaves: the amended prototype, the fields for programs, the report, a new design.
 
+The report is one self-contained HTML page: no requests, both themes, fit for print.
+"""
+
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
 from beamdesign.files import write_set
+from beamdesign.gap.bench.presented import PresentedBench
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.designer_terms import LoopTerms
+from beamdesign.gap.designer_terms import LoopTerms, payload_range
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.diagnosis_fields import diagnosis_fields
+from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.hypothesis import Hypothesis
+from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.gains.classes import GainDiagnosis
+from beamdesign.gap.judgement import judge
+from beamdesign.gap.shrink import Errors, errors
 from beamdesign.json_text import json_text, plain
-from beamdesign.records import to_toml
-from beamdesign.report.gap_report import gap_report_html
+from beamdesign.loop import loop
+from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.records import InputError, to_toml
+from beamdesign.report.gap_pictures import band_picture, compliance_picture, diverged, record_picture
+from beamdesign.report.gap_tables import (
+    HeatMap,
+    chosen_fit,
+    closed_text,
+    condition_text,
+    controller_text,
+    error_maps,
+    fitted_figures,
+    share_text,
+    terms_rows,
+    witness_table,
+)
+from beamdesign.report.quantity import decimal, mass_range_text
+from beamdesign.report.svg import inline_svg
 from beamdesign.study.redesign import Redesign
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
@@ -77,3 +107,188 @@ def _redesign(renewed: Redesign | None) -> dict[str, Any] | None:
         "inner_end_mass_kg": prototype.payload.inner_end_mass_kg,
         "guaranteed": guaranteed if prototype.schedule is not None else guaranteed[0],
     }
+
+
+VERDICTS = {
+    "no_gap": "no gap",
+    "effect": "cause found",
+    "ambiguous": "several causes explain it alike",
+    "unknown": "cause unknown",
+}
+_MOST_PICTURES = 12
+_LISTED = 8
+_MEASURE = (
+    "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a cause "
+    "is chosen by fits to all."
+)
+_MEASURE_OF_FIGURES = "Relative errors of each figure as predicted from all the others."
+_MEASURE_OF_BENCH = (
+    "Together: relative errors of steady speed and of chamber pressures over the supply, each condition predicted from"
+    " the others. By condition: errors of the simulated records over the stroke or the supply pressure."
+)
+_BANDS = "Errors on the records that count, rms per band over the rms of the signal."
+
+
+@dataclass(frozen=True)
+class ShownPicture:
+    """A picture with its heading."""
+
+    name: str
+    markup: Markup
+
+
+def gap_report_html(
+    found: Diagnosis,
+    files: dict[str, str],
+    data: Dataset | None = None,
+    terms: tuple[LoopTerms, ...] = (),
+    renewed: Redesign | None = None,
+) -> str:
+    """The report of a diagnosis.
+
+    Args:
+        found: the diagnosis.
+        files: names of the files beside the report, by kind.
+        data: the data set, for pictures of its time records.
+        terms: what the loops promise before and after.
+        renewed: a controller tuned on the diagnosed prototype, where that was asked for.
+    """
+    fit = chosen_fit(found)
+    seen = _errors(found, data)
+    conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
+    witnesses = [(w, witness_table(w.table)) for w in found.where.witnesses]
+    held_out = {record.record for record in found.gap.records if record.held_out}
+    return _environment().get_template("gap_report.html").render(
+        found=found,
+        verdict=VERDICTS[found.verdict],
+        files=files,
+        notes=getattr(found, "notes", ()),
+        measure=_measure(found),
+        maps=error_maps(seen, conditions) if seen else (),
+        witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in witnesses],
+        hypotheses=_hypotheses(found),
+        bands=_inline(band_picture(found.gap.bands), "bands", _BANDS) if found.gap.bands else None,
+        records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
+        left_out=max(0, len(seen) - _MOST_PICTURES),
+        fitted=fitted_figures(fit) if fit is not None else (),
+        loops=[(controller_text(t.controller, t.inner_end_mass_kg), terms_rows(t), t) for t in terms],
+        scope=next((t.diagnosed.scope for t in terms if t.diagnosed.scope), ()),
+        compliance=_compliance(found, data, terms, renewed),
+        payloads=None if data is None else payload_range(data),
+        renewed=renewed,
+        renewed_laws=_renewed_laws(renewed),
+    )  # fmt: skip
+
+
+def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
+    """Of all time records, those held out first."""
+    if data is None or found.outside is None or not data.records:
+        return []
+    tuned, chosen = found.outside
+    # What was left out of the diagnosis as unsound is not drawn either.
+    used = {record.record for record in found.gap.records}
+    sound = replace(data, records=tuple(record for record in data.records if record.name in used))
+    of_all = [errors(piece, data.prototype, tuned, chosen) for piece in record_evidence(sound)]
+    held_out = {record.record for record in found.gap.records if record.held_out}
+    return sorted(of_all, key=lambda e: e.name not in held_out)
+
+
+def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
+    state = "held out of the fits that are drawn" if held_out else "seen by them"
+    lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
+    note = f"; the {' and the '.join(lost)} model diverges" if lost else ""
+    caption = (
+        f"{of.name}, {state}{note}. Left: where the believed model is furthest off. Right: rms in bands of the signal"
+        " (thick) and of the errors, against the noise of the sensor."
+    )
+    return ShownPicture(of.name, _inline(record_picture(of), f"record{position}", caption))
+
+
+def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
+    """The most probable sets of causes: names, probability, and what each leaves of the misfit."""
+    if found.search is None:
+        return []
+    fits = {str(fit.hypothesis): fit for fit in (*reversed(found.search.fits), found.search.null)}
+    judged = found.ranked if isinstance(found, GainDiagnosis) else _judged(found.search)
+    return [
+        (name, p, f"{100 * p:.1f} %", f"{100 * max(0.0, found.search.excess(fits[name])):.3g} %")
+        for name, p in judged[:_LISTED]
+        if p > 1e-4
+    ]
+
+
+def _measure(found: Diagnosis) -> str:
+    """What the errors of its gap are."""
+    if isinstance(found, PresentedBench):
+        return _MEASURE_OF_BENCH
+    return _MEASURE_OF_FIGURES if isinstance(found, GainDiagnosis) else _MEASURE
+
+
+def _judged(search: Search) -> tuple[tuple[str, float], ...]:
+    return tuple((str(Hypothesis(causes)), p) for causes, p in judge(search).of_causes.items())
+
+
+def _compliance(
+    found: Diagnosis, data: Dataset | None, terms: tuple[LoopTerms, ...], renewed: Redesign | None
+) -> Markup | None:
+    """At the least payload: the first loop as believed and as diagnosed, and the new one."""
+    if data is None or not terms:
+        return None
+    first = terms[0]
+    mass = first.outer_end_mass_kg[0]
+    prototypes: dict[str, Prototype] = {
+        name: prototype.but(
+            controller=first.controller,
+            payload=prototype.payload.but(inner_end_mass_kg=first.inner_end_mass_kg),
+            guarantee=None,
+        )
+        for name, prototype in (("as believed", data.prototype), ("as diagnosed", found.prototype))
+    }
+    if renewed is not None and renewed.prototype is not None:
+        prototypes["new controller, as diagnosed"] = renewed.proofs[0][1]
+    try:
+        loops = {name: loop(prototype).at(mass) for name, prototype in prototypes.items()}
+    except (InputError, ValueError):
+        return None
+    words = (
+        f"Compliance with {mass:g} kg outside, of the linear loop:"
+        f" {controller_text(first.controller, first.inner_end_mass_kg)}."
+    )
+    if len(loops) > 2:
+        words += f" New: {_renewed_laws(renewed)[0][0]}."
+    return _inline(compliance_picture(loops, data.prototype.goal.compliance_m_per_N), "compliance", words)
+
+
+def _renewed_laws(renewed: Redesign | None) -> list[tuple[str, Guarantee]]:
+    """Of each law of a new design: itself in one line, and what is guaranteed with it."""
+    stages = () if renewed is None else (stage for _, stage in renewed.proofs)
+    return [
+        (controller_text(stage.controller, stage.payload.inner_end_mass_kg), stage.guarantee)
+        for stage in stages
+        if stage.controller is not None and stage.guarantee is not None
+    ]
+
+
+def _inline(figure: object, name: str, caption: str) -> Markup:
+    # The SVG writer escapes what it is given, so its output is markup.
+    svg = Markup(inline_svg(figure, name, caption))  # type: ignore[arg-type]
+    words = Markup("<figcaption>{}</figcaption>").format(caption)
+    return Markup('<figure id="{}">{}{}</figure>').format(f"figure-{name}", svg, words)
+
+
+def _figure(value: float, digits: int = 4) -> str:
+    """A figure of any size, large ones with an exponent."""
+    return decimal(value, digits) if abs(value) < 1e4 else f"{value:.{digits}g}"
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update({"share": share_text, "decimal": decimal, "figure": _figure, "closed": closed_text})
+    environment.filters["mass_range"] = mass_range_text
+    return environment

@@ -1,12 +1,22 @@
-"""The pictures of a certified prototype, each a figure with its caption, for reports of any format."""
+"""The pictures of a certified prototype, each a figure with its caption, for reports of any format.
 
+Their charts of what is stable over the outer end mass are exact: ranges on one axis, gains over mass.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby, pairwise
+from math import inf, isfinite
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from beamdesign.loop import Loop
+from beamdesign.polynomial import exact, is_hurwitz
+from beamdesign.proof.rational import nearest
+from beamdesign.proof.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import Prototype
 from beamdesign.report.acceptance import representative_masses
 from beamdesign.report.canvas import new_figure
@@ -19,7 +29,6 @@ from beamdesign.report.figures import (
     shade_compliance,
 )
 from beamdesign.report.quantity import at_least, decimal, mass_range_text, quantity
-from beamdesign.report.stability_chart import plot_pole_paths, plot_stable_gains, plot_stable_ranges, wider_map
 from beamdesign.report.trade_rows import TradePoint, plot_trade
 
 FAMILY = 41
@@ -192,3 +201,181 @@ def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
     axes.set_xlim(-0.7 * reach, 0.25 * reach)
     axes.set_ylim(-0.04 * reach, reach)
     axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
+
+
+_STABLE, _UNSTABLE = "0.72", "white"
+
+
+def wider_map(loop: Loop, low: float, high: float) -> StabilityMap:
+    """What is stable from no mass to well beyond a range: up to the first crossing above it, or three times its end."""
+    inside = stable_ranges(loop.characteristic, exact(low), exact(high))
+    beyond = inside.above.value if inside.above is not None and isfinite(inside.above.value) else inf
+    end = 1.25 * beyond if beyond < 8 * max(high, 1.0) else 3 * max(high, 1.0)
+    return stable_ranges(loop.characteristic, exact(0.0), exact(float(f"{end:.3g}")))
+
+
+def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: tuple[float, float] | None) -> Axes:
+    """Bars over the outer end mass: grey where stable, hatched where not; crossings marked with mass and frequency.
+
+    Args:
+        axes: drawn on, in kg.
+        maps: exact maps by label, from the top.
+        asked_kg: the range that had to be stable, marked by a bracket line under each bar.
+    """
+    for row, found in enumerate(maps.values()):
+        for part in found.ranges:
+            low, high = nearest(part.low), nearest(part.high)
+            axes.barh(
+                -row,
+                high - low,
+                left=low,
+                height=0.5,
+                color=_STABLE if part.stable else _UNSTABLE,
+                edgecolor="black",
+                linewidth=0.6,
+                hatch=None if part.stable else "////",
+            )
+            if high - low > 0.12 * (nearest(found.high) - nearest(found.low)):
+                axes.text(
+                    (low + high) / 2,
+                    -row,
+                    "stable" if part.stable else "unstable",
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    bbox={"facecolor": _STABLE if part.stable else _UNSTABLE, "edgecolor": "none", "pad": 1.5},
+                )
+        for crossing in found.crossings:
+            if not crossing.finite:
+                continue
+            axes.plot([crossing.value] * 2, [-row - 0.25, -row + 0.33], color="black", linewidth=1.2)
+            axes.annotate(
+                f"{crossing.value:.4g} kg\n{crossing.frequency_Hz:.3g} Hz",
+                (crossing.value, -row + 0.33),
+                xytext=(0, 1),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=8,
+            )
+        if asked_kg is not None:
+            axes.plot(asked_kg, [-row - 0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
+    if asked_kg is not None:
+        axes.annotate(
+            "range asked for",
+            (sum(asked_kg) / 2, -len(maps) + 1 - 0.34),
+            xytext=(0, -3),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=8,
+        )
+    end = max(nearest(found.high) for found in maps.values())
+    axes.set_xlim(-0.015 * end, 1.015 * end)
+    axes.set_ylim(-len(maps) + 1 - 0.75, 0.85)
+    axes.set_yticks([-row for row in range(len(maps))], list(maps), fontsize=8)
+    axes.tick_params(left=False)
+    for side in ("left", "right", "top"):
+        axes.spines[side].set_visible(False)
+    axes.set_xlabel("outer end mass, kg")
+    return axes
+
+
+def stable_gains(loop: Loop, mass_kg: float) -> list[tuple[float, float]]:
+    """Intervals of factors on the gain in which the loop is stable at one outer end mass: exact, not swept.
+
+    Args:
+        loop: at factor 1.
+        mass_kg: the outer end mass.
+
+    Returns:
+        Disjoint intervals of positive factors, ascending; the last may be unbounded.
+    """
+    here = loop.at(mass_kg)
+    edges = [0.0, *(c.value for c in here.gain_crossings() if 0 < c.value < inf), inf]
+    stable = []
+    for start, end in pairwise(edges):
+        inside = (start + end) / 2 if end < inf else 2 * start + 1
+        if end > start and is_hurwitz(here.opened + here.returned * exact(inside)):
+            stable.append((start, end))
+    return stable
+
+
+def plot_stable_gains(
+    axes: Axes, loop: Loop, gain_A_per_V: float, masses_kg: Sequence[float], asked_kg: tuple[float, float] | None
+) -> Axes:
+    """The region of stable gains over the outer end mass, with the chosen gain over the range that had to be stable.
+
+    Args:
+        axes: drawn on: kg and mA/V.
+        loop: the loop at the chosen gain.
+        gain_A_per_V: the chosen gain.
+        masses_kg: ascending; the region's edge is exact at each of them and joined by lines.
+        asked_kg: the range that had to be stable.
+    """
+    gain = 1e3 * gain_A_per_V
+    found = [[(gain * low, gain * high) for low, high in stable_gains(loop, mass)] for mass in masses_kg]
+    limits = [edge for intervals in found for pair in intervals for edge in pair if 0 < edge < inf]
+    least, most = min([gain / 3, *(0.5 * edge for edge in limits)]), max([gain * 3, *(1.5 * edge for edge in limits)])
+    least = max(least, gain / 30)
+    start = 0
+    for count, run in groupby(found, key=len):
+        intervals = list(run)
+        end = start + len(intervals)
+        # Where intervals appear or vanish the region ends half-way to the neighbouring mass.
+        first = masses_kg[0] if start == 0 else (masses_kg[start - 1] + masses_kg[start]) / 2
+        last = masses_kg[-1] if end == len(masses_kg) else (masses_kg[end - 1] + masses_kg[end]) / 2
+        x = [first, *masses_kg[start:end], last]
+        for k in range(count):
+            low, high = np.array([pair[k] for pair in (intervals[0], *intervals, intervals[-1])]).T
+            axes.fill_between(x, low.clip(least, most), high.clip(least, most), color=_STABLE, linewidth=0.3)
+            for edge in (low, high):
+                axes.plot(x, np.where((edge > least) & (edge < most), edge, np.nan), color="black", linewidth=1.0)
+        start = end
+    span = asked_kg or (masses_kg[0], masses_kg[-1])
+    axes.plot(span, [gain, gain], "|--", color="black", linewidth=1.4, markersize=9, label=f"gain {gain:.4g} mA/V")
+    axes.fill_between([], [], color=_STABLE, label="stable")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, position: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(least, most)
+    axes.set_xlim(masses_kg[0], masses_kg[-1])
+    axes.set_xlabel("outer end mass, kg")
+    axes.set_ylabel("gain, mA/V")
+    axes.legend(fontsize=8, loc="best")
+    return axes
+
+
+def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, count: int = 41) -> Axes:
+    """Closed-loop poles in the upper half plane as the outer end mass goes through its range.
+
+    Args:
+        axes: drawn on: 1/s over Hz.
+        loop: the closed loop.
+        low_kg: least mass, marked by circles.
+        high_kg: largest mass, marked by squares.
+        count: masses at which poles are computed.
+    """
+    paths = [loop.at(mass).poles() for mass in np.linspace(low_kg, high_kg, count)]
+    track = np.concatenate(paths)
+    track = track[track.imag >= 0]
+    axes.plot(track.real, track.imag / (2 * np.pi), ".", color="0.45", markersize=2.5)
+    for poles, mass, marker in ((paths[0], low_kg, "o"), (paths[-1], high_kg, "s")):
+        upper = poles[poles.imag >= 0]
+        axes.plot(
+            upper.real,
+            upper.imag / (2 * np.pi),
+            marker,
+            color="black",
+            markersize=5,
+            fillstyle="none",
+            label=f"{mass:g} kg",
+        )
+    axes.axvline(0.0, color="black", linewidth=0.8, linestyle=(0, (8, 3)))
+    axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
+    axes.set_xlabel("real part, 1/s (stable to the left of the line)")
+    axes.set_ylabel("imaginary part, Hz")
+    axes.grid(color="0.9", linewidth=0.6)
+    axes.legend(fontsize=8, loc="best")
+    return axes

@@ -1,14 +1,23 @@
-"""A time record as a figure: what was done, what it did, and the limits it met, one panel per kind of quantity."""
+"""Time records as figures: what was done, what it did, and the limits it met, one panel per kind of quantity.
+
+The records of a simulation also make one self-contained HTML page.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.report.canvas import STYLES, new_figure
+from beamdesign.files import write_whole
+from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.quantity import quantity
+from beamdesign.report.svg import inline_svg
 from beamdesign.spelling import in_plot
 
 _MOST_POINTS = 3000
@@ -127,3 +136,60 @@ def _envelope(times: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.nda
 def peaks(record: PlottedRecord, columns: Sequence[str]) -> dict[str, float]:
     """Largest magnitude of each column."""
     return {name: float(np.abs(record.columns[name]).max()) for name in columns if name in record.columns}
+
+
+def write_record_page(
+    title: str,
+    scenario: str,
+    effects: Mapping[str, Mapping[str, float]],
+    records: Sequence[PlottedRecord],
+    folder: Path,
+) -> tuple[Path, list[Path]]:
+    """Draw every record, each to NAME.svg and NAME.png, and the page that shows them all.
+
+    Args:
+        title: name of the prototype.
+        scenario: its name.
+        effects: of the prototype, by name, with the parameters it gives.
+        records: in order.
+        folder: an existing one; files of the same names are replaced.
+
+    Returns:
+        The page, and the pictures.
+    """
+    files: list[Path] = []
+    shown: list[Markup] = []
+    rows = []
+    for position, record in enumerate(records):
+        figure = plot_record(record)
+        files += save(figure, folder / record.name)
+        words = f"{record.name}: {record.verdict}"
+        # The SVG writer escapes what it is given, so its output is markup.
+        svg = Markup(inline_svg(figure, f"record{position}", words))
+        shown.append(Markup("<figure>{}<figcaption>{}</figcaption></figure>").format(svg, words))
+        largest = peaks(record, ("displacement_m", "current_A"))
+        rows.append(
+            (
+                record.name,
+                "yes" if record.stable else "no",
+                quantity(largest["displacement_m"], "m"),
+                f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else "",
+                record.verdict,
+            )
+        )
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    page = folder / "records.html"
+    text = environment.get_template("records.html").render(
+        title=title,
+        scenario=scenario,
+        effects={
+            name: ", ".join(f"{key} = {figure:g}" for key, figure in given.items()) for name, given in effects.items()
+        },
+        rows=rows,
+        unstable=sum(not record.stable for record in records),
+        pictures=list(zip([record.name for record in records], shown, strict=True)),
+    )
+    write_whole(page, text)
+    return page, files
