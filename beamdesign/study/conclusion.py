@@ -87,7 +87,7 @@ def sensitivity(laid: Plan, records: Sequence[Row]) -> list[dict[str, Any]]:
     """Sobol indices of outputs over the spreading figures, first-order and total, with half-widths of 95 %.
 
     Saltelli et al., Computer Physics Communications 181 (2010) 259-270, as SALib has it. An index is the share of an
-    output's variance; figures of the payload range and of the beams spread as `beamdesign.study.spread` says.
+    output's variance; figures of the payload range and of the beams spread as `beamdesign.study.methods` says.
     """
     from SALib.analyze import sobol
 
