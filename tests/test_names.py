@@ -33,7 +33,7 @@ from beamdesign.proof.certifying import certify
 from beamdesign.proof.writer import certificate
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.realisation.c_code import LAW, SELF_TEST, c_files
-from beamdesign.realisation.machine import compile_self_test, compiler
+from beamdesign.realisation.folder import compile_self_test, compiler
 from beamdesign.realisation.realise import Realisation, realise
 from beamdesign.records import InputError, Longest, Record, parse
 from beamdesign.report.blindcheck_result import markdown

@@ -27,14 +27,12 @@ from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
 from beamdesign.realisation.coefficient import fixed_point
 from beamdesign.realisation.computing_time import ComputedLate, prove_any_computing_time
 from beamdesign.realisation.emulation import FixedPoint, Float32, in_volts_and_amperes, shifted, to_word
+from beamdesign.realisation.folder import CompiledController, compile_library, compiler
 from beamdesign.realisation.loop import realised_loop, rounded_loop
-from beamdesign.realisation.machine import CompiledController, compile_library, compiler
 from beamdesign.realisation.margins import continuous_figures, law_polynomials, sampled_figures
-from beamdesign.realisation.peaks import l1_norms, l2_norms
-from beamdesign.realisation.realise import Realisation, floats, full_scales_of
-from beamdesign.realisation.roundings import half_steps, rounding_effect
+from beamdesign.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms
 from beamdesign.realisation.sections import discretised
-from beamdesign.realisation.verdict import law_errors
+from beamdesign.realisation.verdict import half_steps, law_errors, rounding_effect
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate

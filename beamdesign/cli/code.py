@@ -94,8 +94,7 @@ def code(
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.realisation.folder import write_code
-    from beamdesign.realisation.machine import compiler
+    from beamdesign.realisation.folder import compiler, write_code
     from beamdesign.realisation.realise import full_scales_of, realise
     from beamdesign.realisation.verdict import judge
 
@@ -156,7 +155,7 @@ def _compile(folder: Path) -> None:
     from tempfile import TemporaryDirectory
 
     from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST
-    from beamdesign.realisation.machine import compile_self_test
+    from beamdesign.realisation.folder import compile_self_test
 
     with TemporaryDirectory() as scratch:
         for name in (HEADER, LAW, SELF_TEST):
