@@ -12,9 +12,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.loop import LoopAtMass, critical_gain
-from beamdesign.paper.figure_claims import NUMBERS, RESOLUTION_M, FigureClaim, figure_claims, pair_Hz
+from beamdesign.paper.figure_claims import (
+    FORCES_PEAK_TO_PEAK_N,
+    MEASURED,
+    NUMBERS,
+    RESOLUTION_M,
+    TESTED_HZ,
+    FigureClaim,
+    figure_claims,
+    nonlinear_compliance,
+    pair_Hz,
+)
 from beamdesign.paper.gains import gain_cliff, stable_masses
-from beamdesign.paper.nonlinear import FORCES_PEAK_TO_PEAK_N, MEASURED, TESTED_HZ, nonlinear_compliance
 from beamdesign.paper.performance import at, phase_lead_deg
 from beamdesign.paper.rig import INNER_END_MASS_KG, OUTER_END_MASS_KG, beam_damping, lag, proportional
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
