@@ -24,7 +24,7 @@ from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
 from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario
 from beamdesign.simulate import simulate
-from beamdesign.specification.circuit_values import circuit_of
+from beamdesign.specification.analogue import circuit_of
 from beamdesign.specification.specification import digital_controller
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"

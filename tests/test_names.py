@@ -42,9 +42,8 @@ from beamdesign.report.specification import specification_markdown
 from beamdesign.report.study_plot import draw
 from beamdesign.report.svg import inline_svg
 from beamdesign.scenario import FromCsv, ScenarioRecord, Step
-from beamdesign.specification.document import Document, Items, Paragraph, Part, Picture, Table, to_markdown
+from beamdesign.specification.document import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
 from beamdesign.specification.drawing import drawing, dxf_text, svg_text
-from beamdesign.specification.html_page import to_html
 from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.study.sweep_file import Picture as Drawn
 from beamdesign.study.sweep_file import Sweep

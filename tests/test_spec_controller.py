@@ -18,9 +18,8 @@ from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.realisation.realise import floats
-from beamdesign.specification.analogue import analogue_controllers, with_tolerance
+from beamdesign.specification.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
 from beamdesign.specification.circuit import Circuit, Stage
-from beamdesign.specification.circuit_values import circuit_of, deviation
 from beamdesign.specification.difference_equation import (
     DifferenceEquation,
     difference_equation,

@@ -1,9 +1,16 @@
-"""A document of sections that Markdown and HTML pages are both made from, so that they say the same."""
+"""A document of sections that Markdown and HTML pages are both made from, so that they say the same.
+
+A page is self-contained: no requests, both themes, fit for print.
+"""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from beamdesign.spelling import in_markdown, one_line
 
@@ -112,4 +119,30 @@ def _marked(text: str, bar: str = "|") -> str:
     pieces = re.split(r"`([^`]+)`", " ".join(text.split()))
     return "".join(
         f"`{one_line(piece).replace('|', bar)}`" if k % 2 else in_markdown(piece) for k, piece in enumerate(pieces)
+    )
+
+
+_STYLE = Path(__file__).parent.parent / "report" / "report.css"
+
+
+def to_html(document: Document) -> str:
+    """The page; texts are escaped, pictures stand in it as they are."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["coded"] = _coded
+    css = Markup(_STYLE.read_text(encoding="utf-8"))
+    return environment.get_template("specification.html").render(document=document, css=css) + "\n"
+
+
+def _coded(text: str) -> Markup:
+    """Escaped text, with what stands between backticks as code."""
+    pieces = str(text).split("`")
+    return Markup("").join(
+        Markup("<code>") + escape(piece) + Markup("</code>") if k % 2 else escape(piece)
+        for k, piece in enumerate(pieces)
     )
