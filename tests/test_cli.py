@@ -17,8 +17,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from beamdesign.cli import app, main, progress
-from beamdesign.cli.group import HEADINGS
+from beamdesign.cli import HEADINGS, app, main, progress
 from beamdesign.design.interruption import interruption_waits
 
 ROOT = Path(__file__).parent.parent

@@ -1,14 +1,56 @@
-"""How far long work has got, on stderr: a bar on a terminal, a line every half minute elsewhere."""
+"""How far long work has got, on stderr: a bar on a terminal, a line every half minute elsewhere.
+
+Ctrl-C is remembered: where some library swallows it, the next word on progress passes it on.
+"""
 
 import os
+import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
-from beamdesign.cli.interruption import pass_on
 from beamdesign.cli.output import shown
+
+_came = threading.Event()
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """For as long as the block runs, remember that Ctrl-C came; who ignores it or has a way of their own keeps that."""
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        if signal.getsignal(signal.SIGINT) is not _remember:
+            _came.clear()  # what came before is no word on this run
+        yield
+        return
+    _came.clear()
+    signal.signal(signal.SIGINT, _remember)
+    try:
+        yield
+    finally:
+        _came.clear()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _remember(number: int, frame: FrameType | None) -> None:
+    _came.set()
+    raise KeyboardInterrupt
+
+
+def pass_on() -> None:
+    """Say again what was swallowed.
+
+    Raises:
+        KeyboardInterrupt: where Ctrl-C has come.
+    """
+    if _came.is_set():
+        raise KeyboardInterrupt
+
 
 Update = Callable[[float, str], None]
 EVERY_S = 30.0

@@ -1,5 +1,6 @@
 """`beamdesign simulate`: time records of a prototype under a scenario."""
 
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table, write_json
-from beamdesign.cli.simulated_folder import write_folder
+from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.files import fresh_folder, settled
 
 
 def simulate(
@@ -136,3 +137,24 @@ def _fields(record: Any, path: Path) -> dict[str, Any]:
         "oscillation_growth_per_s": None if at is None else at.growth_per_s,
         **(changes if "stage" in record.columns else {}),
     }
+
+
+def write_folder(
+    rig: Any, plan: Any, tables: Mapping[str, tuple[tuple[str, ...], Any]], pictures: Sequence[Any], out: Path
+) -> dict[str, Any]:
+    """Write records, and where there are `pictures` of them these and their page, as one set; files for the answer."""
+    from beamdesign.simulate import write_tables
+
+    drawn: dict[str, Any] = {}
+    with fresh_folder(out) as fresh:
+        files = write_tables(tables, fresh)
+        if pictures:
+            from beamdesign.report.record_plot import write_record_page
+
+            with progress("drawing"):
+                page, figures = write_record_page(rig.name, plan.name, rig.effects, pictures, fresh)
+            drawn = {"report": settled(page, fresh, out), "figures": settled(figures, fresh, out)}
+    say(f"records: {len(files)} files in {out}")
+    if pictures:
+        say(f"pictures: {drawn['report']}")
+    return {"records": settled(files, fresh, out), **drawn}

@@ -5,8 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, say, write_json
-from beamdesign.cli.study_table import say_wide
+from beamdesign.cli.output import JsonOption, say, say_wide, write_json
 
 _MOST = 40
 
