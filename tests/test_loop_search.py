@@ -16,7 +16,7 @@ from beamdesign.controllers import KINDS, Lag, Proportional
 from beamdesign.controllers.form import form_of
 from beamdesign.design.loop_constraints import check_points, guarantee, loop_slack
 from beamdesign.design.loop_samples import samples
-from beamdesign.design.loop_search import (
+from beamdesign.design.starts import (
     SEARCH_FREQUENCIES_HZ,
     best_gain,
     feasible_gain_ends,

@@ -16,15 +16,12 @@ from beamdesign.controllers import SENSED
 from beamdesign.controllers.block_form import block_form, rounded
 from beamdesign.controllers.form import Form
 from beamdesign.design.bandwidth_polish import Polish
-from beamdesign.design.hinf import hinf_norm, synthesise
 from beamdesign.design.law_search import Effort, Search
 from beamdesign.design.loop_samples import samples, slacks
-from beamdesign.design.lqg import feedback_gain, lqg
-from beamdesign.design.observer_search import search_observer
-from beamdesign.design.order_reduction import residualised
-from beamdesign.design.sensed_model import sensed_model
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
-from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
+from beamdesign.design.synthesis import feedback_gain, hinf_norm, lqg, synthesise
+from beamdesign.design.synthesis_weights import Weights, realised, residualised, scaled_plant, sensed_model, weighted
+from beamdesign.design.tuning import search_observer
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family
 from beamdesign.proof.certifying import certify

@@ -15,7 +15,7 @@ from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
 from beamdesign.design.loop_samples import samples, slacks
-from beamdesign.design.loop_search import best_gain, sampled_bandwidth
+from beamdesign.design.starts import best_gain, sampled_bandwidth
 from beamdesign.linear import LinearModel
 from beamdesign.loop import LoopAtMass, loop, rig_loop
 from beamdesign.members import family

@@ -20,9 +20,8 @@ from beamdesign.design.bandwidth_polish import Polish
 from beamdesign.design.law_search import Found, Search, Start
 from beamdesign.design.loop_constraints import limit_slack, loop_slack
 from beamdesign.design.loop_samples import samples
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, best_gain
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
-from beamdesign.design.starts import best_starts
+from beamdesign.design.starts import SEARCH_FREQUENCIES_HZ, best_gain, best_starts
 from beamdesign.design.tuning import Tuning, tune, tune_alike
 from beamdesign.loop import loop
 from beamdesign.members import family, paper_model

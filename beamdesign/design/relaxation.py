@@ -8,8 +8,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.design.checks import KEYS, Requirements, requirements
-from beamdesign.design.elastic import Elastic
-from beamdesign.design.free_search import FEASIBLE, tubes
+from beamdesign.design.free_search import FEASIBLE, Elastic, tubes
 from beamdesign.design.pair import CheckedPair, check_sections
 from beamdesign.design.program import (
     SIZE_UNITS,

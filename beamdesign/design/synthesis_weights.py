@@ -1,19 +1,71 @@
 """The plant that an observer-based controller is synthesised for: scaled, and weighted in physical terms.
 
-The tip's displacement under a coloured force is weighed against the current, which goes through a roll-off of its own;
-the sensors are noisy, and a fictitious noise on the current recovers the loop of the state feedback (J. C. Doyle and
-G. Stein, Robustness with observers, IEEE Transactions on Automatic Control 24, 1979; N. K. Gupta, Frequency-shaped cost
-functionals, Journal of Guidance and Control 3, 1980). Time is in units of 10 ms, displacement in units of what the goal
-allows per newton, and current in units of what a newton asks for at 100 rad/s.
+It begins with the state space of a rig whose controller reads several sensors, in floats; the inner tip's displacement
+and the load pressure are states of the rig, or sums of them. The tip's displacement under a coloured force is weighed
+against the current, which goes through a roll-off of its own; the sensors are noisy, and a fictitious noise on the
+current recovers the loop of the state feedback (J. C. Doyle and G. Stein, Robustness with observers, IEEE Transactions
+on Automatic Control 24, 1979; N. K. Gupta, Frequency-shaped cost functionals, Journal of Guidance and Control 3, 1980).
+Time is in units of 10 ms, displacement in units of what the goal allows per newton, and current in units of what a
+newton asks for at 100 rad/s.
+
+A synthesised controller is given fewer states by balanced residualisation, exact at zero frequency. The error is at
+most twice the sum of the Hankel singular values left out (K. Glover, International Journal of Control 39, 1984; Y. Liu
+and B. D. O. Anderson, International Journal of Control 50, 1989, for the residualised model).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
+from scipy.linalg import cholesky, solve_continuous_lyapunov, svd
 
-from beamdesign.design.order_reduction import residualised
-from beamdesign.design.sensed_model import SensedModel
+from beamdesign.controllers import SENSED, Sensed
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
+from beamdesign.linear import LinearModel
+from beamdesign.rig.linearised import SEEN
+
+
+@dataclass(frozen=True)
+class SensedModel:
+    """x' = a x + b u, y = c x at one pair of end masses, SI.
+
+    Attributes:
+        a: (n, n).
+        b: (n, 2) of tip force (N) and current (A).
+        c: (1 + p, n): the tip's displacement (m), then what the p sensors give (V, m, Pa).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+
+    def responses(self, frequency_Hz: np.ndarray) -> np.ndarray:
+        """(f, 1 + p, 2) from inputs to outputs, complex."""
+        s = 2j * pi * np.asarray(frequency_Hz, dtype=float)
+        inside = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, self.b[None].astype(complex))
+        return np.asarray(self.c @ inside)
+
+
+def sensed_model(
+    rig: LinearModel, outer_end_mass: float, inner_end_mass: float, sensors: Sequence[Sensed] = SENSED[:1]
+) -> SensedModel:
+    """State space of a rig with its sensors.
+
+    Args:
+        rig: of a prototype, or of one of its linear members.
+        outer_end_mass: kg.
+        inner_end_mass: kg.
+        sensors: of `beamdesign.controllers.SENSED`, the displacement first.
+
+    Raises:
+        ValueError: without the displacement in the first place.
+    """
+    a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
+    if not sensors or sensors[0] != SENSED[0]:
+        raise ValueError("the first sensor is that of the outer tip's displacement")
+    return SensedModel(a, b, c[[0, 1, *(SEEN.index(name) for name in sensors[1:])]])
+
 
 TIME_UNIT_S = 0.01
 
@@ -131,3 +183,62 @@ def realised(plant: ScaledPlant, weights: Weights, law: StateSpace, order: int) 
     return StateSpace(
         model.a / TIME_UNIT_S, b, model.c * plant.current_A, model.d * plant.current_A / plant.sensor_units
     )
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A model of fewer states.
+
+    Attributes:
+        model: it.
+        hankel: (n,) Hankel singular values of the whole, the largest first.
+        bound: most that the largest singular value of the difference is at any frequency.
+    """
+
+    model: StateSpace
+    hankel: np.ndarray
+    bound: float
+
+
+def residualised(whole: StateSpace, order: int) -> Reduced:
+    """The balanced residualisation of a stable model.
+
+    Args:
+        whole: stable and minimal.
+        order: states to keep; the whole comes back balanced where it has no more.
+
+    Raises:
+        ValueError: for a model that is not stable.
+        numpy.linalg.LinAlgError: where it is too far from minimal for the figures of a float.
+    """
+    if not whole.stable:
+        raise ValueError("only a stable controller is reduced")
+    controllable = _root(solve_continuous_lyapunov(whole.a, -whole.b @ whole.b.T))
+    observable = _root(solve_continuous_lyapunov(whole.a.T, -whole.c.T @ whole.c))
+    left, hankel, right = svd(observable.T @ controllable)
+    if hankel[0] <= 0:
+        raise np.linalg.LinAlgError("the controller does nothing")
+    kept = hankel > 1e-13 * hankel[0]
+    root = np.sqrt(hankel[kept])
+    into = controllable @ right.T[:, kept] / root
+    back = (observable @ left[:, kept] / root).T
+    a, b, c = back @ whole.a @ into, back @ whole.b, whole.c @ into
+    n = min(order, len(a))
+    fast = np.linalg.solve(a[n:, n:], np.hstack([a[n:, :n], b[n:]])) if n < len(a) else np.zeros((0, n + b.shape[1]))
+    model = StateSpace(
+        a[:n, :n] - a[:n, n:] @ fast[:, :n],
+        b[:n] - a[:n, n:] @ fast[:, n:],
+        c[:, :n] - c[:, n:] @ fast[:, :n],
+        whole.d - c[:, n:] @ fast[:, n:],
+    )
+    return Reduced(model, hankel, 2 * float(hankel[n:].sum()))
+
+
+def _root(gramian: np.ndarray) -> np.ndarray:
+    """Root r with r r' the Gramian, lifted by the rounding errors of a float where it is not definite."""
+    symmetric = (gramian + gramian.T) / 2
+    try:
+        return np.asarray(cholesky(symmetric, lower=True))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(symmetric)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -12,12 +12,10 @@ from math import log, pi
 import numpy as np
 
 from beamdesign.controllers import Sensed
-from beamdesign.design.hinf import synthesise
 from beamdesign.design.loop_samples import Samples, sampled_bandwidth, slacks_of
-from beamdesign.design.lqg import lqg
-from beamdesign.design.sensed_model import sensed_model
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
-from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, weighted
+from beamdesign.design.synthesis import lqg, synthesise
+from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, sensed_model, weighted
 from beamdesign.linear import LinearModel
 from beamdesign.prototype import Goal
 

@@ -13,7 +13,7 @@ from delivered import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, true_rig
 from trial import Trial, on_trial
 
-from beamdesign.design.loop_search import sampled_bandwidth
+from beamdesign.design.starts import sampled_bandwidth
 from beamdesign.gap.amended import amended
 from beamdesign.gap.designer_terms import payload_range
 from beamdesign.gap.truth.case import Case

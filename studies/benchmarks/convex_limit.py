@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.design.sensed_model import SensedModel
+from beamdesign.design.synthesis_weights import SensedModel
 from beamdesign.prototype import Goal
 
 FREQUENCIES_HZ = np.concatenate(

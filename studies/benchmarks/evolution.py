@@ -20,7 +20,7 @@ from stopwatch import Cost, timed
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.form import form_of
 from beamdesign.design.loop_samples import samples
-from beamdesign.design.loop_search import SEARCH_FREQUENCIES_HZ, sampled_bandwidth
+from beamdesign.design.starts import SEARCH_FREQUENCIES_HZ, sampled_bandwidth
 from beamdesign.design.tuning import tune
 from beamdesign.loop import Loop, close_loop
 from beamdesign.members import paper_model

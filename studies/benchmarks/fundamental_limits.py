@@ -19,7 +19,7 @@ from math import inf, pi
 
 import numpy as np
 
-from beamdesign.design.sensed_model import SensedModel, sensed_model
+from beamdesign.design.synthesis_weights import SensedModel, sensed_model
 from beamdesign.members import family
 from beamdesign.prototype import Goal, Prototype
 

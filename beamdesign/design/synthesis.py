@@ -1,10 +1,10 @@
-"""H-infinity synthesis by linear matrix inequalities, and the norm of a closed loop by a Hamiltonian's eigenvalues.
+"""Syntheses of a controller for a weighted plant: linear-quadratic-Gaussian, and H-infinity by matrix inequalities.
 
-The change of variables is that of C. Scherer, P. Gahinet and M. Chilali, Multiobjective output-feedback control via LMI
-optimization, IEEE Transactions on Automatic Control 42, 1997. What a solver says of its own answer counts for nothing:
-the norm of the loop that is closed with the controller is computed anew (S. Boyd, V. Balakrishnan and P. Kabamba, A
-bisection method for computing the H-infinity norm of a transfer matrix, Mathematics of Control, Signals and Systems 2,
-1989).
+The first is state feedback with a Kalman filter. The change of variables of the second is that of C. Scherer, P.
+Gahinet and M. Chilali, Multiobjective output-feedback control via LMI optimization, IEEE Transactions on Automatic
+Control 42, 1997. What a solver says of its own answer counts for nothing: the norm of the loop that is closed with the
+controller is computed anew, by a Hamiltonian's eigenvalues (S. Boyd, V. Balakrishnan and P. Kabamba, A bisection
+method for computing the H-infinity norm of a transfer matrix, Mathematics of Control, Signals and Systems 2, 1989).
 """
 
 import warnings
@@ -13,8 +13,30 @@ from math import inf, sqrt
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_continuous_are
 
 from beamdesign.design.state_space import GeneralisedPlant, StateSpace
+
+
+def lqg(plant: GeneralisedPlant) -> StateSpace:
+    """The controller from y to u of least variance of z under white noise w, of the plant's order.
+
+    Args:
+        plant: with d11 = 0, no cost between states and input (d12'c1 = 0) and none between noises (b1 d21' = 0).
+
+    Raises:
+        numpy.linalg.LinAlgError: where a Riccati equation has no stabilising solution.
+    """
+    k = feedback_gain(plant.a, plant.b2, plant.c1.T @ plant.c1, plant.d12.T @ plant.d12)
+    f = feedback_gain(plant.a.T, plant.c2.T, plant.b1 @ plant.b1.T, plant.d21 @ plant.d21.T).T
+    inside = plant.a - plant.b2 @ k - f @ plant.c2
+    return StateSpace(inside, f, -k, np.zeros((plant.b2.shape[1], plant.c2.shape[0])))
+
+
+def feedback_gain(a: np.ndarray, b: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Gain k of u = -k x that minimises the integral of x'qx + u'ru; of a', c' and noises the Kalman filter's."""
+    return np.asarray(np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r)))
+
 
 SLACK = 1.05
 """Factor on the least norm within which the best conditioned controller is looked for: the optimum is singular."""
