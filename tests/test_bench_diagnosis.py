@@ -9,7 +9,6 @@ from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, st
 
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.bench_simulation import replay
-from beamdesign.gap.bench.amended import amended
 from beamdesign.gap.bench.data import read_bench_set, saturates_at
 from beamdesign.gap.bench.diagnose import BenchDiagnosis, diagnose_bench_set, probabilities
 from beamdesign.gap.bench.fit import held_out
@@ -17,6 +16,7 @@ from beamdesign.gap.bench.hypothesis import BenchHypothesis, candidates
 from beamdesign.gap.bench.model import NOTHING, steady
 from beamdesign.gap.bench.observed import observations, scatter
 from beamdesign.gap.bench.priors import believed
+from beamdesign.gap.bench.replay import amended
 from beamdesign.gap.bench.steady import steady_motions
 from beamdesign.records import InputError
 

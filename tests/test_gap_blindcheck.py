@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from beamdesign.gap.blind import blindcheck, outcome, scoring
-from beamdesign.gap.blind.bounds import bootstrap, clopper_pearson
+from beamdesign.gap.blind.baselines import lasso, lasso_path
 from beamdesign.gap.blind.case_plan import SHARES, Planned, counts, plan
 from beamdesign.gap.blind.diagnosis import begin_blind
-from beamdesign.gap.blind.lasso import lasso, lasso_path
 from beamdesign.gap.blind.outcome import Outcome
 from beamdesign.gap.blind.program import program_digest, sources
+from beamdesign.gap.blind.scoring import bootstrap, clopper_pearson
 from beamdesign.gap.blind.seal import broken, canonical, folder_digest, read_seal, sealed, write_seal
 from beamdesign.gap.truth.effects import LISTED, OUTSIDE
 from beamdesign.records import InputError

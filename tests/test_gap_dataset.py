@@ -11,8 +11,7 @@ from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Lag
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.data.dataset_index import kind_of
-from beamdesign.gap.examination.plausibility import examine
-from beamdesign.gap.examination.sound_responses import check_responses
+from beamdesign.gap.examination.plausibility import check_responses, examine
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError

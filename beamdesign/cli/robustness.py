@@ -19,7 +19,7 @@ DRAWS = 32
 
 def with_stated_tolerances(record: "Prototype") -> "Prototype":
     """The prototype as it is where it states tolerances, else with typical ones, and a word on it."""
-    from beamdesign.gap.examination.typical_tolerances import with_tolerances
+    from beamdesign.gap.examination.caution import with_tolerances
 
     found, cautions = with_tolerances(record)
     for caution in cautions:

@@ -11,9 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.gap.blind.baselines import NAMES
-from beamdesign.gap.blind.bounds import clopper_pearson
 from beamdesign.gap.blind.outcome import Outcome
-from beamdesign.gap.blind.scoring import SMALL, Bin, Score, baseline_scores, calibration, confusion, scores, split
+from beamdesign.gap.blind.scoring import (
+    SMALL,
+    Bin,
+    Score,
+    baseline_scores,
+    calibration,
+    clopper_pearson,
+    confusion,
+    scores,
+    split,
+)
 from beamdesign.report.canvas import new_figure
 from beamdesign.spelling import in_markdown
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from closing import Attempt, Closed, close_the_loop
 from opened_cases import opened_case, opened_keys
 
-from beamdesign.gap.blind.bounds import clopper_pearson
+from beamdesign.gap.blind.scoring import clopper_pearson
 from beamdesign.records import InputError
 
 COLUMNS = (
