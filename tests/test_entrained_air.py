@@ -10,8 +10,7 @@ from gap_sets import believed
 
 from beamdesign.checker import check
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.softened import softened
-from beamdesign.gap.fitting.starts import starts
+from beamdesign.gap.fitting.starts import softened, starts
 from beamdesign.gap.truth.believed import assembled, rig_figures
 from beamdesign.gap.truth.rates import INNER, PRESSURE_A, PRESSURE_B, TIP, rates_at
 from beamdesign.loop import close_loop

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import beamdesign.gap.fitting.fitters as fitters
 import beamdesign.gap.fitting.search as searching
 from beamdesign.cli import app
 from beamdesign.gap.data.dataset import Dataset, read_dataset
@@ -152,7 +151,7 @@ def test_a_second_run_takes_the_fits_of_the_first(
     def refuse(*_: object) -> None:
         raise AssertionError("made anew")
 
-    monkeypatch.setattr(fitters, "fitted", refuse)
+    monkeypatch.setattr(searching, "fitted", refuse)
     args = ["gap", "diagnose", str(data), "--out", str(tmp_path / "again"), "--workers", "1"]
     ran = CliRunner().invoke(app, args)
     assert ran.exit_code == 0, ran.output
@@ -173,7 +172,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
     monkeypatch.setattr(searching, "singles", lambda prototype: few)
     monkeypatch.setattr(searching, "_DONE", 1.0)  # no pairs
     made: list[Hypothesis] = []
-    genuine = fitters.fitted
+    genuine = searching.fitted
 
     def counted(task, *rest):
         if len(made) == stop:
@@ -181,7 +180,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
         made.append(task.hypothesis)
         return genuine(task, *rest)
 
-    monkeypatch.setattr(fitters, "fitted", counted)
+    monkeypatch.setattr(searching, "fitted", counted)
     kept = kept_fits(tmp_path / "fits", small)
     stop = 2
     with pytest.raises(KeyboardInterrupt):
@@ -202,7 +201,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
 
 def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path) -> None:
     kept = kept_fits(tmp_path / "fits", small)
-    task = fitters.Task(Hypothesis(("sensor_lag",)), {})
+    task = searching.Task(Hypothesis(("sensor_lag",)), {})
     kept.keep(task, Fit(task.hypothesis, task.hypothesis.unknowns(small.prototype), reason="none"))
     assert kept.recall(task) is not None
     assert kept.recall(replace(task, known={"flow_gain": 1.0})) is None
@@ -215,7 +214,7 @@ def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path)
 
 def test_a_file_cut_short_is_made_again(small: Dataset, tmp_path: Path) -> None:
     kept = kept_fits(tmp_path / "fits", small)
-    task = fitters.Task(Hypothesis(("sensor_lag",)), {})
+    task = searching.Task(Hypothesis(("sensor_lag",)), {})
     kept.keep(task, Fit(task.hypothesis, reason="none"))
     (path,) = (tmp_path / "fits").iterdir()
     path.write_bytes(path.read_bytes()[:100])

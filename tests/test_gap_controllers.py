@@ -24,7 +24,7 @@ from beamdesign.gap.diagnose import diagnose
 from beamdesign.gap.diagnosis import Diagnosis
 from beamdesign.gap.examination.believed_loop import CHANNELS, believed_loop
 from beamdesign.gap.examination.controller_equation import controller_fit, demanded
-from beamdesign.gap.experiment_menu import menu
+from beamdesign.gap.experiment import menu
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis

@@ -13,15 +13,13 @@ from beamdesign.controllers import Controller, Lag, Proportional
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import fit
-from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
+from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.onset import phase_crossings
 from beamdesign.gap.fitting.response_evidence import response_evidence, scatter
 from beamdesign.gap.fitting.starts import starts
 from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
-from beamdesign.gap.gains.common_factor import common_factor
 from beamdesign.gap.gains.next_gain import separations
-from beamdesign.gap.gains.shares import gain_shares
+from beamdesign.gap.gains.shares import common_factor, gain_shares
 from beamdesign.gap.judgement import evidence as marginal_likelihood
 from beamdesign.harmonic_balance import limit_cycles
 from beamdesign.loop import critical_gain, loop

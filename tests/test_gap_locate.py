@@ -13,9 +13,8 @@ from beamdesign.gap.fitting.hypothesis import NOTHING, together
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.where.conditions import lines_of, setting
 from beamdesign.gap.where.innovations import Unsolved, kalman, multiplicative, sampled
-from beamdesign.gap.where.kind import kind_of_effect
 from beamdesign.gap.where.local_laws import stop
-from beamdesign.gap.where.locate import laws_of, locate
+from beamdesign.gap.where.locate import kind_of_effect, laws_of, locate
 from beamdesign.gap.where.residuals import residuals
 from beamdesign.prototype import Prototype
 

@@ -11,9 +11,9 @@ from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.growth import grows, rings
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.gap.fitting.search import Search
+from beamdesign.gap.second_look import grows, rings
 from beamdesign.loop import critical_gain
 
 SLOW_Hz = 45.0  # a sensor's break that costs the loop its margin

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only
 
-from beamdesign.gap.fitting.holdout import held_out
+from beamdesign.gap.diagnose import held_out
 from beamdesign.gap.shrink import Errors, gap
 
 

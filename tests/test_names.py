@@ -28,7 +28,7 @@ from beamdesign.columns import read_columns
 from beamdesign.controllers import Lag
 from beamdesign.gap.blind.outcome import Outcome
 from beamdesign.gap.data.dataset_index import TimeEntry, read_index
-from beamdesign.gap.experiment_menu import Experiment, scenario_of
+from beamdesign.gap.experiment import Experiment, scenario_of
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.writer import certificate
 from beamdesign.prototype import Prototype, read_prototype, write_prototype

@@ -20,7 +20,7 @@ from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
 from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.fitting.holdout import held_out
+from beamdesign.gap.diagnose import held_out
 from beamdesign.prototype import Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario

@@ -10,14 +10,13 @@ import pytest
 
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.truth import LISTED, OUTSIDE, answer, draw_case, laws, noise_free, take, write_case
-from beamdesign.gap.truth.beam_modes import cantilever_modes, outer_modes
-from beamdesign.gap.truth.believed import assembled, believed_figures, rig_figures
+from beamdesign.gap.truth.believed import assembled, believed_figures, cantilever_modes, outer_modes, rig_figures
 from beamdesign.gap.truth.case import run_figures
+from beamdesign.gap.truth.drawing import linear_critical_gain
 from beamdesign.gap.truth.effects import KINDS, Scales
 from beamdesign.gap.truth.figures import packed
 from beamdesign.gap.truth.rates import STATES
 from beamdesign.gap.truth.rig import STEP_S, march
-from beamdesign.gap.truth.stability import linear_critical_gain
 
 PUBLISHED = {
     "name": "published",
@@ -60,8 +59,7 @@ def constant(value):
 
 def test_it_shares_nothing_with_the_diagnosis():
     loaded = subprocess.run(
-        [sys.executable, "-c", "import sys, beamdesign.gap.truth, beamdesign.gap.truth.oscillation, "
-         "beamdesign.gap.truth.response; print('\\n'.join(sys.modules))"],
+        [sys.executable, "-c", "import sys, beamdesign.gap.truth; print('\\n'.join(sys.modules))"],
         capture_output=True, text=True, check=True,
     ).stdout.split()  # fmt: skip
     shared = [name for name in loaded if name.startswith(("beamdesign.rig", "beamdesign.simulate", "casadi"))]
@@ -287,8 +285,8 @@ def test_critical_gain_of_the_published_rig():
 
 
 def test_measured_compliance_and_gain_of_a_sound_rig_are_those_of_the_linear_loop():
-    from beamdesign.gap.truth.oscillation import critical_gain as turned_up
-    from beamdesign.gap.truth.response import compliance
+    from beamdesign.gap.truth.writing import compliance
+    from beamdesign.gap.truth.writing import critical_gain as turned_up
     from beamdesign.loop import critical_gain, loop
     from beamdesign.prototype import prototype_from
 

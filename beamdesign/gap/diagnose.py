@@ -1,18 +1,23 @@
-"""The diagnosis of a data set: where its gap lies, what causes it, how far it closes."""
+"""The diagnosis of a data set: where its gap lies, what causes it, how far it closes.
+
+Some records are kept out of every fit, to measure the gap on; what is found is told in two sentences.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
 
 from beamdesign.gap.amended import amended
 from beamdesign.gap.causes import causes, classes
-from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.diagnosis import Diagnosis, Gap, Verdict
+from beamdesign.gap.data.dataset import Dataset, TimeRecord
+from beamdesign.gap.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.followed import followed
-from beamdesign.gap.fitting.holdout import held_out
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
 from beamdesign.gap.gains.classes import explain_gains
@@ -21,7 +26,68 @@ from beamdesign.gap.second_look import SecondLook, second_look
 from beamdesign.gap.separability import indistinguishable
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.where.locate import locate
-from beamdesign.gap.wording import sentences
+
+_SHARE = 0.25
+
+
+def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
+    """Positions of a quarter of the records, rounded, at least one of two.
+
+    Each must be a condition of its own whose parts (payload, excitation and, where it can be, controller) are known to
+    the fits from other records, and smaller than the largest of its kind: to predict it is to combine, not to guess,
+    and what shows only at the largest amplitude (a limit) must be seen by the fits. Among such choices the most
+    different records are taken, and of those the most strongly excited.
+
+    Returns:
+        none where there is one record only, or where no choice leaves the fits such a view.
+    """
+    count = max(1, round(_SHARE * len(records)))
+    if len(records) < 2:
+        return ()
+    for demanding in (True, False):
+        choices = [c for c in combinations(range(len(records)), count) if _known(records, c, demanding)]
+        if choices:
+            return max(choices, key=lambda chosen: _value(records, chosen))
+    return ()
+
+
+def _known(records: Sequence[TimeRecord], chosen: Sequence[int], demanding: bool) -> bool:
+    rest = [r for k, r in enumerate(records) if k not in chosen]
+    if any(r.condition == records[k].condition for k in chosen for r in rest):
+        return False  # a replicate in the fits would give it away
+    for k in chosen:
+        record = records[k]
+        alike = [r for r in rest if r.excitation == record.excitation]
+        largest = max((_swing(r) for r in alike), default=0.0)
+        if not any(_masses(r) == _masses(record) for r in rest) or largest < _swing(record):
+            return False
+        if demanding and not any(r.controller == record.controller for r in rest):
+            return False
+    return True
+
+
+def _value(records: Sequence[TimeRecord], chosen: Sequence[int]) -> tuple[int, float]:
+    different = len({_masses(records[k]) for k in chosen}) + len({records[k].excitation for k in chosen})
+    largest: dict[str, float] = {}
+    for record in records:
+        largest[record.excitation] = max(largest.get(record.excitation, 0.0), _size(record))
+    strength = sum(_size(records[k]) / max(largest[records[k].excitation], 1e-300) for k in chosen)
+    return different, strength
+
+
+def _size(record: TimeRecord) -> float:
+    column = 1 if record.excitation == "command" else 0
+    return float(np.sqrt(np.mean(record.inputs[:, column] ** 2)))
+
+
+def _swing(record: TimeRecord) -> float:
+    """Of the current, A: how hard the valve is driven."""
+    return float(np.abs(record.measured["current_A"]).max())
+
+
+def _masses(record: TimeRecord) -> tuple[float, float]:
+    return record.outer_end_mass, record.inner_end_mass
+
 
 CONFIDENT = 0.7
 """Probability of the best hypothesis from which the verdict is not called ambiguous."""
@@ -136,3 +202,44 @@ def rivals(found: Search, judged: Judgement) -> list[Fit]:
     """The most probable fits, best first; the next experiment has to tell them apart."""
     fits = (found.null, *found.fits)
     return sorted((f for f in fits if f.hypothesis in judged.of), key=lambda f: -judged.of[f.hypothesis])
+
+
+def sentences(
+    verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where, in_step: bool = False
+) -> str:
+    """The verdict for people: what it is, and how far the gap closes.
+
+    Args:
+        verdict: in a word.
+        causes: most probable first.
+        chosen: names of those that are held responsible.
+        gap: as measured.
+        where: it lies.
+        in_step: whether errors are those of models that follow the records.
+    """
+    errors = (
+        f"On records left out of the fits that measure it, the {'error in step' if in_step else 'prediction error'} "
+        "falls from "
+        f"{gap.before:.1%} of the signal "
+        f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
+        f"the sensor's noise alone is {gap.noise_floor:.1%}."
+    )
+    by_name = {cause.name: cause for cause in causes}
+    match verdict:
+        case "no_gap":
+            first = "There is no gap that the tolerances of the prototype would not explain."
+        case "effect":
+            first = f"The gap is caused by {_listed([by_name[name] for name in chosen])}."
+        case "ambiguous":
+            others = [c for c in causes if c.name not in chosen][:3]
+            rivals = f"; it may as well be {_listed(others, 'or')}" if others else ""
+            first = f"The gap is most probably caused by {_listed([by_name[name] for name in chosen])}{rivals}."
+        case _:
+            place = f" It lies in the {where.subsystem}." if where.subsystem else ""
+            first = f"Nothing that is known here explains the gap.{place}"
+    return f"{first} {errors}"
+
+
+def _listed(causes: Sequence[Cause], word: str = "and") -> str:
+    named = [f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes]
+    return named[0] if len(named) == 1 else f"{', '.join(named[:-1])} {word} {named[-1]}"

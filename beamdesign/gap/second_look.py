@@ -4,21 +4,77 @@ Two kinds of motion cannot be predicted from rest by any model, however right: t
 play, and that of a loop which oscillates by itself. A hair's difference in a figure or at the beginning makes another
 motion of them. Fits that follow the records (see `fitting.followed`) are not led astray by that, and are believed only
 where what they find is one of these two.
+
+No model can repeat from rest a record of a loop that, as it was taken, oscillates by itself.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.fitting.evidence import DISPLACEMENT, RecordEvidence, record_evidence
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.followed import PLAY
-from beamdesign.gap.fitting.growth import grows, rings
 from beamdesign.gap.fitting.hammering import hammering, refit_hammering
 from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
+from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.gap.judgement import Judgement, judge
 from beamdesign.records import InputError
+
+_AT, _LASTS_S = 0.05, 5e-3  # of the record; long enough for whatever a loop of this kind may oscillate at
+_ENDS = 3
+_NARROW, _MOST = 0.06, 0.6  # of the frequency, of the power
+
+
+def grows(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
+    """Whether a motion that a small pulse has set off is larger in the last third of the record than in the first.
+
+    The pulse, as large as the sensor's noise, is added to the command. The motion it makes is the difference of two
+    simulations with all that the record drives its rig with, so that laws count as they are where the rig works. A loop
+    that diverges grows.
+
+    Args:
+        piece: the record.
+        placement: the unknowns of a hypothesis.
+        z: (K,) their values.
+    """
+    record, rig = piece.record, piece.job.prototype
+    column = piece.weight.channels.index(DISPLACEMENT)
+    count, first = len(record.times), round(_AT * len(record.times))
+    inputs = record.inputs.copy()
+    inputs[first : first + max(2, round(_LASTS_S / record.step)), 1] += (
+        rig.sensor.gain_V_per_m * piece.weight.noise_std[column]
+    )
+    plain = piece.predicted(placement, z)
+    nudged = replace(piece, job=replace(piece.job, record=replace(record, inputs=inputs), _inputs={}))
+    moved = nudged.predicted(placement, z)
+    if plain is None or moved is None:
+        return True
+    motion = moved[:, column] - plain[:, column]
+    return bool(np.std(motion[-count // _ENDS :]) > np.std(motion[: count // _ENDS]))
+
+
+def rings(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
+    """Whether most of what a model leaves of the displacement is of one frequency.
+
+    So it is where the rig oscillates and the model does not; mains hum looks alike.
+
+    Args:
+        piece: the record.
+        placement: the unknowns of a hypothesis.
+        z: (K,) their values.
+    """
+    residual = piece.residual(placement, z)
+    if residual is None:
+        return True
+    power = np.abs(piece.displacement(residual)) ** 2
+    frequency = piece.weight.frequencies_Hz
+    near = np.abs(frequency / frequency[np.argmax(power)] - 1) < _NARROW
+    return bool(power[near].sum() > _MOST * power.sum())
+
 
 _HAMMERS = (
     "a joint hammers in its play, so that the motion of small records cannot be repeated: fits follow the records, and "

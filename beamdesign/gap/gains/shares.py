@@ -1,15 +1,60 @@
-"""How much of the distance between measured and predicted critical gains known causes carry, each at a stated size."""
+"""What lies between measured and predicted critical gains: one factor, or known causes, each at a stated size.
+
+One factor is the simplest answer after none; of causes, it is told how much of the distance they carry.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from math import log
+from math import exp, log, sqrt
 
 import numpy as np
 
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, together
 from beamdesign.rig.effects import library
+
+
+@dataclass(frozen=True)
+class CommonFactor:
+    """The one factor on all predictions that suits measured gains best.
+
+    Attributes:
+        factor: measured over predicted.
+        std: of the factor, from the errors of the measurements alone.
+        before: rms of ln(measured/predicted).
+        left: rms that remains with the factor.
+        noise: rms of the measurements' own relative errors.
+    """
+
+    factor: float
+    std: float
+    before: float
+    left: float
+    noise: float
+
+    @property
+    def explained(self) -> float:
+        """Share of the mean square of ln(measured/predicted) that the factor takes away."""
+        return 1 - (self.left / self.before) ** 2 if self.before > 0 else 0.0
+
+
+def common_factor(measured: Sequence[float], predicted: Sequence[float], relative_std: Sequence[float]) -> CommonFactor:
+    """Fit one factor to gains by weighted least squares in their logarithms.
+
+    Raises:
+        ValueError: without gains, or where the three differ in length.
+    """
+    ratios = np.array([np.log(m / p) for m, p in zip(measured, predicted, strict=True)])
+    errors = np.array(relative_std, dtype=float)
+    if not len(ratios) or len(errors) != len(ratios):
+        raise ValueError(f"{len(ratios)} gains with {len(errors)} errors")
+    weights = errors**-2
+    mean = float(weights @ ratios / weights.sum())
+    factor = exp(mean)
+    rms = [float(np.sqrt(np.mean(values**2))) for values in (ratios, ratios - mean, errors)]
+    return CommonFactor(factor, factor / sqrt(float(weights.sum())), *rms)
+
 
 SUSPECTS = ("sensor_lag", "unequal_piston_areas")
 """What Zalucky and Hardt (1984) had in their rig and not in their model: the sensor's filter, the smaller side."""

@@ -7,9 +7,8 @@ import numpy as np
 from beamdesign.gap.diagnosis import Gap, Verdict
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
 from beamdesign.gap.fitting.hypothesis import NOTHING
-from beamdesign.gap.gains.common_factor import CommonFactor
 from beamdesign.gap.gains.search import Figure
-from beamdesign.gap.gains.shares import GainShares
+from beamdesign.gap.gains.shares import CommonFactor, GainShares
 
 _DIFFERS = 0.1  # of a gain, from which the model is said to be another than the designers'
 _SHOWN = 5

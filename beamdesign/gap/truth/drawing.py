@@ -1,4 +1,7 @@
-"""Cases drawn by seed: rig, tolerances, background, and effects strong enough to matter and weak enough to run."""
+"""Cases drawn by seed: rig, tolerances, background, and effects strong enough to matter and weak enough to run.
+
+The gain at which the loop begins to oscillate is known from the true rig, linearised at rest by differences.
+"""
 
 from dataclasses import replace
 from typing import Any, Literal
@@ -17,8 +20,61 @@ from beamdesign.gap.truth.believed import (
 from beamdesign.gap.truth.case import Case, Departure, Noise, Run, noise_free, relative_floor, relative_gap, take
 from beamdesign.gap.truth.effects import KINDS, LISTED, OUTSIDE, PARAMETERS, Scales, Shape
 from beamdesign.gap.truth.excitation import Drive
+from beamdesign.gap.truth.rates import STATES, rates_at
 from beamdesign.gap.truth.rig import Motion
-from beamdesign.gap.truth.stability import linear_critical_gain
+
+
+def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    """(n, n) derivative of the rates by those states that take part, by central differences about rest.
+
+    Dead time, play and digital steps are left out.
+    """
+    matrix = np.zeros((STATES, STATES))
+    for k in range(STATES):
+        step = 1.0 if k in (12, 13, 27) else 1e-9  # pressures are in Pa
+        ahead, behind = np.zeros(STATES), np.zeros(STATES)
+        ahead[k], behind[k] = step, -step
+        matrix[:, k] = (rates_at(ahead, figures, modes) - rates_at(behind, figures, modes)) / (2 * step)
+    used = np.nonzero(matrix.any(axis=1))[0]
+    return matrix[np.ix_(used, used)]
+
+
+def is_stable(figures: np.ndarray, modes: np.ndarray) -> bool:
+    """Whether all poles of the linearised loop lie in the left half plane, but for one at rest of the mean pressure."""
+    matrix = jacobian(figures, modes)
+    return bool(np.linalg.eigvals(_balanced(matrix)).real.max() < 0.0)
+
+
+def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
+    """Least gain in A/V at which the linearised loop is not stable, by bisection; infinite where there is none to 100.
+
+    Args:
+        figures: whose own gain does not matter.
+        modes: of the outer beam.
+    """
+    trial = figures.copy()
+
+    def stable(gain: float) -> bool:
+        trial["gain"] = gain
+        return is_stable(trial, modes)
+
+    low = 1e-5
+    high = low
+    while stable(high):
+        low, high = high, 2 * high
+        if high > 100:
+            return float("inf")
+    while high - low > 1e-4 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _balanced(matrix: np.ndarray) -> np.ndarray:
+    from scipy.linalg import matrix_balance
+
+    return np.asarray(matrix_balance(matrix, permute=False)[0])
+
 
 KIND_NAMES = ("null", "single", "pair", "outside", "parameter")
 GAPS = (2.0, 30.0)

@@ -1,4 +1,8 @@
-"""A case as a data set of the contract, and its answer."""
+"""A case as a data set of the contract, and its answer.
+
+What is measured of it beside records is found as on a rig: the gain at which the loop begins to oscillate by turning
+it up, compliance line by line as a frequency analyser would.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -7,10 +11,114 @@ import numpy as np
 import tomli_w
 
 from beamdesign.files import write_whole
-from beamdesign.gap.truth.believed import assembled, believed_figures
-from beamdesign.gap.truth.case import Case, Departure, Run, inputs_of, noise_free, run_figures, take
+from beamdesign.gap.truth.believed import assembled, believed_figures, controller_figures
+from beamdesign.gap.truth.case import Case, Departure, Run, inputs_of, noise_free, run_figures, step_of, take
 from beamdesign.gap.truth.effects import KINDS, LISTED
-from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S, Motion
+from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S, Motion, march
+
+LINES = 40
+SETTLE_S = 2.0
+LISTEN_S = 4.0
+
+
+def compliance(case: Case, run: Run) -> tuple[float, dict[str, np.ndarray]]:
+    """Displacement over force at lines from 1 to 300 Hz, all at once with random phases and equal heights.
+
+    The first `SETTLE_S` are thrown away; the lines lie on the grid of the `LISTEN_S` that follow.
+
+    Returns:
+        height of one line (N), and the columns of the file.
+    """
+    figures = run_figures(case, run)
+    step = step_of(figures)
+    rng = np.random.default_rng([case.seed, run.drive.seed, 4])
+    frequencies = np.unique(np.round(np.geomspace(1.0, 300.0, LINES) * 4)) / 4
+    height = float(f"{run.drive.size / np.sqrt(len(frequencies) / 2):.3g}")
+    times = np.arange(2 * round((SETTLE_S + LISTEN_S) / step) + 1) * (step / 2)
+    inputs = np.zeros((len(times), 3))
+    phases = rng.uniform(0, 2 * np.pi, len(frequencies))
+    for frequency, phase in zip(frequencies, phases, strict=True):
+        inputs[:, 0] += height * np.cos(2 * np.pi * frequency * times + phase)
+    record, modes = assembled(figures)
+    motion = march(record, modes, inputs, None, step)
+    count = round(LISTEN_S / SAMPLE_S)
+    first = round(SETTLE_S / SAMPLE_S)
+    taken = motion.displacement[first : first + count] + rng.normal(0, case.noise.floor_m, count)
+    force = inputs[:: round(2 * SAMPLE_S / step), 0][first : first + count]
+    lines = np.round(frequencies * LISTEN_S).astype(int)
+    ratio = np.fft.rfft(taken)[lines] / np.fft.rfft(force)[lines]
+    return height, {
+        "frequency_Hz": frequencies,
+        "magnitude_m_per_N": np.abs(ratio),
+        "phase_deg": np.degrees(np.angle(ratio)),
+    }
+
+
+RELATIVE_STD = 0.03
+_WATCHED_S = 1.5
+
+
+def sustained(case: Case, run: Run, gain_A_per_V: float) -> bool:
+    """Whether a short push (5 ms at a tenth of the largest load) is still there, not less, in the last third."""
+    figures = run_figures(case, run) | controller_figures(run.controller | {"gain_A_per_V": gain_A_per_V})
+    step = step_of(figures)
+    times = np.arange(2 * round(_WATCHED_S / step) + 1) * (step / 2)
+    inputs = np.zeros((len(times), 3))
+    inputs[times < 5e-3, 0] = 0.1 * case.scales.force
+    record, modes = assembled(figures)
+    motion = march(record, modes, inputs, None, step)
+    if not motion.bounded:
+        return True
+    third = len(motion.displacement) // 3
+    middle, last = motion.displacement[third : 2 * third], motion.displacement[2 * third :]
+    return bool(np.std(last) > max(0.97 * np.std(middle), 2 * case.noise.floor_m))
+
+
+def critical_gain(case: Case, run: Run) -> float:
+    """Least gain (A/V) at which the oscillation is sustained, to 1 %, starting from a fifth of the run's own.
+
+    Raises:
+        ValueError: where it oscillates at a fifth already, or at no gain up to 100 times its own.
+    """
+    own = float(run.controller["gain_A_per_V"])
+    low = 0.2 * own
+    if sustained(case, run, low):
+        raise ValueError(f"{run.name} oscillates at a fifth of its gain")
+    high = low
+    while not sustained(case, run, high):
+        low, high = high, 1.5 * high
+        if high > 100 * own:
+            raise ValueError(f"{run.name} oscillates at no gain")
+    while high > 1.01 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if sustained(case, run, middle) else (middle, high)
+    return float(np.sqrt(low * high))
+
+
+def measured_gains(case: Case) -> list[dict[str, Any]]:
+    """Critical gains of every setting among the runs, with the scatter of reading them, as tables of the contract."""
+    rng = np.random.default_rng([case.seed, 5])
+    found: list[dict[str, Any]] = []
+    seen = set()
+    for run in case.runs:
+        setting = (run.controller["kind"], run.outer_end_mass_kg)
+        if setting in seen:
+            continue
+        seen.add(setting)
+        try:
+            gain = critical_gain(case, run)
+        except ValueError:
+            continue  # on a rig, too, nothing is noted down then
+        found.append(
+            {
+                "controller": {key: value for key, value in run.controller.items() if key != "gain_A_per_V"},
+                "outer_end_mass_kg": run.outer_end_mass_kg,
+                "inner_end_mass_kg": run.inner_end_mass_kg,
+                "gain_A_per_V": float(f"{gain * np.exp(RELATIVE_STD * rng.normal()):.3g}"),
+                "relative_std": RELATIVE_STD,
+            }
+        )
+    return found
 
 
 def recorded(case: Case, run: Run) -> dict[str, np.ndarray]:
@@ -58,8 +166,6 @@ def write_case(case: Case, folder: Path | str) -> None:
     if "frequency_response" in case.extras:
         index["frequency_response"] = _responses(case, folder)
     if "critical_gain" in case.extras:
-        from beamdesign.gap.truth.oscillation import measured_gains
-
         index["critical_gain"] = measured_gains(case)
     write_whole(folder / "prototype.toml", tomli_w.dumps(case.believed))
     write_whole(folder / "dataset.toml", tomli_w.dumps(index))
@@ -74,7 +180,6 @@ def _setting(run: Run) -> dict[str, Any]:
 
 
 def _responses(case: Case, folder: Path) -> list[dict[str, Any]]:
-    from beamdesign.gap.truth.response import compliance
 
     found = []
     for run in case.runs:
