@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.design.end_stiffness import SHARE, EndStiffness, stiffness_curves
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, closed_loop
 from beamdesign.loop import loop
 from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype
@@ -40,7 +40,7 @@ def _curves(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> 
     for one in found:
         if one.law is None:  # judged as it is: the servo
             continue
-        curve = np.abs(stiffness_curves(prototype, one.law, FREQUENCIES_HZ, (0.0,))[0])
+        curve = np.abs(tip(closed_loop(prototype, one.law)).stiffness_response(FREQUENCIES_HZ))
         axes.loglog(FREQUENCIES_HZ, curve, color="black", linewidth=1.0)
         end = np.interp(one.band_Hz, FREQUENCIES_HZ, curve)
         axes.plot(one.band_Hz, end, marker="o", color="black", markerfacecolor=_fill(one), markersize=5)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
-import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import Cascade, Controller
@@ -193,11 +192,3 @@ def softest_N_per_m(
             return inf
         found = max(found, 1 / (alone + (1 - outer * alone) * nearest(first.high)))
     return found
-
-
-def stiffness_curves(
-    prototype: Prototype, law: CompliantLaw, frequency_Hz: np.ndarray, masses_kg: tuple[float, ...]
-) -> np.ndarray:
-    """(len(masses), N) apparent stiffness F / x in N/m, complex, end mass included."""
-    port = tip(closed_loop(prototype, law))
-    return np.array([port.stiffness_response(frequency_Hz, mass) for mass in masses_kg])

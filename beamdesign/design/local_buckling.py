@@ -15,8 +15,6 @@ GAMMA_M1 = 1.1
 WEB_SLENDERNESS = 0.40
 """beta over b / t of an internal part whose neutral axis is at its centre, clause 6.1.4.3(1)."""
 
-CLASS_LIMITS = {"A": (11.0, 16.0, 22.0), "B": (13.0, 16.5, 18.0)}
-"""beta / epsilon up to which an internal part is of class 1, 2 and 3: Table 6.2, without welds."""
 
 LOCAL_BUCKLING_CONSTANTS = {"A": (32.0, 220.0), "B": (29.0, 198.0)}
 """C1 and C2 of the local buckling factor of an internal part: Table 6.3, without welds."""
@@ -48,11 +46,6 @@ def relative_slenderness(
     epsilon = (250e6 / proof_strength) ** 0.5
     flange = flat_width(width, wall, corner_radius) / wall / epsilon
     return flange, WEB_SLENDERNESS * flange
-
-
-def section_class(slenderness: float, buckling_class: BucklingClass) -> int:
-    """Class 1 to 4 of an internal part of relative slenderness beta / epsilon, clause 6.1.4.4, Table 6.2."""
-    return 1 + sum(slenderness > limit for limit in CLASS_LIMITS[buckling_class])
 
 
 def buckling_curve(slenderness: Quantity, buckling_class: BucklingClass) -> Quantity:

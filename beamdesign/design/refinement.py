@@ -25,9 +25,6 @@ from beamdesign.prototype import Goal
 SHARES = np.linspace(0.0, 1.0, 5)
 """Masses, as shares of the range, that are looked at."""
 
-LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "loop_gain", "controller_effort")
-"""Magnitudes of which an optimiser enforces a limit at check points."""
-
 
 def magnitude(loop: LoopAtMass, kind: Kind, frequency_Hz: np.ndarray) -> np.ndarray:
     """|S|, |L| or |C S| at the given frequencies."""

@@ -35,7 +35,6 @@ _EASIEST = {
     "largest_width_m": 2.0,
     "width_to_wall_at_most": 1000.0,
 }
-_EASE_UPWARDS = ("largest_width_m", "width_to_wall_at_most")
 _DIGITS = 4
 
 

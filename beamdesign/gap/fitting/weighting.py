@@ -6,7 +6,6 @@ about that frequency)^2), band by band, and a record as a whole counts as `INDEP
 thousands of independent samples: what a model lacks is the same from one sample to the next.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -116,9 +115,3 @@ def floor(record: TimeRecord, weight: Weighting, channel: str = "displacement_m"
     """Noise of a channel over its rms."""
     rms = float(np.std(record.measured[channel]))
     return float(weight.noise_std[weight.channels.index(channel)]) / rms if rms > 0 else np.inf
-
-
-def normalised(record: TimeRecord, predicted: Mapping[str, np.ndarray], channel: str = "displacement_m") -> float:
-    """Rms of a prediction's error over the rms of what was measured."""
-    measured = record.measured[channel]
-    return float(np.sqrt(np.mean((measured - predicted[channel]) ** 2)) / np.std(measured))

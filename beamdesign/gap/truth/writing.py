@@ -12,9 +12,9 @@ import tomli_w
 
 from beamdesign.files import write_whole
 from beamdesign.gap.truth.believed import assembled, believed_figures, controller_figures
-from beamdesign.gap.truth.case import Case, Departure, Run, inputs_of, noise_free, run_figures, step_of, take
+from beamdesign.gap.truth.case import Case, Departure, Run, inputs_of, run_figures, step_of, take
 from beamdesign.gap.truth.effects import KINDS, LISTED
-from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S, Motion, march
+from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S, march
 
 LINES = 40
 SETTLE_S = 2.0
@@ -236,8 +236,3 @@ def answer(case: Case) -> dict[str, Any]:
         "background": {d.name: d.severity for d in case.background},
         "notes": list(case.notes),
     }
-
-
-def truth_records(case: Case) -> dict[str, Motion]:
-    """The noise-free records to judge a prediction by: the displacement that a noiseless sensor would have shown."""
-    return noise_free(case)
