@@ -12,8 +12,8 @@ from forging import altered
 from truth_of_arm_plane import Plane
 from typer.testing import CliRunner
 
-from beamdesign.arm.certificate import certify_plane
 from beamdesign.arm.plane import plane_loop
+from beamdesign.arm.result import certify_plane
 from beamdesign.checker import Unreadable, check
 from beamdesign.checker.stability import stable_on_rectangle
 from beamdesign.cli import app

@@ -117,12 +117,12 @@ def test_the_prototype_of_a_study_has_its_sections_and_hydraulics():
         (
             {"controller__kind": "pid"},
             "controller.kind",
-            "must be 'lag', 'proportional', 'structured', 'lqg' or 'hinf', is 'pid'",
+            "must be 'lag', 'proportional', 'structured', 'lqg', 'hinf' or 'scheduled', is 'pid'",
         ),
         (
             {"controller__gain_A_per_V": 0.1},
             "controller.gain_A_per_V",
-            "unknown key; known here are largest_inner_end_mass_kg, sections, added_sensors, kind",
+            "unknown key; known here are largest_inner_end_mass_kg, sections, stages, added_sensors, kind",
         ),
         ({"goal__peak_sensitivity": 1}, "goal.peak_sensitivity", "is 1, outside the plausible range 1.00001 to 1000"),
         ({"actuator__oil_stiffness_N_per_m": False}, "actuator.oil_stiffness_N_per_m", "must be a number, is False"),
