@@ -103,13 +103,7 @@ def _poly(value: "Poly | np.ndarray | float") -> Poly:
 
 def coefficients(table: dict[str, Any], points: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Of the plain and of the late part of p, each (degree + 1, members)."""
-    names = {name: _poly(values) for name, values in points.items()}
-    for group in table.get("group", []):
-        members = [names.pop(one) for one in group["members"]]
-        total = members[0]
-        for one in members[1:]:
-            total = total + one if group["kind"] == "sum" else total * one
-        names[group["name"]] = total
+    names = _grouped(table, {name: _poly(values) for name, values in points.items()})
     s = Poly(np.array([[0.0], [1.0]]))
     if "leaf" in table:
         own = {key: _poly(_value(text, names | {"s": s})) for key, text in table["leaf"].items()} | {"s": s}
@@ -123,6 +117,17 @@ def coefficients(table: dict[str, Any], points: dict[str, np.ndarray]) -> tuple[
     return tuple(np.broadcast_to(part.values, (len(part.values), many)) for part in parts)
 
 
+def _grouped(table: dict[str, Any], names: dict[str, Any]) -> dict[str, Any]:
+    """Variables by name: parameters, and in the place of those of a group their sum or product."""
+    for group in table.get("group", []):
+        members = [names.pop(one) for one in group["members"]]
+        total = members[0]
+        for one in members[1:]:
+            total = total + one if group["kind"] == "sum" else total * one
+        names[group["name"]] = total
+    return names
+
+
 def _value(text: str, names: dict[str, Any]) -> Any:
     return eval(text.strip(), {"__builtins__": {}}, names)
 
@@ -130,7 +135,8 @@ def _value(text: str, names: dict[str, Any]) -> Any:
 def delay(table: dict[str, Any], points: dict[str, np.ndarray]) -> np.ndarray:
     """Of each member, s."""
     many = len(next(iter(points.values()))) if points else 1
-    found = [points[name] for name in table.get("delay", {}).values()]
+    names = _grouped(table, dict(points))
+    found = [names[name] for name in table.get("delay", {}).values()]
     return found[0] if found else np.zeros(many)
 
 
