@@ -40,7 +40,7 @@ def write_page(
         folder: an existing folder; files of the same names are replaced.
         update: told the share done (0 to 1) and what is being drawn.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from beamdesign.report.page_template import page_template
 
     drawings: list[Drawing] = []
     files: list[Path] = []
@@ -49,12 +49,8 @@ def write_page(
         drawing = drawn(draw)
         files += save(drawing.figure, folder / drawing.name)
         drawings.append(drawing)
-    environment = Environment(
-        loader=PackageLoader("beamdesign.paper", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters["number"] = _number
     page = folder / "paper.html"
-    text = environment.get_template("page.html").render(
+    text = page_template(__file__, "page.html", number=_number).render(
         comparison=comparison,
         groups=[(name, list(claims)) for name, claims in groupby(comparison.claims, key=lambda claim: claim.group)],
         choices=CHOICES,

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from beamdesign.files import write_set
@@ -39,6 +38,7 @@ from beamdesign.report.gap_tables import (
     terms_rows,
     witness_table,
 )
+from beamdesign.report.page_template import page_template
 from beamdesign.report.quantity import decimal, mass_range_text
 from beamdesign.report.svg import inline_svg
 from beamdesign.study.redesign import Redesign
@@ -158,7 +158,16 @@ def gap_report_html(
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
     witnesses = [(w, witness_table(w.table)) for w in found.where.witnesses]
     held_out = {record.record for record in found.gap.records if record.held_out}
-    return _environment().get_template("gap_report.html").render(
+    template = page_template(
+        __file__,
+        "gap_report.html",
+        share=share_text,
+        decimal=decimal,
+        figure=_figure,
+        closed=closed_text,
+        mass_range=mass_range_text,
+    )
+    return template.render(
         found=found,
         verdict=VERDICTS[found.verdict],
         files=files,
@@ -279,16 +288,3 @@ def _inline(figure: object, name: str, caption: str) -> Markup:
 def _figure(value: float, digits: int = 4) -> str:
     """A figure of any size, large ones with an exponent."""
     return decimal(value, digits) if abs(value) < 1e4 else f"{value:.{digits}g}"
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update({"share": share_text, "decimal": decimal, "figure": _figure, "closed": closed_text})
-    environment.filters["mass_range"] = mass_range_text
-    return environment

@@ -9,13 +9,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.files import write_whole
 from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.page_template import page_template
 from beamdesign.report.quantity import quantity
 from beamdesign.report.svg import inline_svg
 from beamdesign.spelling import in_plot
@@ -177,11 +177,8 @@ def write_record_page(
                 record.verdict,
             )
         )
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     page = folder / "records.html"
-    text = environment.get_template("records.html").render(
+    text = page_template(__file__, "records.html").render(
         title=title,
         scenario=scenario,
         effects={

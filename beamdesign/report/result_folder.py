@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -25,6 +24,7 @@ from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import to_toml
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
+from beamdesign.report.page_template import page_template
 from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
@@ -96,28 +96,32 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     if trade:
         pictures.append(trade_picture(trade, prototype.guarantee.bandwidth_Hz, moving_mass_kg))
     expected = acceptance(prototype)
-    return (
-        _environment()
-        .get_template("report.html")
-        .render(
-            run=run,
-            problem=run.problem,
-            sizing=run.sizing,
-            prototype=prototype,
-            guarantee=prototype.guarantee,
-            certificate=certificate,
-            files=files,
-            pictures={picture.name: _inline(picture) for picture in pictures},
-            pairs=section_rows(run),
-            checks=[check_row(check) for check in sorted(run.sizing.checks, key=lambda check: -check.utilisation)],
-            prices=price_words(run.sizing.shadow_prices),
-            lumped=lumped_rows(prototype),
-            notes=notes(prototype),
-            controller=prototype.controller.rows(),
-            expected=expected,
-            statements=statements(run),
-            moving_mass_kg=moving_mass_kg,
-        )
+    return page_template(
+        __file__,
+        "report.html",
+        quantity=quantity,
+        decimal=decimal,
+        mass_range=mass_range_text,
+        at_least=at_least,
+        at_most=at_most,
+    ).render(
+        run=run,
+        problem=run.problem,
+        sizing=run.sizing,
+        prototype=prototype,
+        guarantee=prototype.guarantee,
+        certificate=certificate,
+        files=files,
+        pictures={picture.name: _inline(picture) for picture in pictures},
+        pairs=section_rows(run),
+        checks=[check_row(check) for check in sorted(run.sizing.checks, key=lambda check: -check.utilisation)],
+        prices=price_words(run.sizing.shadow_prices),
+        lumped=lumped_rows(prototype),
+        notes=notes(prototype),
+        controller=prototype.controller.rows(),
+        expected=expected,
+        statements=statements(run),
+        moving_mass_kg=moving_mass_kg,
     )
 
 
@@ -162,20 +166,6 @@ def _inline(picture: Picture) -> Markup:
     data = readings_json(picture.figure)
     told = Markup('<script type="application/json" class="readings">{}</script>').format(Markup(data)) if data else ""
     return Markup('<figure id="{}">{}{}{}</figure>').format(f"figure-{picture.name}", svg, caption, told)
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    functions: dict[str, Any] = {"quantity": quantity, "decimal": decimal, "mass_range": mass_range_text}
-    functions |= {"at_least": at_least, "at_most": at_most}
-    environment.filters.update(functions)
-    return environment
 
 
 class LumpedRow(NamedTuple):

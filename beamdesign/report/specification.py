@@ -2,10 +2,7 @@
 
 import re
 from math import pi, sqrt
-from pathlib import Path
 from typing import NamedTuple
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from beamdesign import beam, section
 from beamdesign.lumped import lumped_beam
@@ -13,6 +10,7 @@ from beamdesign.materials import STRENGTH_SOURCE, material
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import proved_statements
+from beamdesign.report.page_template import page_template
 from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_text
 from beamdesign.section import SquareTube
 from beamdesign.spelling import in_markdown
@@ -58,9 +56,16 @@ def specification_markdown(run: DesignRun, files: dict[str, str]) -> str:
     force = run.problem.load.tip_force_N
     controller = prototype.controller
     text = (
-        _environment()
-        .get_template("specification.md")
-        .render(
+        # Markdown, not HTML: `plain` escapes what a user has named
+        page_template(
+            __file__,
+            "specification.md",
+            html=False,
+            quantity=quantity,
+            decimal=decimal,
+            mass_range=mass_range_text,
+            plain=in_markdown,
+        ).render(
             prototype=prototype,
             problem=run.problem,
             sizing=run.sizing,
@@ -138,15 +143,3 @@ def held_loads(prototype: Prototype, tip_force_N: float) -> tuple[HeldLoad, Held
 def _gap_m(prototype: Prototype) -> float:
     outer, inner = prototype.outer_beam, prototype.inner_beam
     return float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=False,  # Markdown, not HTML: `plain` escapes what a user has named
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(quantity=quantity, decimal=decimal, mass_range=mass_range_text, plain=in_markdown)
-    return environment

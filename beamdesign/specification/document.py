@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from beamdesign.report.page_template import page_template
 from beamdesign.spelling import in_markdown, one_line
 
 _BAR_IN_CELL = r"\|"  # even in code a bare one would end the cell
@@ -127,16 +127,8 @@ _STYLE = Path(__file__).parent.parent / "report" / "report.css"
 
 def to_html(document: Document) -> str:
     """The page; texts are escaped, pictures stand in it as they are."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["coded"] = _coded
     css = Markup(_STYLE.read_text(encoding="utf-8"))
-    return environment.get_template("specification.html").render(document=document, css=css) + "\n"
+    return page_template(__file__, "specification.html", coded=_coded).render(document=document, css=css) + "\n"
 
 
 def _coded(text: str) -> Markup:
