@@ -12,18 +12,34 @@ import pytest
 from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic_core import PydanticUndefined
 
 import beamdesign
 from beamdesign import checker
 from beamdesign.checker import Unreadable, check
+from beamdesign.checker.about import ASKED as KEYS
+from beamdesign.checker.law import SCHEDULED
+from beamdesign.checker.prototype import DEFAULTS
 from beamdesign.checker.reading import rational
 from beamdesign.checker.roots import bound, halve, isolate
 from beamdesign.checker.stability import _hurwitz_matrix, is_hurwitz
+from beamdesign.controllers.scheduled import Estimator, Scheduled
 from beamdesign.polynomial import roots
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.rig_tables import prototype_table
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype, write_prototype
+from beamdesign.prototype import (
+    COMPLIANCE_LIMIT_M_PER_N,
+    Arm,
+    Beam,
+    Compliance,
+    Goal,
+    Payload,
+    Prototype,
+    Servovalve,
+    Tolerance,
+    write_prototype,
+)
 
 ASKED = (
     Asked("decay_rate", 3.0),
@@ -170,7 +186,36 @@ def test_a_guarantee_rests_on_its_own_file(remedy: Prototype, tmp_path: Path) ->
     path.write_text(text)
     table = prototype_table(remedy) | {"guarantee": {"certificate": "c.toml", "certificate_sha256": "0" * 64}}
     assert len(check(path, table).failed) == 1
+    assert len(check(str(path), table).failed) == 1
     assert check(path, table | {"guarantee": {"certificate": "other.toml", "certificate_sha256": "0" * 64}}).valid
+
+
+def test_a_file_does_not_say_what_its_effects_come_to(remedy: Prototype, tmp_path: Path) -> None:
+    """Only a caller who has worked out the elements may say so; a file that does is told what was not looked at."""
+    rig = remedy.but(effects={"sensor_lag": {"break_Hz": 900.0}})
+    path, text = tmp_path / "p.toml", certify(rig, 3.0, 5.0).text
+    write_prototype(rig, path)
+    left = check(text, path).open
+    path.write_text(path.read_text() + "\n[[effect]]\nname = 'none'\n\n[material.none]\n")
+    assert check(text, path).open == left != ()
+
+
+def test_it_knows_the_keys_and_defaults_of_a_prototype() -> None:
+    """The checker states them a second time, being alone: what a new field forgets here would go unchecked."""
+    records = {"beam": Beam, "servovalve": Servovalve, "payload": Payload, "goal": Goal, "arm": Arm}
+    for name, defaults in DEFAULTS.items():
+        fields = records[name].model_fields
+        for key, value in defaults.items():
+            assert np.array_equal(fields[key].get_default(call_default_factory=True), value), (name, key)
+        told = {key for key, field in fields.items() if field.default not in (None, PydanticUndefined)}
+        assert told <= {*defaults, "outer_end_mass_kg"}, name
+    stated = {"payload": Payload, "goal": Goal, "arm": Arm, "compliance": Compliance, "tolerance": Tolerance}
+    assert {name: set(keys) for name, keys in KEYS.items()} == {n: set(r.model_fields) for n, r in stated.items()}
+    scheduled = Scheduled.model_fields
+    assert {key: scheduled[key].default for key in SCHEDULED if key != "estimator"} == {
+        key: value for key, value in SCHEDULED.items() if key != "estimator"
+    }
+    assert Estimator().model_dump() == SCHEDULED["estimator"]
 
 
 ALONE = """

@@ -87,7 +87,8 @@ def check(
     Raises:
         Unreadable: where either cannot be read, or is beyond the limits.
     """
-    data = source.encode() if isinstance(source, str) and "\n" in source else _bytes(Path(source))
+    source = Path(source) if isinstance(source, str) and "\n" not in source else source
+    data = source.encode() if isinstance(source, str) else _bytes(source)
     table, text = read(data)
     kind = table.word("kind", *KINDS)
     if (version := table.take("version")) != VERSION:
@@ -141,9 +142,11 @@ def _bytes(path: Path) -> bytes:
 
 def _toml(path: Path) -> PrototypeTable:
     try:
-        return tomllib.loads(_bytes(path).decode("utf-8"))
+        table = tomllib.loads(_bytes(path).decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise Unreadable(f"the prototype is not valid TOML: {str(error)[:200]}") from error
+    # no file says what its effects and alloys come to: only a caller who works them out may
+    return {key: value for key, value in table.items() if key not in ("effect", "material")}
 
 
 def _named(prototype: PrototypeTable, data: bytes, source: str | Path) -> list[tuple[bool, str]]:

@@ -7,7 +7,7 @@ from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Effect, Rig
 from beamdesign.checker.roots import Pair
 
-_ASKED = {
+ASKED = {
     "payload": ("outer_end_mass_kg", "inner_end_mass_kg", "largest_force_N"),
     "goal": ("compliance_m_per_N", "peak_sensitivity", "loop_gain", "loop_gain_from_Hz", "controller_effort_A_per_V"),
     "arm": (
@@ -38,7 +38,7 @@ def about(table: Table, rig: Rig | None) -> Iterator[str]:
         yield f"controller: {_words(controller.figures)}"
     for effect in rig.effects:
         yield from _effect(effect)
-    for name, known in _ASKED.items():
+    for name, known in ASKED.items():
         yield from _figures(table.optional(name), known)
     alloys = table.optional("material")
     for name in alloys.keys:
