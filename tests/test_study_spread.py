@@ -1,6 +1,7 @@
 """Tolerances, worst case, sensitivity and yield: against closed forms, published figures and the proofs."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +133,12 @@ def test_worst_case_is_worse_than_every_sample_of_the_box_and_not_called_proved(
 def test_scheme_of_saltelli_has_its_size():
     assert len(saltelli(13, 70, 0)) == 4 * 15
     assert len(saltelli(3, 1, 0)) == 2 * 5
+
+
+def test_without_its_extra_a_sensitivity_is_refused(sweep, monkeypatch):
+    monkeypatch.setitem(sys.modules, "SALib.sample", None)
+    with pytest.raises(InputError, match=r"study\.method: .*beamdesign\[sensitivity\]"):
+        plan(sweep("sensitivity", 60, spread={"outputs": ["bandwidth_Hz"]}), None)
 
 
 def test_indices_of_an_additive_function_are_its_shares_of_variance(sweep, tmp_path, monkeypatch):

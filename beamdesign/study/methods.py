@@ -129,7 +129,7 @@ def laid_out(sweep: Sweep, base: Mapping[str, Any], path: Path, limit: int | Non
     """Cases that are known beforehand, and how many there will be at most.
 
     Raises:
-        InputError: where the base has nothing that spreads.
+        InputError: where the base has nothing that spreads, or SALib is not installed and is needed.
     """
     if sweep.study.method == "optimise":
         assert sweep.optimise is not None
@@ -140,7 +140,11 @@ def laid_out(sweep: Sweep, base: Mapping[str, Any], path: Path, limit: int | Non
     if sweep.study.method == "tolerance":
         sigmas = drawn(figures, limit or sweep.study.cases, sweep.study.seed)
     else:
-        sigmas = saltelli(len(figures), limit or sweep.study.cases, sweep.study.seed)
+        try:
+            sigmas = saltelli(len(figures), limit or sweep.study.cases, sweep.study.seed)
+        except ModuleNotFoundError:
+            words = "SALib is not installed: pip install 'beamdesign[sensitivity]'"
+            raise InputError(path, [("study.method", words)]) from None
     cases = tuple(case_at(sweep, base, varied_at(figures, row)) for row in sigmas)
     return cases, len(cases)
 
