@@ -81,10 +81,10 @@ def test_a_folder_killed_while_it_is_written_is_of_one_result(
     stock: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hostile, "KILLED", {"code": hostile.KILLED["code"]})
-    hostile.prepare(stock)
+    hostile.prepare(stock, forked=True)
     kill = hostile.KILLED["code"]
     assert set(kill.results["older"].values()).isdisjoint(kill.results["newer"].values())
-    assert [one.label for one in (hostile.killed(stock, tmp_path, seed) for seed in range(4)) if one.faults] == []
+    assert [one.label for one in (hostile.killed(stock, tmp_path, seed, True) for seed in range(4)) if one.faults] == []
     for path in ("controller.c", "controller.h"):  # one file of another result is seen
         mixed = {**kill.results["older"], path: kill.results["newer"][path]}
         assert mixed not in kill.results.values()

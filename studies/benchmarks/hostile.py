@@ -29,7 +29,19 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from hostile_inputs import COMMANDS, ENOUGH, ENVIRONMENT, Command, ask, faults, laid_out, make, mutant, tree
+from hostile_inputs import (
+    COMMANDS,
+    ENOUGH,
+    ENVIRONMENT,
+    Command,
+    ask,
+    begun_in_a_fork,
+    faults,
+    laid_out,
+    make,
+    mutant,
+    tree,
+)  # fmt: skip
 
 STATUSES = ("0", "1", "2", "taken", "other", "faults")
 """Columns of the table; `taken` are inputs that were examined and then worked on, which is ended."""
@@ -121,7 +133,34 @@ def results(folder: Path, apart: Iterable[str]) -> dict[str, str]:
     }
 
 
-def prepare(stock: Path) -> None:
+class Forked:
+    """A command in a quick fork, to be waited for and killed as one in a process of its own."""
+
+    def __init__(self, line: str, work: Path) -> None:
+        said = work / ".said"
+        said.unlink(missing_ok=True)
+        self._process = begun_in_a_fork(line.split(), work, (said, said), {"PYTHONIOENCODING": "utf-8"})
+        self.pid = self._process.pid or 0
+        while self.poll() is None and not said.exists():  # until then it is not yet in a group of its own
+            time.sleep(0.001)
+
+    def poll(self) -> int | None:
+        """Exit status, negative of a signal; None while it runs."""
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Exit status once it has ended.
+
+        Raises:
+            subprocess.TimeoutExpired: where it has not within so many seconds.
+        """
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired(".", timeout or 0.0)
+        return self._process.exitcode
+
+
+def prepare(stock: Path, forked: bool = False) -> None:
     """Make the older results and those of an undisturbed run, and count the changes that its folder goes through."""
     for target, (source, file, old, new) in OTHERS.items():
         (shutil.copytree if file else shutil.copyfile)(stock / source, stock / target)
@@ -132,17 +171,17 @@ def prepare(stock: Path) -> None:
         work.mkdir(parents=True)
         for folder in ("studies", "made"):
             (work / folder).symlink_to(stock / folder)
-        _finished(kill.older, work)
+        _finished(kill.older, work, forked)
         kill.results["older"] = results(work / kill.folder, kill.apart)
         shutil.copytree(work / kill.folder, work / "older")
         begun = time.monotonic()
-        kill.changes = _watched(_begun(kill.newer, work), work)
+        kill.changes = _watched(_begun(kill.newer, work, forked), work)
         kill.seconds = time.monotonic() - begun
         kill.results["newer"] = results(work / kill.folder, kill.apart)
         assert kill.results["newer"] != kill.results["older"]
 
 
-def killed(stock: Path, scratch: Path, seed: int) -> Met:
+def killed(stock: Path, scratch: Path, seed: int, forked: bool = False) -> Met:
     """Kill one command at a moment that the seed decides, judge its folder, and run it once more."""
     dice = random.Random(seed)
     name = list(KILLED)[seed % len(KILLED)]
@@ -152,7 +191,7 @@ def killed(stock: Path, scratch: Path, seed: int) -> Met:
     for folder in ("studies", "made"):
         (work / folder).symlink_to(stock / folder)
     begun = time.monotonic()
-    process = _begun(kill.newer, work)
+    process = _begun(kill.newer, work, forked)
     if dice.random() < 0.5:
         after = dice.uniform(0.0, kill.seconds)
         when = f"after {after:.3f} s"
@@ -172,7 +211,7 @@ def killed(stock: Path, scratch: Path, seed: int) -> Met:
     if not which:
         mixed = Counter(_age(kill, path, left.get(path)) for path in {*left, *kill.results["newer"]})
         found.append(f"neither the older nor the newer results: {dict(mixed)}")
-    _finished(kill.newer, work)
+    _finished(kill.newer, work, forked)
     resumed = results(work / kill.folder, kill.apart)
     wrong = [path for path, digest in kill.results["newer"].items() if resumed.get(path) != digest]
     if wrong:
@@ -192,19 +231,21 @@ def _age(kill: Killed, path: str, digest: str | None) -> str:
     return " and ".join(ages) or "neither"
 
 
-def _begun(line: str, work: Path) -> subprocess.Popen[bytes]:
+def _begun(line: str, work: Path, forked: bool) -> subprocess.Popen[bytes] | Forked:
+    if forked:
+        return Forked(line, work)
     words = [sys.executable, "-m", "beamdesign", *line.split()]
     with (work / ".said").open("wb") as said:
         return subprocess.Popen(words, cwd=work, stdout=said, stderr=said, start_new_session=True, env=ENVIRONMENT)
 
 
-def _finished(line: str, work: Path) -> None:
-    process = _begun(line, work)
+def _finished(line: str, work: Path, forked: bool) -> None:
+    process = _begun(line, work, forked)
     if process.wait() not in (0, 1):
         raise RuntimeError(f"{line}: {(work / '.said').read_text(encoding='utf-8')[-500:]}")
 
 
-def _watched(process: subprocess.Popen[bytes], work: Path, change: int | None = None) -> int:
+def _watched(process: subprocess.Popen[bytes] | Forked, work: Path, change: int | None = None) -> int:
     """Wait until the names in a folder have changed so many times, or the process ends; the changes seen."""
     seen, changes = _names(work), 0
     while process.poll() is None and (change is None or changes < change):

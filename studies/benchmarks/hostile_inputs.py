@@ -485,10 +485,8 @@ def ask(made: Mutant, forked: bool = False) -> Answer:
     variables = {"TMPDIR": str(scratch), "PYTHONIOENCODING": made.encoding, MARK: str(made.folder / "ran")}
     begun = time.monotonic()
     if forked:
-        fork = _server().Process(target=_act, args=(made.words, made.work, said, variables))
-        fork.start()
-        assert fork.pid
-        pid, poll = fork.pid, lambda: fork.exitcode
+        fork = begun_in_a_fork(made.words, made.work, said, variables)
+        pid, poll = fork.pid or 0, lambda: fork.exitcode
     else:
         with said[0].open("wb") as out, said[1].open("wb") as err:
             process = subprocess.Popen(
@@ -541,6 +539,23 @@ def _server() -> multiprocessing.context.ForkServerContext:
     loaded = [module.name for module in modules if "__main__" not in module.name]
     context.set_forkserver_preload([*loaded, *LIBRARIES])
     return context
+
+
+def begun_in_a_fork(
+    words: Sequence[str], work: Path, said: tuple[Path, Path], variables: dict[str, str]
+) -> multiprocessing.process.BaseProcess:
+    """A command of the program, begun in a group of its own without loading the program once more.
+
+    Args:
+        words: of the command line.
+        work: folder that it works in.
+        said: files for its output and its errors.
+        variables: of its environment, beside those of this process.
+    """
+    fork = _server().Process(target=_act, args=(words, work, said, variables))
+    fork.start()
+    assert fork.pid
+    return fork
 
 
 def _act(given: Sequence[str], work: Path, said: tuple[Path, Path], variables: dict[str, str]) -> None:
