@@ -65,7 +65,7 @@ def state_space(
     disturbance, current, commanded = b[:, :1], b[:, 1:], slice(0, 1)
     dynamics = np.block([[a - current @ law.D @ fed_back, current @ law.C], [-law.B @ fed_back, law.A]])
     inputs = np.block([[disturbance, current @ law.D[:, commanded]], [np.zeros((k, 1)), law.B[:, commanded]]])
-    inputs[n:, 1] += prototype.controller.command_entries(k)
+    inputs[n:, 1] += prototype.controller.state_space()[4]
     shown = np.hstack([c, np.zeros((len(c), k))])
     outputs = np.vstack([shown[:2], np.hstack([-law.D @ fed_back, law.C]), shown[2:]])
     through = np.zeros((len(outputs), 2))

@@ -188,7 +188,7 @@ def test_the_controllers_equation_is_that_of_scipy(law: Controller) -> None:
     model = law.control_model()
     a, b, c, d = (np.asarray(part) for part in (model.A, model.B, model.C, model.D))
     heard = np.column_stack([*(volts - 1180 * moved, -pressure)[: model.ninputs], volts])
-    b = np.column_stack([b, law.command_entries(len(a))])
+    b = np.column_stack([b, law.state_space()[4]])
     _, current, _ = lsim((a, b, c, np.column_stack([d, [[0.0]]])), heard, fine)
     inputs = np.column_stack([0 * times, signals["command_V"]])
     record = TimeRecord("x", times, inputs, {**signals, "current_A": current[::20]}, 0.0, 0.0, law)

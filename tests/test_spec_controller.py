@@ -306,7 +306,7 @@ def test_as_printed_it_steps_as_the_continuous_law(name: str) -> None:
                 exec(line, {}, values)
             current.append(values["i"])
         if heard == "command":
-            continue  # `command_entries`; the loop with it is compared in the simulator
+            continue  # `state_space`; the loop with it is compared in the simulator
         entry = model.input_labels.index({"error": "error_V"}.get(heard, f"{heard}_error_Pa"))
         _, expected = control.step_response(model[:, entry], times)
         sign = 1 if heard == "error" else -1

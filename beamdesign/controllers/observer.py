@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field
 
 from beamdesign import quantities as q
-from beamdesign.controllers.protocol import ERRORS, SENSED, Controller, Need, Row, Sensed, SensedLaw
+from beamdesign.controllers.protocol import SENSED, Controller, Need, Row, Sensed, SensedLaw
 from beamdesign.records import Problem
 from beamdesign.rig.electronics import Matrices
 
 if TYPE_CHECKING:
-    import control
     import numpy as np
     from flint import fmpq_poly
 
@@ -97,23 +96,6 @@ class Observer(Controller):
         rows = tuple((more, *row[1:]) for row, more in zip(self.b, self.b_command, strict=True))
         return through_error + self.but(b=rows, d=(0.0, *self.d[1:])).sensed_law().numerators[0]
 
-    def sensor_responses(self, frequency_Hz: "np.ndarray") -> "dict[str, np.ndarray]":
-        """Current over gain_A_per_V for each thing sensed, with its sign turned: (N,) complex, per V, m or Pa."""
-        import numpy as np
-
-        s, n = 2j * pi * np.asarray(frequency_Hz, dtype=float), self.order
-        b, d = np.reshape(self.b, (n, len(self.sensors))), np.array(self.d)
-        pencil = s.reshape(-1, 1, 1) * np.eye(n) - np.reshape(self.a, (n, n))
-        inside = np.linalg.solve(pencil, np.broadcast_to(b.astype(complex), (len(pencil), *b.shape)))
-        shapes = np.einsum("i,kip->kp", np.array(self.c), inside) + d
-        return {name: shapes[:, k].reshape(s.shape) for k, name in enumerate(self.sensors)}
-
-    def command_entries(self, order: int) -> "np.ndarray":
-        """Those of `b_command`."""
-        import numpy as np
-
-        return np.array(self.b_command or np.zeros(order))
-
     def summary(self) -> list[tuple[str, str]]:
         """Its sensors, its order and its poles."""
         import numpy as np
@@ -151,22 +133,6 @@ class Observer(Controller):
     def lacks(self, need: Need) -> str:
         """Why it cannot serve what has this need."""
         return super().lacks(need) if need in ("one sensor", "one law") else "is given by matrices; give a lag"
-
-    def gain_at_high_frequency(self) -> float:
-        """Size of its direct gain on the displacement sensor, A/V."""
-        return self.gain_A_per_V * abs(self.d[0])
-
-    def control_model(self) -> "control.StateSpace":
-        """Its matrices, with one more input for each added sensor."""
-        import control
-        import numpy as np
-
-        n, p, gain = self.order, len(self.sensors), self.gain_A_per_V
-        return control.ss(
-            np.reshape(self.a, (n, n)), np.reshape(self.b, (n, p)),
-            gain * np.reshape(self.c, (1, n)), gain * np.reshape(self.d, (1, p)),
-            inputs=[ERRORS[name] for name in self.sensors], outputs=["current_A"], name="controller",
-        )  # fmt: skip
 
     def form(self) -> "tuple[Form, np.ndarray] | None":
         """Blocks of two poles; none where its matrices are not stable."""

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from math import inf
+from math import inf, pi
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
@@ -32,6 +32,8 @@ ERRORS = {
 }
 """What a controller is given of each thing sensed: what it should be, zero but for the command, less what it is."""
 
+_HEARD_AS = {"displacement_m": "error_V"}
+
 Need = Literal["lag", "lag and sections", "one sensor", "one law"]
 """What a purpose needs: a lag at most, one with second-order sections at most, the displacement alone, one law."""
 
@@ -39,6 +41,8 @@ Laws = tuple[tuple["Controller", tuple[float, float]], ...]
 """Linear laws, each with the payloads (least, most) in kg that it is for."""
 
 ANY_PAYLOAD = (0.0, inf)
+
+StateSpace = tuple["np.ndarray", "np.ndarray", "np.ndarray", "np.ndarray", "np.ndarray"]
 
 Row = tuple[str, str, str]
 """A figure for people: name, value in full, what it means."""
@@ -157,9 +161,31 @@ class Controller(Record):
         law = self.sensed_law()
         return TransferFunction(law.numerators[0], law.denominator)
 
-    @abstractmethod
+    def state_space(self) -> "StateSpace":
+        """Matrices from what is given of each thing sensed to its current, read off its `equations`.
+
+        Returns:
+            a (n, n), b (n, p), c (n,) and d (p,), and (n,) what command_V does to the states beside its part of the
+            error.
+        """
+        from beamdesign.rig.electronics import HEARD, state_space
+
+        a, b, c, d = state_space(self.equations, self.figures())
+        places, signs = (
+            [HEARD.index(_HEARD_AS.get(name, name)) for name in self.senses],
+            [1.0, *[-1.0] * len(self.added)],
+        )
+        return a, b[:, places] * signs, c, d[places] * signs, b[:, HEARD.index("command_V")]
+
     def sensor_responses(self, frequency_Hz: "np.ndarray") -> "dict[str, np.ndarray]":
         """Current over gain_A_per_V for each thing sensed, with its sign turned: (N,) complex, per V, m or Pa."""
+        import numpy as np
+
+        s, (a, b, c, d, _) = 2j * pi * np.asarray(frequency_Hz, dtype=float), self.state_space()
+        pencil = s.reshape(-1, 1, 1) * np.eye(len(a)) - a
+        inside = np.linalg.solve(pencil, np.broadcast_to(b.astype(complex), (len(pencil), *b.shape)))
+        shapes = (np.einsum("i,kip->kp", c, inside) + d) / self.gain_A_per_V
+        return {name: shapes[:, k].reshape(s.shape) for k, name in enumerate(self.senses)}
 
     def shape_response(self, frequency_Hz: "np.ndarray") -> "np.ndarray":
         """C(s) of unit static gain at the given frequencies (N,), complex.
@@ -168,23 +194,21 @@ class Controller(Record):
         """
         return self.sensor_responses(frequency_Hz)["displacement_m"]
 
-    @abstractmethod
     def gain_at_high_frequency(self) -> float:
         """Size of K_sa C(s) from the displacement sensor far above all breaks, A/V."""
+        return abs(float(self.state_space()[3][0]))
 
-    @abstractmethod
     def control_model(self) -> "control.StateSpace":
         """The controller as a python-control state space from `error_V` to `current_A`.
 
         For each added sensor it has one more input, such as `inner_displacement_error_m`: what that sensor reads with
         its sign turned.
         """
+        import control
 
-    def command_entries(self, order: int) -> "np.ndarray":
-        """(order,) what command_V does to the states of `control_model` beside its part of the error, 1/s."""
-        import numpy as np
-
-        return np.zeros(order)
+        a, b, c, d, _ = self.state_space()
+        signals: dict[str, Any] = {"inputs": [ERRORS[name] for name in self.senses], "outputs": ["current_A"]}
+        return control.ss(a, b, c.reshape(1, -1), d.reshape(1, -1), **signals, name="controller")
 
     @property
     @abstractmethod

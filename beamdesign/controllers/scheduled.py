@@ -121,9 +121,6 @@ class Scheduled(Controller):
     gain_A_per_V: ClassVar[Any] = property(_refused)
     equations: ClassVar[Any] = property(_refused)
     sensed_law: ClassVar[Any] = _refused
-    sensor_responses: ClassVar[Any] = _refused
-    gain_at_high_frequency: ClassVar[Any] = _refused
-    control_model: ClassVar[Any] = _refused
     figures: ClassVar[Any] = _refused
 
     def words(self, digits: int = 3) -> str:

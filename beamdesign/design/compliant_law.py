@@ -76,16 +76,16 @@ def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
     given, servo = figures(prototype), law.servo
     compliance = commanded_compliance(prototype, law)
     cutoff = 2 * pi * law.force_filter_Hz
-    a, b, c, d = servo.matrices()
+    a, b, c, d, _ = servo.but(gain_A_per_V=1.0).state_space()
     n = len(b)
     # The sensor's volts are command - e_1, so that K_m x = K_m (command - e_1) / F_s.
     spring = given["outer_stiffness"] * compliance
     pressure = given["sensor_gain"] * given["piston_area"] * compliance
     whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n], whole[n, n] = a, b, -cutoff
+    whole[:n, :n], whole[:n, n], whole[n, n] = a, b[:, 0], -cutoff
     inputs = np.zeros((n + 1, 2))
-    inputs[:n, 0] = b
+    inputs[:n, 0] = b[:, 0]
     inputs[n] = -cutoff * spring, cutoff * pressure
     commanded = np.zeros(n + 1)
     commanded[n] = cutoff * spring
-    return Observer.of(servo.gain_A_per_V, SENSORS, whole, inputs, [*c, d], [d, 0.0], commanded)
+    return Observer.of(servo.gain_A_per_V, SENSORS, whole, inputs, [*c, d[0]], [d[0], 0.0], commanded)

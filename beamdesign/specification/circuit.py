@@ -33,7 +33,6 @@ from typing import Any, Literal, NamedTuple
 from flint import fmpq
 
 from beamdesign.controllers import Observer
-from beamdesign.controllers.cascade import Matrices, in_series
 from beamdesign.polynomial import exact
 from beamdesign.specification.preferred_values import Series
 
@@ -60,8 +59,8 @@ class Ratio(NamedTuple):
         """Of its denominator."""
         return 2 if self.d2 else 1 if self.d1 else 0
 
-    def matrices(self) -> Matrices:
-        """State space of it over its gain, in floats."""
+    def matrices(self) -> tuple[Any, Any, Any, float]:
+        """State space of it over its gain, in floats: a (n, n), b (n,), c (n,) and d."""
         import numpy as np
 
         if self.order == 0:
@@ -179,7 +178,13 @@ class Circuit:
     @property
     def law(self) -> Observer:
         """What the parts realise, as a prototype writes it; the size of its gain is that at rest."""
-        a, b, c, d = in_series(Ratio(*map(_float, stage.exact)).matrices() for stage in self.stages)
+        import numpy as np
+
+        a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+        for stage in self.stages:
+            a_next, b_next, c_next, d_next = Ratio(*map(_float, stage.exact)).matrices()
+            a = np.block([[a, np.zeros((len(b), len(b_next)))], [np.outer(b_next, c), a_next]])
+            b, c, d = np.concatenate([b, b_next * d]), np.concatenate([d_next * c, c_next]), d * d_next
         sign = -1.0 if self.falling else 1.0
         gain = abs(_float(self.gain_A_per_V))
         return Observer.of(gain, ("displacement_m",), a, b.reshape(-1, 1), sign * c, [sign * d])
