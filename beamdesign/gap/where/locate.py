@@ -3,7 +3,8 @@
 A gap is told to be linear, static, hysteretic or drifting.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -20,13 +21,9 @@ from beamdesign.gap.where.witnesses import (
     about_controller,
     about_equations,
     about_figures,
-    about_innovations,
-    about_random_error,
-    about_sizes,
     posterior,
     weighed,
 )
-from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Structure, assemble
 from beamdesign.rig.effects import library
 from beamdesign.rig.electronics import LAG
@@ -92,27 +89,26 @@ def locate(
     if not chosen.hypothesis.names and unknown <= 0.5:
         return NO_GAP
     found = () if search.null.reason else residuals(data.prototype, search.null, evidence)
-    laws = laws_of(found, search.null) if found else ()
     opinions = [posterior(search, chosen, causes, unknown)]
-    opinions += testimony(data.prototype, search.null, search.expected, found, laws)
-    seen = setting(found) if found else None
-    return _weighed(opinions, seen, laws, chosen, causes, unknown)
-
-
-def testimony(
-    prototype: Prototype, null: Fit, expected: float, found: Sequence[Residual], laws: Sequence[Explanation]
-) -> list[Opinion]:
-    """What every witness says that knows no effect of the library."""
-    if not found:
-        return [about_figures(null, expected)]
-    return [
-        about_controller(prototype, found),
-        about_equations(laws),
-        about_sizes(found),
-        about_innovations(prototype, null, found),
-        about_random_error(found),
-        about_figures(null, expected),
-    ]
+    laws: tuple[Explanation, ...] = ()
+    seen: Setting | None = None
+    if found:
+        laws, seen = laws_of(found, search.null), setting(found)
+        opinions += [about_controller(data.prototype, found), about_equations(laws)]
+    opinions.append(about_figures(search.null, search.expected))
+    scores = weighed(opinions)
+    place = next(iter(scores))
+    dominant = causes[0].name if causes else next(iter(chosen.hypothesis.names), "")
+    known = dominant and unknown <= 0.5 and opinions[0].favourite == place
+    kind = kind_of_effect(dominant) if known else ""
+    witnesses = [o.witness for o in opinions]
+    band, condition = (0.0, 0.0), ""
+    if seen is not None:
+        kind = kind or kind_of_residual(seen, laws)
+        witnesses.append(_shown(seen))
+        band, condition = seen.band_Hz, seen.condition
+    sentence = _sentence(place, scores, opinions, band, kind)
+    return Where(place, band, condition, kind, tuple(witnesses), sentence)
 
 
 def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
@@ -130,40 +126,11 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
         one, other = plain[name], smooth[name]
         told = one if one.share >= other.share else other
         mean = (max(one.share, 0.0) + max(other.share, 0.0)) / 2
-        merged.append(Explanation(name, mean, told.terms, told.kinds, told.entries, told.path))
+        merged.append(replace(told, share=mean))
     most = max(e.share for e in merged)
     close = [e for e in merged if e.share > most - _ALIKE]
     lead = max(close, key=lambda e: plain[e.subsystem].share)
     return tuple(sorted(merged, key=lambda e: (e is not lead, -e.share)))
-
-
-def _weighed(
-    opinions: Sequence[Opinion],
-    seen: Setting | None,
-    laws: Sequence[Explanation],
-    chosen: Fit,
-    causes: Sequence[Cause],
-    unknown: float,
-) -> Where:
-    scores = weighed(opinions)
-    place = next(iter(scores))
-    dominant = causes[0].name if causes else next(iter(chosen.hypothesis.names), "")
-    known = dominant and unknown <= 0.5 and opinions[0].favourite == place
-    kind = kind_of_effect(dominant) if known else ""
-    if not kind and seen is not None:
-        kind = kind_of_residual(seen, laws)
-    witnesses = tuple(o.witness for o in opinions)
-    if seen is not None:
-        witnesses = (*witnesses, _shown(seen))
-    band = seen.band_Hz if seen is not None else (0.0, 0.0)
-    return Where(
-        place,
-        band,
-        seen.condition if seen is not None else "",
-        kind,
-        witnesses,
-        _sentence(place, scores, opinions, band, kind),
-    )
 
 
 def _shown(seen: Setting) -> Witness:
@@ -177,7 +144,7 @@ def _shown(seen: Setting) -> Witness:
 
 
 def _sentence(
-    place: str, scores: dict[str, float], opinions: Sequence[Opinion], band: tuple[float, float], kind: str
+    place: str, scores: Mapping[str, float], opinions: Sequence[Opinion], band: tuple[float, float], kind: str
 ) -> str:
     """Who says so, who says otherwise, and by how much."""
     speak = [o for o in opinions if o.favourite]

@@ -42,25 +42,18 @@ class Explanation:
         share: of the excess misfit in held-out conditions, from 0 (or below) to 1.
         terms: chosen, in words.
         kinds: of each.
-        entries: of each.
-        path: share after each further term.
     """
 
     subsystem: str
     share: float
     terms: tuple[str, ...]
     kinds: tuple[str, ...]
-    entries: tuple[str, ...]
-    path: tuple[float, ...] = ()
 
 
 def levels(found: Sequence[Residual]) -> dict[str, np.ndarray]:
     """Sizes of local signals, from below what the quietest record reaches to what the largest does."""
-    rms: dict[str, list[float]] = {name: [] for name in _LOOPED}
-    for item in found:
-        signals = item.nominal()
-        for name in _LOOPED:
-            rms[name].append(float(np.sqrt(np.mean(signals[name] ** 2))))
+    signals = [item.nominal() for item in found]
+    rms = {name: [float(np.sqrt(np.mean(s[name] ** 2))) for s in signals] for name in _LOOPED}
     return {
         name: np.geomspace(0.3 * min(sizes) + 1e-15, 2.0 * max(sizes) + 1e-14, _LEVELS) for name, sizes in rms.items()
     }
@@ -78,7 +71,7 @@ class Regression:
         tolerated: how many columns are those of tolerated figures.
         start: (K,) z of the tolerated figures about which the residual was taken.
         groups: records of each condition.
-        terms: of the further columns: words, subsystem, kind, entry.
+        terms: of the further columns: words, subsystem, kind.
     """
 
     gram: np.ndarray = field(repr=False)
@@ -88,7 +81,7 @@ class Regression:
     tolerated: int
     start: np.ndarray
     groups: tuple[tuple[int, ...], ...]
-    terms: tuple[tuple[str, str, str, str], ...]
+    terms: tuple[tuple[str, str, str], ...]
 
     @cached_property
     def _whole(self) -> tuple[np.ndarray, np.ndarray]:
@@ -165,10 +158,9 @@ def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) ->
     scale = np.sqrt(np.einsum("rpp->p", gram)) + 1e-300
     scale[:tolerated] = 1.0
     # A figure of the rig that is wrong by more than its tolerance is the same column without its prior.
-    wrong = [
-        (WRONG + RIG_TOLERANCES[u.name], subsystem(WRONG + RIG_TOLERANCES[u.name]), "linear", "") for u in null.unknowns
-    ]
-    own = [(t.words, t.subsystem, t.kind, t.entry) for t in dictionary]
+    figures = [WRONG + RIG_TOLERANCES[u.name] for u in null.unknowns]
+    wrong = [(name, subsystem(name), "linear") for name in figures]
+    own = [(t.words, t.subsystem, t.kind) for t in dictionary]
     again = np.concatenate([np.arange(gram.shape[1]), np.arange(tolerated)])
     gram = (gram / scale / scale[:, None])[:, again][:, :, again]
     right = (right / scale)[:, again]
@@ -182,11 +174,10 @@ def _columns(item: Residual, entry: str, chosen: Sequence[Term], signals: Mappin
     probed = item.probe
     waves = []
     for term in chosen:
-        if term.transfer is not None:
-            waves.append(probed.spectrum(signals[term.signals[0]]) * term.transfer(probed.laplace))
+        if term.kind == "linear":
+            waves.append(probed.spectrum(signals[term.signals[0]]) * term.law(probed.laplace))
         else:
-            assert term.law is not None
-            waves.append(probed.spectrum(term.law(signals)))
+            waves.append(probed.spectrum(term.law(*(signals[name] for name in term.signals))))
     through = probed.entry(entry, item.channels)
     spectra = through[:, :, None] * np.array(waves).T[:, None, :]
     return item.evidence.weight(probed.signal(spectra))
@@ -206,26 +197,17 @@ def explanations(found: Regression, most: int = 4, least_gain: float = 0.01) -> 
     for name in dict.fromkeys(term[1] for term in found.terms):
         own = [found.tolerated + k for k, term in enumerate(found.terms) if term[1] == name]
         chosen: list[int] = []
-        path = [0.0]
+        reached = 0.0
         for _ in range(most):
-            rest = [k for k in own if k not in chosen]
-            if not rest:
+            rest = (k for k in own if k not in chosen)
+            best = min(rest, key=lambda k: found.fitted([*chosen, k]), default=None)
+            if best is None:
                 break
-            best = min(rest, key=lambda k: found.fitted([*chosen, k]))
             share = (nothing - found.held_out([*chosen, best])) / gap
-            if share < max(path) + least_gain:
+            if share < reached + least_gain:
                 break
             chosen.append(best)
-            path.append(share)
+            reached = share
         picked = [found.terms[k - found.tolerated] for k in chosen]
-        results.append(
-            Explanation(
-                name,
-                path[-1],
-                tuple(p[0] for p in picked),
-                tuple(p[2] for p in picked),
-                tuple(p[3] for p in picked),
-                tuple(path),
-            )
-        )
+        results.append(Explanation(name, reached, tuple(p[0] for p in picked), tuple(p[2] for p in picked)))
     return tuple(sorted(results, key=lambda e: -e.share))

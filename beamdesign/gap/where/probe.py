@@ -1,7 +1,6 @@
 """The linear rig in its loop with an unknown signal let in at any port, and what that does to every other port.
 
-A missing law is an unknown signal at the port where it should act. In the linear model the signal that would explain a
-residual follows from the residual by division, frequency by frequency.
+A missing law is an unknown signal at the port where it should act.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,33 +23,28 @@ class Entry:
     """A way in for an unknown signal.
 
     Attributes:
-        name: of the equation that it enters.
-        unit: of the signal.
-        ports: where it is added: port, factor, and how often it is differentiated first.
+        own: largest variable of the equation behind it, in the unit of what may be missing there.
+        ports: where the signal is added: port, and how often it is differentiated first.
     """
 
-    name: str
-    unit: str
-    ports: tuple[tuple[str, float, int], ...]
+    own: str
+    ports: tuple[tuple[str, int], ...]
 
 
 ENTRIES = {
-    entry.name: entry
-    for entry in (
-        Entry("amplifier", "A", (("current_A", 1.0, 0),)),
-        Entry("spool", "A", (("spool_A", 1.0, 0),)),
-        Entry("oil continuity", "m3/s", (("linear_a_m3_per_s", 1.0, 0), ("linear_b_m3_per_s", 1.0, 0))),
-        Entry("piston force", "N", (("friction_N", 1.0, 0),)),
-        Entry("outer beam", "N", (("outer_reaction_N", 1.0, 0),)),
-        Entry("inner beam", "N", (("inner_reaction_N", 1.0, 0),)),
-        Entry("mount", "m", (("mount_m", 1.0, 0), ("mount_m_per_s", 1.0, 1))),
-        Entry("joint", "m", (("rod_m_per_s", 1.0, 1),)),
-        Entry("sensor", "V", (("sensor_V", 1.0, 0),)),
-    )
+    "amplifier": Entry("current_A", (("current_A", 0),)),
+    "spool": Entry("current_A", (("spool_A", 0),)),
+    "oil continuity": Entry("metered_m3_per_s", (("linear_a_m3_per_s", 0), ("linear_b_m3_per_s", 0))),
+    "piston force": Entry("cylinder_force_N", (("friction_N", 0),)),
+    "outer beam": Entry("outer_reaction_N", (("outer_reaction_N", 0),)),
+    "inner beam": Entry("inner_reaction_N", (("inner_reaction_N", 0),)),
+    "mount": Entry("outer_m", (("mount_m", 0), ("mount_m_per_s", 1))),
+    "joint": Entry("outer_m", (("rod_m_per_s", 1),)),
+    "sensor": Entry("sensor_V", (("sensor_V", 0),)),
 }
 """Equations of the rig and where what they lack comes in."""
 
-_PROBED = tuple(dict.fromkeys(port for entry in ENTRIES.values() for port, _, _ in entry.ports))
+_PROBED = tuple(dict.fromkeys(port for entry in ENTRIES.values() for port, _ in entry.ports))
 SIGNALS = (
     *(name for name in PORTS if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))),
     "load_pressure_Pa",
@@ -63,30 +57,24 @@ SIGNALS = (
 
 @dataclass(frozen=True)
 class Probe:
-    """Linear responses of one rig in its loop.
+    """Linear responses of one rig in its loop, on the grid of a record padded to twice its length.
 
     Attributes:
         count: samples of a record.
-        step: s.
-        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to `SIGNALS`, on the grid of
-            a record padded to twice its length.
+        laplace: (F,) s on the imaginary axis.
+        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to `SIGNALS`.
     """
 
     count: int
-    step: float
+    laplace: np.ndarray = field(repr=False)
     response: np.ndarray = field(repr=False)
-
-    @property
-    def laplace(self) -> np.ndarray:
-        """(F,) s on the imaginary axis."""
-        return laplace(self.count, self.step)
 
     def entry(self, name: str, signals: Sequence[str]) -> np.ndarray:
         """(F, len(signals)) from an unknown signal at an entry."""
         rows, s = [SIGNALS.index(k) for k in signals], self.laplace
         total = np.zeros((len(s), len(rows)), dtype=complex)
-        for port, factor, order in ENTRIES[name].ports:
-            total += self.response[:, rows, 2 + _PROBED.index(port)] * (factor * s**order)[:, None]
+        for port, order in ENTRIES[name].ports:
+            total += self.response[:, rows, 2 + _PROBED.index(port)] * (s**order)[:, None]
         return total
 
     def driven(self, inputs: np.ndarray, signals: Sequence[str] = SIGNALS) -> np.ndarray:
@@ -103,11 +91,6 @@ class Probe:
         return np.fft.irfft(spectra, 2 * self.count, axis=0)[: self.count]
 
 
-def laplace(count: int, step: float) -> np.ndarray:
-    """(F,) s on the imaginary axis, on the grid of `count` samples padded to twice their number."""
-    return np.asarray(2j * np.pi * np.fft.rfftfreq(2 * count, step))
-
-
 def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
     """Linearise the rig of a record at rest, with the unknowns at z.
 
@@ -121,28 +104,13 @@ def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
     """
     if placement.assembly.kinds.effects:
         raise ValueError("a probe is that of the linear rig")
-    count, step = len(job.record.times), job.record.step
-    space = state_space(job.placed(placement), job.parameters(placement, z))
-    return Probe(count, step, frequency_response(*space, laplace(count, step)))
-
-
-def frequency_response(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """C (s - A)^-1 B + D at every s: (F, outputs, inputs)."""
+    placed, parameters = job.placed(placement), job.parameters(placement, z)
+    x = equilibrium(placed.assembly, np.zeros(3), parameters)
+    a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters))
+    count = len(job.record.times)
+    s = 2j * np.pi * np.fft.rfftfreq(2 * count, job.record.step)
     inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
-    return np.asarray(c @ inner + d)
-
-
-def state_space(placement: Placement, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C and D of the linear rig: inputs are disturbance, command and the probed ports; outputs are `SIGNALS`."""
-    x = equilibrium(placement.assembly, np.zeros(3), parameters)
-    found = _linear(placement.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters)
-    a, b, c, d = (np.asarray(m) for m in found)
-    return a, b, c, d
-
-
-def entry_columns(name: str) -> tuple[tuple[int, float, int], ...]:
-    """Of `state_space`: input column, factor and order of derivative of an entry."""
-    return tuple((2 + _PROBED.index(port), factor, order) for port, factor, order in ENTRIES[name].ports)
+    return Probe(count, s, np.asarray(c @ inner + d))
 
 
 @cache

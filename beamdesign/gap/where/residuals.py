@@ -1,6 +1,6 @@
-"""Records against the tuned nominal model, and what each equation of the linear rig would have to lack."""
+"""Records against the tuned nominal model, and the local variables of its equations behind each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,18 +12,6 @@ from beamdesign.gap.fitting.replay import simulated_with_slopes, steps
 from beamdesign.gap.where.probe import ENTRIES, SIGNALS, Probe, probe
 from beamdesign.prototype import Prototype
 
-OWN = {
-    "amplifier": "current_A",
-    "spool": "current_A",
-    "oil continuity": "metered_m3_per_s",
-    "piston force": "cylinder_force_N",
-    "outer beam": "outer_reaction_N",
-    "inner beam": "inner_reaction_N",
-    "mount": "outer_m",
-    "joint": "outer_m",
-    "sensor": "sensor_V",
-}
-"""The largest variable of the equation behind each entry, in the unit of what may be missing there."""
 _DOUBT = 0.3
 _LEAST_NOISE = 1e-6
 _HALF_BAND = 2 ** (1 / 4)
@@ -53,22 +41,6 @@ class Residual:
         rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
         return np.asarray(np.maximum(self.evidence.weight.noise_std, _LEAST_NOISE * rms + 1e-30))
 
-    def missing(self, entry: str) -> np.ndarray:
-        """(F,) spectrum of the signal at an entry that explains the residual of all channels.
-
-        Least squares over the channels in units of their noise; lines that do not stand out of the noise are damped
-        as Wiener's filter would.
-        """
-        weight, probed = self.evidence.weight, self.probe
-        through = probed.entry(entry, self.channels) / self.noise
-        spectra = probed.spectrum(self.left * weight.fade[:, None]) / self.noise
-        power = np.sum(np.abs(spectra) ** 2, axis=1) / (len(self.channels) * len(self.left))
-        excess = np.maximum(banded(power) - 1, 0.0)
-        share = excess / (excess + 1)
-        return np.asarray(
-            np.sum(through.conj() * spectra, axis=1) / (np.sum(np.abs(through) ** 2, axis=1) + 1e-300) * share
-        )
-
     def smoothed(self) -> dict[str, np.ndarray]:
         """(N,) local variables, most probable after the record: every equation may lack something, alike for its size.
 
@@ -83,8 +55,8 @@ class Residual:
         gain = np.zeros((len(nominal), len(SIGNALS), len(self.channels)), dtype=complex)
         spread = np.zeros((len(nominal), len(self.channels), len(self.channels)), dtype=complex)
         spread[:, range(len(noise)), range(len(noise))] = noise
-        for name in ENTRIES:
-            power = _DOUBT**2 * banded(np.abs(nominal[:, SIGNALS.index(OWN[name])]) ** 2)
+        for name, entry in ENTRIES.items():
+            power = _DOUBT**2 * banded(np.abs(nominal[:, SIGNALS.index(entry.own)]) ** 2)
             through = probed.entry(name, SIGNALS)
             seen = through[:, [SIGNALS.index(c) for c in self.channels]]
             weighed = power[:, None] * seen.conj()
@@ -136,15 +108,3 @@ def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tu
         probed = probes[key]
         found.append(Residual(piece, probed, channels, piece.measured - predicted, slopes))
     return tuple(found)
-
-
-def sizes(found: Sequence[Residual]) -> Mapping[str, tuple[float, ...]]:
-    """By entry and record: rms of the missing signal over that of the equation's own largest variable."""
-    table: dict[str, list[float]] = {name: [] for name in ENTRIES}
-    for item in found:
-        plain = item.nominal()
-        for name in ENTRIES:
-            wave = item.probe.signal(item.missing(name))
-            size = float(np.sqrt(np.mean(plain[OWN[name]] ** 2)))
-            table[name].append(float(np.sqrt(np.mean(wave**2))) / size if size > 0 else np.inf)
-    return {name: tuple(values) for name, values in table.items()}

@@ -10,10 +10,8 @@ from beamdesign.gap.examination.controller_equation import controller_fit
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.hypothesis import WRONG, subsystem
 from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.where.innovations import likelihood, multiplicative
 from beamdesign.gap.where.missing import Explanation
-from beamdesign.gap.where.probe import ENTRIES
-from beamdesign.gap.where.residuals import OWN, Residual, sizes
+from beamdesign.gap.where.residuals import Residual
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effect import SUBSYSTEMS
@@ -60,22 +58,7 @@ def weighed(opinions: Sequence[Opinion]) -> dict[str, float]:
     return dict(sorted(total.items(), key=lambda item: -item[1]))
 
 
-SUBSYSTEMS_OF_ENTRY = {
-    "amplifier": ("servovalve", "amplifier"),
-    "spool": ("servovalve", "amplifier"),
-    "oil continuity": ("oil", "actuator", "servovalve"),
-    "piston force": ("actuator",),
-    "outer beam": ("structure",),
-    "inner beam": ("structure",),
-    "mount": ("structure",),
-    "joint": ("structure",),
-    "sensor": ("sensor", "controller"),
-}
-"""What may be behind a signal that an equation lacks: current and spool come in at one place, as do sensor and
-controller, and the continuity of the oil takes what valve and piston get wrong as well."""
 _POSTERIOR, _CONTROLLER, _LAWS, _FIGURES = 4.0, 2.0, 1.5, 0.8
-# These three can be explained by nearly any equation, and seldom point to the right one.
-_SIZES, _INNOVATIONS, _RANDOM = 0.05, 0.05, 0.15
 _SEEN = 0.03  # residual of the controller's equation that is worth a word
 _STRAINED = 3.0  # tolerances
 _FIRST = 1.05  # what the first place counts for more, where two share alike
@@ -175,58 +158,6 @@ def about_equations(laws: Sequence[Explanation]) -> Opinion:
         "terms": tuple(", ".join(e.terms) for e in laws),
     }
     return Opinion("the laws of each equation", votes, _LAWS, text, table)
-
-
-def about_sizes(found: Sequence[Residual]) -> Opinion:
-    """How large the signal would be that each equation lacks, against the equation's own terms."""
-    table = sizes(found)
-    worst = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in table.items()}
-    spread = {name: float(np.std(np.log(values))) for name, values in table.items()}
-    best = min(worst, key=lambda name: worst[name])
-    text = (
-        f"The least that would have to be missing is {worst[best]:.0%} of the {best} equation's own term "
-        f"({OWN[best]}); the steadiest over all records is that of the {min(spread, key=lambda n: spread[n])}."
-    )
-    rows: dict[str, tuple[object, ...]] = {"record": tuple(item.evidence.name for item in found)}
-    rows |= {name: tuple(values) for name, values in table.items()}
-    return Opinion("the size of what is missing", _ranked({n: -w for n, w in worst.items()}), _SIZES, text, rows)
-
-
-def about_innovations(prototype: Prototype, null: Fit, found: Sequence[Residual]) -> Opinion:
-    """Kalman innovations of the nominal rig, and the equation whose random input explains them best."""
-    made = likelihood(prototype, null.z, found)
-    ranked = sorted(made.ratio, key=lambda name: -made.ratio[name])
-    text = (
-        f"A random input to the {ranked[0]} equation explains the innovations best: its log-likelihood is "
-        f"{made.ratio[ranked[0]]:.3g} over none, that of the {ranked[1]} {made.ratio[ranked[1]]:.3g}."
-    )
-    table: dict[str, tuple[object, ...]] = {
-        "equation": tuple(ranked),
-        "log_likelihood_ratio": tuple(made.ratio[n] for n in ranked),
-        "autocorrelation": tuple(made.whiteness[n] for n in ranked),
-    }
-    return Opinion("the filter's innovations", _ranked(made.ratio), _INNOVATIONS, text, table)
-
-
-def about_random_error(found: Sequence[Residual]) -> Opinion:
-    """Which equation, wrong by a random share of its own variable, gives such a spectrum of errors."""
-    ratio = multiplicative(found)
-    ranked = sorted(ratio, key=lambda name: -ratio[name])
-    text = (
-        f"Errors in proportion to its own variable suit the {ranked[0]} equation best: log-likelihood "
-        f"{ratio[ranked[0]]:.3g} over none, {ranked[1]} {ratio[ranked[1]]:.3g}."
-    )
-    table: dict[str, tuple[object, ...]] = {
-        "equation": tuple(ranked),
-        "log_likelihood_ratio": tuple(ratio[n] for n in ranked),
-    }
-    return Opinion("proportional random error", _ranked(ratio), _RANDOM, text, table)
-
-
-def _ranked(score: Mapping[str, float]) -> dict[str, float]:
-    """The vote to whatever may be behind the best entry, in equal parts."""
-    places = SUBSYSTEMS_OF_ENTRY[max(ENTRIES, key=lambda name: score[name])]
-    return dict.fromkeys(places, 1.0 / len(places))
 
 
 def about_figures(null: Fit, expected: float) -> Opinion:
