@@ -22,7 +22,8 @@ from beamdesign.proof.box import certify_box
 from beamdesign.proof.box_member import member as member_of
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.rectangle import Rectangle, bandwidth, peak_sensitivity
+from beamdesign.proof.performance import bandwidth, least_limit
+from beamdesign.proof.rectangle import Rectangle
 from beamdesign.proof.rig_family import rig_family
 from beamdesign.proof.rig_tables import prototype_table
 from beamdesign.proof.tolerance_box import tolerance_box
@@ -150,7 +151,7 @@ def test_figures_of_a_rectangle_are_those_of_a_dense_grid_inside(tame: Prototype
     loop = close_loop(member.rig.plant(2.0), tame.controller)
     rectangle = Rectangle(loop, fmpq(0), fmpq(34, 5), fmpq(1, 2), fmpq(2))
     assert rectangle.unstable_side() is None
-    peak, reached = peak_sensitivity([rectangle]), bandwidth([rectangle], 5.71e-8)
+    peak, reached = least_limit([rectangle], "peak_sensitivity"), bandwidth([rectangle], 5.71e-8)
     frequencies = np.geomspace(0.1, 300.0, 1500)
     s = 2j * np.pi * frequencies
 

@@ -2,11 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf, isinf, pi, sqrt
+from math import inf, pi, sqrt
 from typing import Any
 
 import numpy as np
-from flint import fmpq
 from scipy.linalg import eigh
 
 from beamdesign.arm.both_planes import BothPlanes, both_planes, couples_both
@@ -16,17 +15,14 @@ from beamdesign.arm.remaining import Remaining, Vector, remaining
 from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.crossing import Crossing
 from beamdesign.lumped import lumped_beam
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import exact
 from beamdesign.proof.box import BoxVerdict
-from beamdesign.proof.certificate import describe
-from beamdesign.proof.estimates import sampled_masses
+from beamdesign.proof.certificate import Asked, Claim, Kind, as_claims, describe, least_limits
 from beamdesign.proof.mass_tables import claim_tables, stability_table
-from beamdesign.proof.performance import Claim, kept_up_to_Hz, least_proved
-from beamdesign.proof.quadratic import quadratic_nonnegative
+from beamdesign.proof.performance import kept_up_to_Hz, least_of, slack
 from beamdesign.proof.rational import nearest, text
 from beamdesign.proof.rig_tables import stated, texts
 from beamdesign.proof.stability import StabilityMap, stable_ranges
-from beamdesign.proof.statements import magnitude_slack, squared_frequency_below
 from beamdesign.proof.writer import certificate
 from beamdesign.prototype import Goal, Prototype
 
@@ -120,47 +116,21 @@ def certify_plane(prototype: Prototype, name: Name, low_kg: float, high_kg: floa
 
 
 def _guarantees(closed: PlaneLoop, goal: Goal, low_kg: float, high_kg: float) -> tuple[PlaneGuaranteed, list[Claim]]:
-    ends, masses = (low_kg, high_kg), (exact(low_kg), exact(high_kg))
-    samples = [closed.at(mass) for mass in sampled_masses(*masses)]
-    p = closed.characteristic
-
-    def least(above: Affine, below: Affine, start: float, from_Hz: float = 0.0) -> float:
-        square = squared_frequency_below(exact(from_Hz))
-
-        def proves(limit: fmpq) -> bool:
-            return quadratic_nonnegative(*magnitude_slack(limit, below, above), *masses, square, None).holds
-
-        return least_proved(start, proves, 1e12)
-
-    limit = exact(goal.compliance_m_per_N)
-    bands = [kept_up_to_Hz(magnitude_slack(limit, p, numerator), *masses) for numerator in (closed.tip, closed.load)]
-    peak = least(closed.opened, p, max(1.0, *(one.peak_sensitivity() for one in samples)))
-    gain = effort = None
-    if goal.loop_gain is not None:
-        start = _largest([abs(one.loop_response(_above(goal.loop_gain_from_Hz))) for one in samples])
-        gain = least(closed.returned, closed.opened, start, goal.loop_gain_from_Hz)
-    if goal.controller_effort_A_per_V is not None:
-        effort = least(closed.demanded, p, _largest([abs(one.effort_response(_above(0.01))) for one in samples]))
-    static = nearest(closed.load.constant(0) / p.constant(0))  # the payload stands beside s^2 everywhere
-    claims = [
-        Claim("tip_compliance", goal.compliance_m_per_N, ends, True, bands[0]),
-        Claim("load_compliance", goal.compliance_m_per_N, ends, True, bands[1]),
-        Claim("peak_sensitivity", peak, ends, True),
-    ]
-    if gain is not None:
-        claims.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
-    if effort is not None:
-        claims.append(Claim("controller_effort", effort, ends, True))
-    proved = [claim for claim in claims if not isinf(claim.limit) and claim.bandwidth_Hz != 0]
-    return PlaneGuaranteed(bands[0], bands[1], static, peak, gain, effort), proved
-
-
-def _above(frequency_Hz: float) -> np.ndarray:
-    return np.geomspace(max(frequency_Hz, 0.01), 1e5, 3000)
-
-
-def _largest(values: Sequence[np.ndarray]) -> float:
-    return max(float(value.max()) for value in values)
+    masses, limit = (exact(low_kg), exact(high_kg)), exact(goal.compliance_m_per_N)
+    kinds: tuple[Kind, Kind] = ("tip_compliance", "load_compliance")
+    bands = [Asked(kind, goal.compliance_m_per_N, kept_up_to_Hz(slack(kind, closed, limit), *masses)) for kind in kinds]
+    limits = least_limits(goal, lambda kind, from_Hz: least_of(kind, closed, masses, from_Hz))
+    figures = {one.kind: one.limit for one in limits}
+    static = nearest(closed.load.constant(0) / closed.characteristic.constant(0))  # the payload stands beside s^2
+    guaranteed = PlaneGuaranteed(
+        bands[0].bandwidth_Hz,
+        bands[1].bandwidth_Hz,
+        static,
+        figures["peak_sensitivity"],
+        figures.get("loop_gain"),
+        figures.get("controller_effort"),
+    )
+    return guaranteed, as_claims((*bands, *limits), (low_kg, high_kg))
 
 
 def _summary(prototype: Prototype, name: Name, stability: StabilityMap, claims: Sequence[Claim]) -> str:

@@ -21,7 +21,7 @@ from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.bouncing import Bouncing, bouncing
 from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
 from beamdesign.proof.passivity import Environment, Passivity, passivity, troublemaker
-from beamdesign.proof.performance import peak_sensitivity_where_stable
+from beamdesign.proof.performance import least_of
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
@@ -146,7 +146,7 @@ def _judged(
         guaranteed_stiffness_band(port, exact(stiffness), exact(SHARE), low, high),
         nearest(commanded(fmpq(0)) / port.bare(fmpq(0))),
         guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
-        peak_sensitivity_where_stable(closed, low, high) if stable else inf,
+        least_of("peak_sensitivity", closed, (low, high)) if stable else inf,
         passive,
         troublemaker(port, passive.bands, low) if stable else None,
         contact,

@@ -21,7 +21,7 @@ from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.worst_samples import WorstSamples, worst_rigs, worst_samples
 from beamdesign.members import Member
-from beamdesign.proof.performance import Claim
+from beamdesign.proof.certificate import Claim
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdesign.controllers.form import UNIT, Form
 from beamdesign.linear import UNUSED
-from beamdesign.proof.performance import Kind
+from beamdesign.proof.certificate import Kind
 from beamdesign.prototype import Goal
 from beamdesign.rig.beams_rig import FIGURES
 from beamdesign.rig.linearised import linear_assembly, transfer_polynomials

@@ -9,19 +9,9 @@ from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, rig_loop
 from beamdesign.members import Member
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import goal_claims
-from beamdesign.proof.performance import Claim
-from beamdesign.proof.rectangle import (
-    Rectangle,
-    at_mass,
-    bandwidth,
-    largest_effort,
-    largest_loop_gain,
-    peak_sensitivity,
-    prove,
-    prove_peak,
-    scaled,
-)
+from beamdesign.proof.certificate import Asked, Claim, goal_claims
+from beamdesign.proof.performance import bandwidth, least_limit, prove
+from beamdesign.proof.rectangle import Rectangle, scaled
 from beamdesign.prototype import Goal
 
 LOOSER_PEAK = 3.0
@@ -60,10 +50,9 @@ class LoopSet:
         None where it holds.
         """
         for k, rectangle in self.performing.items():
-            for side in rectangle.sides():
-                claim = prove_peak(side, limit)
-                if not claim.holds:
-                    return at_mass(side, claim), k
+            claim = prove(rectangle, Asked("peak_sensitivity", limit))
+            if not claim.holds:
+                return claim, k
         return None
 
     def refuted(self, goal: Goal) -> list[tuple[Claim, int]]:
@@ -83,9 +72,9 @@ class LoopSet:
         performing = list(self.performing.values())
         shares = [self.peak_sensitivity() / goal.peak_sensitivity]
         if goal.loop_gain is not None:
-            shares.append(largest_loop_gain(performing, goal.loop_gain_from_Hz) / goal.loop_gain)
+            shares.append(least_limit(performing, "loop_gain", goal.loop_gain_from_Hz) / goal.loop_gain)
         if goal.controller_effort_A_per_V is not None:
-            shares.append(largest_effort(performing) / goal.controller_effort_A_per_V)
+            shares.append(least_limit(performing, "controller_effort") / goal.controller_effort_A_per_V)
         return log(max(shares)) if max(shares) < inf else inf
 
     def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
@@ -94,7 +83,7 @@ class LoopSet:
 
     def peak_sensitivity(self) -> float:
         """Proved for every loop that is to perform."""
-        return peak_sensitivity(list(self.performing.values()))
+        return least_limit(list(self.performing.values()), "peak_sensitivity")
 
     def ends(self) -> list[Loop]:
         """The loops over the mass at the ends of the gains, those that are to perform."""

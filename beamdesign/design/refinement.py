@@ -19,7 +19,7 @@ from beamdesign.design.loop_constraints import CheckPoints, check_points, guaran
 from beamdesign.design.loop_set import LoopSet, loop_set
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.members import Member
-from beamdesign.proof.performance import Claim, Kind
+from beamdesign.proof.certificate import Claim, Kind
 from beamdesign.prototype import Goal
 
 SHARES = np.linspace(0.0, 1.0, 5)

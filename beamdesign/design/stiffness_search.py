@@ -21,7 +21,8 @@ from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, goal_claims
 from beamdesign.proof.contact import Wall, prove_contact
 from beamdesign.proof.passivity import active_bands
-from beamdesign.proof.rectangle import Rectangle, prove
+from beamdesign.proof.performance import prove
+from beamdesign.proof.rectangle import Rectangle
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.prototype import Prototype
 from beamdesign.tip import tip

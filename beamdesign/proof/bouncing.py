@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import even_odd, exact
+from beamdesign.polynomial import exact
 from beamdesign.proof.passivity import absorbed
+from beamdesign.proof.performance import Coefficients, inner
 from beamdesign.proof.quadratic import quadratic_nonnegative
 from beamdesign.proof.rational import nearest, shortened
 from beamdesign.proof.stability import is_stable_over
-from beamdesign.proof.statements import Coefficients
 from beamdesign.tip import Tip
 
 MULTIPLIERS_S = tuple(float(f"{10.0 ** (k / 4):.4g}") for k in range(8, -21, -1))
@@ -46,11 +46,6 @@ class Bouncing:
 
 def popov_slack(tip: Tip, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     """|p|^2 / k + Re(n conj p) + q w Im(p conj n) as a quadratic a m^2 + b m + c in the mass, polynomials in w^2."""
-
-    def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:  # Re(left conj right)
-        (even, odd), (even_right, odd_right) = even_odd(left), even_odd(right)
-        return even * even_right + _S * odd * odd_right
-
     p0, n = tip.bare, tip.moved
     carried = _S * _S * n
     return (

@@ -1,14 +1,15 @@
-"""The certificate of a prototype over a range of outer end masses: what is stable and guaranteed, and the proof."""
+"""What is claimed, proved and guaranteed of a prototype over a range of outer end masses: records and words."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isinf
+from typing import Literal
+
+from flint import fmpq
 
 from beamdesign.crossing import Crossing
-from beamdesign.proof.performance import (
-    Claim,
-    Kind,
-)
+from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap
 from beamdesign.prototype import Goal
 
@@ -16,6 +17,15 @@ METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
     " one Routh test per range between them; inequalities over mass and frequency by real-root isolation"
 )
+
+Kind = Literal[
+    "compliance", "tip_compliance", "load_compliance",
+    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
+]  # fmt: skip
+"""Of an arm the compliances are two, of the tip and of the payload's centre."""
+
+INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+"""Claims about magnitudes, as opposed to those about poles."""
 
 _COMPLIANCES = {
     "compliance": "compliance |x/F_d|",
@@ -40,6 +50,73 @@ class Asked:
     limit: float
     bandwidth_Hz: float = inf
     from_Hz: float = 0.0
+
+    def decided(self, outer_end_mass_kg: tuple[float, float], holds: bool, reason: str = "") -> "Claim":
+        """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""
+        bandwidth_Hz = self.bandwidth_Hz if self.kind.endswith("compliance") else None
+        from_Hz = self.from_Hz if self.kind == "loop_gain" else None
+        return Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Where a claim fails.
+
+    Attributes:
+        mass: outer end mass, kg.
+        squared_frequency: (rad/s)^2 at which an inequality fails; None for a loop that is not stable.
+        gain_factor: factor on the gain, for a gain margin.
+        frequency_Hz: frequency at the failure: of the inequality, or of the slowest or growing oscillation.
+        exact: whether these rationals themselves refute the claim; False where only a root on the axis at an
+            irrational figure does, which they then approximate.
+    """
+
+    mass: fmpq
+    squared_frequency: fmpq | None
+    gain_factor: fmpq | None
+    frequency_Hz: float
+    exact: bool = True
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement about every outer end mass of a range, decided exactly.
+
+    Attributes:
+        kind: what is claimed.
+        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
+        outer_end_mass_kg: the range.
+        holds: whether it is proved; if not, it is refuted.
+        bandwidth_Hz: for a compliance, the frequency up to which it is claimed; infinite for all frequencies.
+        reason: in words, why it does not hold; empty where it does.
+        witness: what refutes it; None where it holds.
+        from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
+    """
+
+    kind: Kind
+    limit: float
+    outer_end_mass_kg: tuple[float, float]
+    holds: bool
+    bandwidth_Hz: float | None = None
+    reason: str = ""
+    witness: Witness | None = None
+    from_Hz: float | None = None
+
+    @property
+    def witness_outer_end_mass_kg(self) -> float | None:
+        """A mass that refutes the claim, as a float."""
+        return None if self.witness is None else nearest(self.witness.mass)
+
+    @property
+    def witness_frequency_Hz(self) -> float | None:
+        """The frequency that goes with that mass."""
+        return None if self.witness is None else self.witness.frequency_Hz
+
+    @property
+    def witness_gain_factor(self) -> float | None:
+        """The factor on the gain that goes with it, for a gain margin."""
+        factor = None if self.witness is None else self.witness.gain_factor
+        return None if factor is None else nearest(factor)
 
 
 @dataclass(frozen=True)
@@ -116,6 +193,22 @@ def goal_claims(goal: Goal) -> tuple[Asked, ...]:
     if goal.controller_effort_A_per_V is not None:
         asked.append(Asked("controller_effort", goal.controller_effort_A_per_V))
     return tuple(asked)
+
+
+def least_limits(goal: Goal, least: Callable[[Kind, float], float]) -> list[Asked]:
+    """Peak sensitivity first, then what else the goal limits, each at the least limit that is proved.
+
+    Args:
+        goal: whose own limits do not count.
+        least: least limit of a kind of claim, from a frequency (Hz) on.
+    """
+    asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+    return [replace(one, limit=least(one.kind, one.from_Hz)) for one in asked]
+
+
+def as_claims(proved: Iterable[Asked], outer_end_mass_kg: tuple[float, float]) -> list[Claim]:
+    """What is proved over a range of masses as claims, without what says nothing."""
+    return [one.decided(outer_end_mass_kg, True) for one in proved if one.limit < inf and one.bandwidth_Hz > 0]
 
 
 def implies(one: Claim, other: Claim) -> bool:

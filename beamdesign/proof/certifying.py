@@ -2,16 +2,25 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from math import isinf
 
 from beamdesign.members import LinearFamily, family
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import METHOD, Asked, Certificate, Guaranteed, describe, implies
+from beamdesign.proof.certificate import (
+    INEQUALITIES,
+    METHOD,
+    Asked,
+    Certificate,
+    Claim,
+    Guaranteed,
+    as_claims,
+    describe,
+    implies,
+    least_limits,
+)
 from beamdesign.proof.family_certificate import Proved, common_ranges, covered, rectangles, scope
 from beamdesign.proof.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
-from beamdesign.proof.performance import INEQUALITIES, Claim
+from beamdesign.proof.performance import bandwidth, least_limit, prove
 from beamdesign.proof.rational import nearest, text
-from beamdesign.proof.rectangle import bandwidth, largest_effort, largest_loop_gain, peak_sensitivity, prove
 from beamdesign.proof.stability import StabilityMap
 from beamdesign.proof.writer import certificate
 from beamdesign.prototype import Goal, InStage, Prototype
@@ -76,11 +85,9 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
     alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most  # so that the proof says where
     for part in proved:
         if performance and not alone and not part.stable.stable:
-            reason = "not every member is stable for all of these masses and factors on the gain"
-            bandwidth_Hz = asked.bandwidth_Hz if asked.kind == "compliance" else None
             masses = nearest(part.stable.low), nearest(part.stable.high)
-            from_Hz = asked.from_Hz if asked.kind == "loop_gain" else None
-            return Claim(asked.kind, asked.limit, masses, False, bandwidth_Hz, reason, from_Hz=from_Hz)
+            reason = "not every member is stable for all of these masses and factors on the gain"
+            return asked.decided(masses, False, reason)
     claim: Claim | None = None
     for part in proved:
         rectangle = part.performing if performance else part.stable
@@ -97,18 +104,13 @@ def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
 def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float]) -> tuple[Guaranteed, list[Claim]]:
     """The best figures that every member has, and each as a claim that holds."""
     performing = [part.performing for part in proved if part.performing is not None]
-    reached, peak = bandwidth(performing, goal.compliance_m_per_N), peak_sensitivity(performing)
-    claims = [] if isinf(peak) else [Claim("peak_sensitivity", peak, ends, True)]
-    if reached > 0:
-        claims.append(Claim("compliance", goal.compliance_m_per_N, ends, True, reached))
-    gain = effort = None
-    if goal.loop_gain is not None:
-        gain = largest_loop_gain(performing, goal.loop_gain_from_Hz)
-        claims.append(Claim("loop_gain", gain, ends, True, from_Hz=goal.loop_gain_from_Hz))
-    if goal.controller_effort_A_per_V is not None:
-        effort = largest_effort(performing)
-        claims.append(Claim("controller_effort", effort, ends, True))
-    return Guaranteed(reached, peak, gain, effort), claims
+    reached = Asked("compliance", goal.compliance_m_per_N, bandwidth(performing, goal.compliance_m_per_N))
+    peak, *others = least_limits(goal, lambda kind, from_Hz: least_limit(performing, kind, from_Hz))
+    figures = {one.kind: one.limit for one in (peak, *others)}
+    guaranteed = Guaranteed(
+        reached.bandwidth_Hz, peak.limit, figures.get("loop_gain"), figures.get("controller_effort")
+    )
+    return guaranteed, as_claims((peak, reached, *others), ends)
 
 
 def _summary(prototype: Prototype, found: LinearFamily, stability: StabilityMap, claims: Sequence[Claim]) -> str:

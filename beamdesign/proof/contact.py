@@ -8,14 +8,13 @@ linear loop in lasting contact; touching and letting go is not covered, other th
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from math import pi
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, exact, roots
+from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.passivity import Environment
-from beamdesign.proof.rational import bounds, nearest, shortened
-from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.proof.rational import nearest, shortened
+from beamdesign.proof.stability import StabilityMap, stable_ranges, unstable_at
 from beamdesign.tip import Tip
 
 Ends = tuple[fmpq, fmpq]
@@ -90,22 +89,10 @@ def prove_contact(tip: Tip, masses: Ends, wall: Wall) -> Contact:
         if not 0 <= low <= high:
             raise ValueError(f"{name} must range from zero or more upwards, is {nearest(low)} to {nearest(high)}")
     for edge in _edges(tip, masses, wall):
-        if is_stable_over(edge.family, edge.low, edge.high):
-            continue
-        value, settled = _unstable_at(stable_ranges(edge.family, edge.low, edge.high))
-        found = edge.environment(value)
-        rightmost = complex(max(roots(edge.family.at(value)), key=lambda root: root.real))
-        return Contact(False, _words(found), found, settled, abs(rightmost.imag) / (2 * pi))
+        if (there := unstable_at(edge.family, edge.low, edge.high)) is not None:
+            found = edge.environment(there.value)
+            return Contact(False, _words(found), found, there.exact, there.frequency_Hz)
     return Contact(True)
-
-
-def _unstable_at(found: StabilityMap) -> tuple[fmpq, bool]:
-    settled = [part.sample for part in found.ranges if not part.stable]
-    settled += [crossing.rational for crossing in found.crossings if crossing.rational is not None]
-    if settled:
-        return settled[0], True
-    least, most = bounds(found.crossings[0].parameter)
-    return (least + most) / 2, False
 
 
 def _words(found: Environment) -> str:

@@ -6,8 +6,7 @@ Nothing here is proved, and no proof rests on it; a poor guess only costs furthe
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine, exact, roots
+from beamdesign.polynomial import Affine
 from beamdesign.proof.rational import nearest
 
 _FREQUENCIES = np.geomspace(1e-1, 1e5, 400)  # rad/s
@@ -22,24 +21,24 @@ def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
     return sorted({float(mass) for mass in np.linspace(nearest(low), nearest(high), 5)})
 
 
-def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
+def peak_sensitivity(opened: Affine, returned: Affine, low: fmpq, high: fmpq) -> float:
     """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
-    parts = (loop.opened.constant, loop.opened.slope, loop.returned.constant, loop.returned.slope)
+    parts = (opened.constant, opened.slope, returned.constant, returned.slope)
     degree = max(polynomial.degree() for polynomial in parts)
-    constant, slope, returned, returned_slope = (_floats(part, degree) for part in parts)
+    constant, slope, fed_back, fed_back_slope = (_floats(part, degree) for part in parts)
 
     def seen(masses: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest |S| of each mass over its row of frequencies, and where."""
         s = 1j * frequencies
-        opened = np.polyval(constant, s) + masses[:, None] * np.polyval(slope, s)
-        fed_back = np.polyval(returned, s) + masses[:, None] * np.polyval(returned_slope, s)
-        values = np.abs(opened / (opened + fed_back))
+        below = np.polyval(constant, s) + masses[:, None] * np.polyval(slope, s)
+        above = np.polyval(fed_back, s) + masses[:, None] * np.polyval(fed_back_slope, s)
+        values = np.abs(below / (below + above))
         rows, columns = np.arange(len(masses)), values.argmax(axis=1)
         return values[rows, columns], frequencies[rows, columns]
 
     def with_poles(masses: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
         """The frequencies, and for each mass those of its poles."""
-        closed = constant + returned + masses[:, None] * (slope + returned_slope)
+        closed = constant + fed_back + masses[:, None] * (slope + fed_back_slope)
         companions = np.zeros((len(masses), degree, degree))
         companions[:, :1] = -closed[:, None, 1:] / closed[:, None, :1]
         companions[:, 1:, :-1] = np.eye(max(degree - 1, 0))
@@ -69,37 +68,16 @@ def peak_sensitivity(loop: Loop, low: fmpq, high: fmpq) -> float:
     return max(best, 1.0)
 
 
-def loop_gain(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) -> float:
-    """Largest |L| seen from a frequency up, over sampled masses and frequencies."""
-    start = 2 * np.pi * max(from_Hz, 1e-3)
-    return _largest_ratio(loop.returned, loop.opened, np.geomspace(start, 1e6, 2000), low, high)
-
-
-def controller_effort(loop: Loop, low: fmpq, high: fmpq) -> float:
-    """Largest |C S| seen over sampled masses and frequencies, A/V."""
-    assert loop.demanded is not None
-    return _largest_ratio(loop.demanded, loop.characteristic, np.geomspace(1e-2, 1e6, 3000), low, high)
-
-
-def _largest_ratio(above: Affine, below: Affine, frequencies: np.ndarray, low: fmpq, high: fmpq) -> float:
+def largest_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high: fmpq) -> float:
+    """Largest |above / below| seen from a frequency up, over sampled masses and frequencies."""
+    start, count = (2 * np.pi * from_Hz, 2000) if from_Hz else (1e-2, 3000)
+    s = 1j * np.geomspace(start, 1e6, count)
     degree = max(p.degree() for family in (above, below) for p in (family.constant, family.slope))
-    s = 1j * frequencies
     values = [np.polyval(_floats(p, degree), s) for p in (above.constant, above.slope, below.constant, below.slope)]
     return max(
         float(np.abs((values[0] + mass * values[1]) / (values[2] + mass * values[3])).max())
         for mass in sampled_masses(low, high)
     )
-
-
-def decay_rate(loop: Loop, low: fmpq, high: fmpq) -> float:
-    """Slowest decay of any pole over sampled masses, 1/s."""
-    return min(-float(roots(loop.characteristic.at(exact(mass))).real.max()) for mass in sampled_masses(low, high))
-
-
-def gain_margin(loop: Loop, low: fmpq, high: fmpq) -> float:
-    """Least factor above one at which a sampled mass has a root on the axis; infinite where there is none."""
-    crossings = [c.value for mass in sampled_masses(low, high) for c in loop.at(mass).gain_crossings()]
-    return min((value for value in crossings if value > 1), default=np.inf)
 
 
 def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from flint import arb, ctx, fmpq
 from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact
-from beamdesign.proof.performance import Claim
+from beamdesign.proof.certificate import Claim
 from beamdesign.proof.rational import bounds, shortened, simple_between, text
 from beamdesign.proof.rig_tables import coefficients, texts
 from beamdesign.proof.stability import Range, StabilityMap

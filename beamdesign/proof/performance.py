@@ -1,312 +1,244 @@
-"""Performance that holds for every outer end mass of a range, proved in rational arithmetic.
+"""Performance that holds for every outer end mass of a range and every factor on the gain, in rational arithmetic.
 
 Six claims: compliance up to a bandwidth, peak sensitivity, loop gain above a frequency, controller effort, decay rate,
-gain margin. The first four are inequalities quadratic in the mass (see `quadratic_nonnegative`), the other two are
-stability of related families. Each presupposes
-that the loop is stable over the range, which is proved first. For each there is the inverse question as well: the best
-figure that can be proved, rounded to the safe side.
+gain margin. The first four are magnitudes |above / below| that stay within a limit: inequalities quadratic in the mass
+(see `quadratic_nonnegative`); the other two are stability of related families. Each presupposes that the loop is stable
+over the range, which is proved first. For magnitudes there is the inverse question as well: the best figure that can be
+proved, rounded to the safe side.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from math import inf, pi, sqrt
-from typing import Literal
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import inf, isinf, pi, sqrt
+from typing import NamedTuple, Protocol
 
-from flint import fmpq, fmpq_poly
+from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine, exact, roots
+from beamdesign.polynomial import Affine, even_odd, exact
 from beamdesign.proof import estimates
-from beamdesign.proof.bilinear import Inside, axis_inside
-from beamdesign.proof.quadratic import Verdict, quadratic_nonnegative
+from beamdesign.proof.certificate import Asked, Claim, Kind, Witness
+from beamdesign.proof.quadratic import quadratic_nonnegative
 from beamdesign.proof.rational import bounds, nearest, shortened
-from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
-from beamdesign.proof.statements import (
-    Coefficients,
-    compliance_slack,
-    effort_slack,
-    frequency_below,
-    gain_edges,
-    loop_gain_slack,
-    sensitivity_slack,
-    shifted,
-    squared_frequency_above,
-    squared_frequency_below,
-)
+from beamdesign.proof.rectangle import Rectangle, Side, scaled, shifted
+from beamdesign.proof.stability import unstable_at
 
-Kind = Literal[
-    "compliance", "tip_compliance", "load_compliance",
-    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
-]  # fmt: skip
-"""Of an arm the compliances are two, of the tip and of the payload's centre."""
-
-INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
-"""Claims about magnitudes, as opposed to those about poles."""
-
-LARGEST_GAIN_MARGIN = 1e6
-"""Where even this factor is harmless, it is what `guaranteed_gain_margin` gives."""
+Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
+"""Of m^2, m and 1, polynomials in x = w^2."""
 
 _RELATIVE_STEP = 5e-5
 _LEAST_LIMIT = 1e-12
 """Of what is zero, such as the loop gain of a controller that feeds nothing back."""
-
+_LARGEST_LIMIT = 1e12
 _ZERO = fmpq(0)
+_NONE = fmpq_poly([0])
 
 
-@dataclass(frozen=True)
-class Witness:
-    """Where a claim fails.
-
-    Attributes:
-        mass: outer end mass, kg.
-        squared_frequency: (rad/s)^2 at which an inequality fails; None for a loop that is not stable.
-        gain_factor: factor on the gain, for a gain margin.
-        frequency_Hz: frequency at the failure: of the inequality, or of the slowest or growing oscillation.
-        exact: whether these rationals themselves refute the claim; False where only a root on the axis at an
-            irrational figure does, which they then approximate.
-    """
-
-    mass: fmpq
-    squared_frequency: fmpq | None
-    gain_factor: fmpq | None
-    frequency_Hz: float
-    exact: bool = True
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One statement about every outer end mass of a range, decided exactly.
-
-    Attributes:
-        kind: what is claimed.
-        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
-        outer_end_mass_kg: the range.
-        holds: whether it is proved; if not, it is refuted.
-        bandwidth_Hz: for a compliance, the frequency up to which it is claimed; infinite for all frequencies.
-        reason: in words, why it does not hold; empty where it does.
-        witness: what refutes it; None where it holds.
-        from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
-    """
-
-    kind: Kind
-    limit: float
-    outer_end_mass_kg: tuple[float, float]
-    holds: bool
-    bandwidth_Hz: float | None = None
-    reason: str = ""
-    witness: Witness | None = None
-    from_Hz: float | None = None
+class Closed(Protocol):
+    """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
 
     @property
-    def witness_outer_end_mass_kg(self) -> float | None:
-        """A mass that refutes the claim, as a float."""
-        return None if self.witness is None else nearest(self.witness.mass)
+    def opened(self) -> Affine:
+        """Denominator of L."""
 
     @property
-    def witness_frequency_Hz(self) -> float | None:
-        """The frequency that goes with that mass."""
-        return None if self.witness is None else self.witness.frequency_Hz
+    def returned(self) -> Affine:
+        """Numerator of L."""
 
     @property
-    def witness_gain_factor(self) -> float | None:
-        """The factor on the gain that goes with it, for a gain margin."""
-        factor = None if self.witness is None else self.witness.gain_factor
-        return None if factor is None else nearest(factor)
+    def characteristic(self) -> Affine:
+        """Closed-loop characteristic polynomial."""
 
 
-def _rational(value: float | fmpq) -> fmpq:
-    return value if isinstance(value, fmpq) else exact(value)
+class Magnitude(NamedTuple):
+    """Names of the polynomials of |above / below|, and its symbol."""
+
+    above: str
+    below: str
+    symbol: str
 
 
-def _rationals(low: float | fmpq, high: float | fmpq) -> tuple[fmpq, fmpq]:
-    ends = _rational(low), _rational(high)
-    if ends[0] > ends[1]:
-        raise ValueError(f"empty range: {ends[0]} is above {ends[1]}")
-    return ends
+MAGNITUDES: dict[Kind, Magnitude] = {
+    "compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
+    "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
+    "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
+    "peak_sensitivity": Magnitude("opened", "characteristic", "|1/(1+L)|"),
+    "loop_gain": Magnitude("returned", "opened", "|L|"),
+    "controller_effort": Magnitude("demanded", "characteristic", "|C S|"),
+}
 
 
-def _positive(limit: float | fmpq) -> fmpq:
-    rational = _rational(limit)
-    if rational <= 0:
-        raise ValueError(f"a limit must be positive, is {limit}")
-    return rational
-
-
-def _refused(kind: Kind, limit: fmpq, masses: tuple[fmpq, fmpq], family: Affine) -> Claim:
-    """A claim that fails because a family it needs is not stable over the range, with a mass that shows it."""
-    found = stable_ranges(family, *masses)
-    mass, settled = _unstable_at(found)
-    return Claim(
-        kind,
-        nearest(limit),
-        (nearest(masses[0]), nearest(masses[1])),
-        False,
-        reason=f"the loop is not stable for all of these masses: {found.reason}",
-        witness=Witness(mass, None, None, abs(_rightmost(family.at(mass)).imag) / (2 * pi), settled),
-    )
-
-
-def _unstable_at(found: StabilityMap) -> tuple[fmpq, bool]:
-    """A parameter that is not stable, and whether it is so itself or only next to one that is not rational."""
-    settled = [part.sample for part in found.ranges if not part.stable]
-    settled += [crossing.rational for crossing in found.crossings if crossing.rational is not None]
-    if settled:
-        return settled[0], True
-    least, most = bounds(found.crossings[0].parameter)
-    return (least + most) / 2, False
-
-
-def _rightmost(polynomial: fmpq_poly) -> complex:
-    """The root with the largest real part."""
-    return complex(max(roots(polynomial), key=lambda root: root.real))
-
-
-def _inequality(
-    kind: Kind, limit: fmpq, masses: tuple[fmpq, fmpq], verdict: Verdict, words: str, bandwidth_Hz: float | None = None
-) -> Claim:
-    ends = nearest(masses[0]), nearest(masses[1])
-    if verdict.witness is None:
-        return Claim(kind, nearest(limit), ends, True, bandwidth_Hz)
-    mass, square = verdict.witness
-    frequency = sqrt(nearest(square)) / (2 * pi)
-    reason = f"{words} at {frequency:.6g} Hz with an outer end mass of {nearest(mass):.6g} kg"
-    return Claim(kind, nearest(limit), ends, False, bandwidth_Hz, reason, Witness(mass, square, None, frequency))
-
-
-def prove_compliance(
-    loop: Loop, limit_m_per_N: float | fmpq, bandwidth_Hz: float | fmpq, low: float | fmpq, high: float | fmpq
-) -> Claim:
-    """Whether |x / F_d| is at most the limit at every frequency up to the bandwidth, for every mass in [low, high].
-
-    An infinite bandwidth asks for every frequency.
-    """
-    limit, masses = _positive(limit_m_per_N), _rationals(low, high)
-    bandwidth = None if bandwidth_Hz == inf else _positive(bandwidth_Hz)
-    up_to = inf if bandwidth is None else nearest(bandwidth)
-    if not is_stable_over(loop.characteristic, *masses):
-        return replace(_refused("compliance", limit, masses, loop.characteristic), bandwidth_Hz=up_to)
-    x_high = None if bandwidth is None else squared_frequency_above(bandwidth)
-    verdict = quadratic_nonnegative(*compliance_slack(loop, limit), *masses, fmpq(0), x_high)
-    return _inequality("compliance", limit, masses, verdict, "|x/F_d| exceeds the limit", up_to)
-
-
-def prove_peak_sensitivity(loop: Loop, limit: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
-    """Whether |1 / (1 + L)| is at most the limit at every frequency, for every mass in [low, high]."""
-    bound, masses = _positive(limit), _rationals(low, high)
-    if not is_stable_over(loop.characteristic, *masses):
-        return _refused("peak_sensitivity", bound, masses, loop.characteristic)
-    verdict = quadratic_nonnegative(*sensitivity_slack(loop, bound), *masses, fmpq(0), None)
-    return _inequality("peak_sensitivity", bound, masses, verdict, "|1/(1+L)| exceeds the limit")
-
-
-def prove_loop_gain(
-    loop: Loop, limit: float | fmpq, from_Hz: float | fmpq, low: float | fmpq, high: float | fmpq
-) -> Claim:
-    """Whether |L| is at most the limit at every frequency from `from_Hz` up, for every mass in [low, high].
-
-    A loop whose gain stays small there is not unsettled by whatever the model leaves out above, as long as that turns
-    its phase as it likes but raises its gain by no more than 1 / limit.
-    """
-    bound, masses = _positive(limit), _rationals(low, high)
-    start = _rational(from_Hz)
-    if start < 0:
-        raise ValueError(f"a frequency must not be negative, is {from_Hz}")
-    words = "|L| exceeds the limit"
-    claim = _settled("loop_gain", loop, bound, masses, loop_gain_slack(loop, bound), words, start)
-    return replace(claim, from_Hz=nearest(start))
-
-
-def prove_controller_effort(loop: Loop, limit_A_per_V: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
-    """Whether |C S|, current over volts at the controller's input, is at most the limit at every frequency and mass.
+def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
+    """limit^2 |below|^2 - |above|^2 of a loop's magnitude: not negative where it keeps the limit.
 
     Raises:
-        ValueError: for a loop whose controller is not known apart from its plant.
+        ValueError: for the effort of a loop whose controller is not known.
     """
-    bound, masses = _positive(limit_A_per_V), _rationals(low, high)
-    return _settled("controller_effort", loop, bound, masses, effort_slack(loop, bound), "|C S| exceeds the limit")
+    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
+    if above is None:
+        raise ValueError("the controller of this loop is not known apart from its plant")
+    return magnitude_slack(limit, below, Affine(above, _NONE) if isinstance(above, fmpq_poly) else above)
 
 
-def _settled(
-    kind: Kind,
-    loop: Loop,
-    limit: fmpq,
-    masses: tuple[fmpq, fmpq],
-    slack: Coefficients,
-    words: str,
-    from_Hz: fmpq = _ZERO,
-) -> Claim:
-    """An inequality from a frequency up, where the loop is stable."""
-    if not is_stable_over(loop.characteristic, *masses):
-        return _refused(kind, limit, masses, loop.characteristic)
-    verdict = quadratic_nonnegative(*slack, *masses, squared_frequency_below(from_Hz), None)
-    return _inequality(kind, limit, masses, verdict, words)
-
-
-def prove_decay_rate(loop: Loop, rate_per_s: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
-    """Whether every closed-loop pole has a real part below -rate, for every mass in [low, high]."""
-    rate, masses = _positive(rate_per_s), _rationals(low, high)
-    family = shifted(loop.characteristic, rate)
-    if is_stable_over(family, *masses):
-        return Claim("decay_rate", nearest(rate), (nearest(masses[0]), nearest(masses[1])), True)
-    claim = _refused("decay_rate", rate, masses, family)
-    words = (
-        f"a pole decays no faster than {nearest(rate):.6g} 1/s with an outer end mass of"
-        f" {claim.witness_outer_end_mass_kg:.6g} kg (at {claim.witness_frequency_Hz:.6g} Hz)"
+def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
+    """limit^2 |denominator|^2 - |numerator|^2 at jw as a quadratic a m^2 + b m + c in the mass."""
+    square = limit * limit
+    return (
+        square * inner(denominator.slope, denominator.slope) - inner(numerator.slope, numerator.slope),
+        2 * square * inner(denominator.constant, denominator.slope) - 2 * inner(numerator.constant, numerator.slope),
+        square * inner(denominator.constant, denominator.constant) - inner(numerator.constant, numerator.constant),
     )
-    return replace(claim, reason=words)
 
 
-def prove_gain_margin(loop: Loop, factor: float | fmpq, low: float | fmpq, high: float | fmpq) -> Claim:
-    """Whether the loop stays stable with its gain times every number between 1 and `factor`, for every mass."""
-    limit, masses = _positive(factor), _rationals(low, high)
-    ends = nearest(masses[0]), nearest(masses[1])
-    for edge in gain_edges(loop, limit, *masses):
-        if is_stable_over(edge.family, edge.low, edge.high):
-            continue
-        there, settled = _unstable_at(stable_ranges(edge.family, edge.low, edge.high))
-        mass = there if edge.mass is None else edge.mass
-        gain = there if edge.factor is None else edge.factor
-        frequency = abs(_rightmost(edge.family.at(there)).imag) / (2 * pi)
-        words = f"unstable at {nearest(gain):.6g} times the gain with an outer end mass of {nearest(mass):.6g} kg"
-        return Claim(
-            "gain_margin",
-            nearest(limit),
-            ends,
-            False,
-            reason=words,
-            witness=Witness(mass, None, gain, frequency, settled),
-        )
-    if (found := _inside(loop, limit, *masses)) is not None:
-        words = f"unstable at {found.factor:.6g} times the gain with an outer end mass of {found.mass:.6g} kg"
-        if not found.decided:
-            return Claim("gain_margin", nearest(limit), ends, False, reason="not decided between the ends")
-        witness = Witness(exact(found.mass), None, exact(found.factor), found.frequency_Hz, exact=False)
-        return Claim("gain_margin", nearest(limit), ends, False, reason=words, witness=witness)
-    return Claim("gain_margin", nearest(limit), ends, True)
+def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+    """Real part of left(jw) times the conjugate of right(jw), a polynomial in x = w^2."""
+    even_left, odd_left = even_odd(left)
+    even_right, odd_right = even_odd(right)
+    return even_left * even_right + fmpq_poly([0, 1]) * odd_left * odd_right
 
 
-def _inside(loop: Loop, factor: fmpq, low: fmpq, high: fmpq) -> Inside | None:
-    """A root on the axis between masses and factors whose rectangle has stable sides."""
-    factors = min(factor, fmpq(1)), max(factor, fmpq(1))
-    return axis_inside(loop.opened, loop.returned, (low, high), factors)
+def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
+    """Rationals at or just below, and at or just above, (2 pi f)^2, (rad/s)^2."""
+    with ctx.workprec(128):
+        return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)
 
 
-def guaranteed_bandwidth(loop: Loop, limit_m_per_N: float | fmpq, low: float | fmpq, high: float | fmpq) -> float:
-    """The largest bandwidth (Hz) that `prove_compliance` grants, rounded down; 0 if none, infinite if every one.
+def frequency_below(squared_frequency: fmpq) -> fmpq:
+    """A rational at or just below sqrt(x) / (2 pi), Hz."""
+    if squared_frequency <= 0:
+        return fmpq(0)
+    with ctx.workprec(128):
+        return bounds(arb(squared_frequency).sqrt() / (2 * arb.pi()))[0]
 
-    It comes from the cell in which the inequality first fails; everything up to there is proved by the same cells.
+
+# Claims proved or refuted.
+
+
+class _Failure(NamedTuple):
+    """Where a claim fails on a side: the value of what varies along it, and the reason where that is the mass."""
+
+    value: fmpq
+    squared_frequency: fmpq | None
+    frequency_Hz: float
+    exact: bool
+    reason: str
+
+
+def prove(rectangle: Rectangle, asked: Asked) -> Claim:
+    """Prove or refute a claim on a rectangle: on its sides, and inside where these do not decide.
+
+    Raises:
+        ValueError: for a limit that is not positive, a frequency that is negative, or as `Rectangle.deciding_sides`.
     """
-    limit, masses = _positive(limit_m_per_N), _rationals(low, high)
-    return bandwidth_where_stable(loop, limit, *masses) if is_stable_over(loop.characteristic, *masses) else 0.0
+    limit, kind = exact(asked.limit), asked.kind
+    if limit <= 0:
+        raise ValueError(f"a limit must be positive, is {asked.limit}")
+    if asked.from_Hz < 0:
+        raise ValueError(f"a frequency must not be negative, is {asked.from_Hz}")
+    if asked.bandwidth_Hz <= 0:
+        raise ValueError(f"a bandwidth must be positive, is {asked.bandwidth_Hz}")
+    held = asked.decided((nearest(rectangle.low), nearest(rectangle.high)), True)
+    if kind == "gain_margin":
+        return _gain_margin(rectangle, limit, held)
+    for side in rectangle.sides() if kind == "decay_rate" else rectangle.deciding_sides():
+        if kind == "loop_gain" and side.factor is None:
+            continue  # it grows with the factor
+        found = _decays_slowly(side, limit) if kind == "decay_rate" else _exceeded(side, asked, limit)
+        if found is not None:
+            return _refuted(held, side, found)
+    if kind == "decay_rate" and rectangle.inside(limit) is not None:
+        return replace(held, holds=False, reason="a pole decays no faster between the ends of masses and gains")
+    return held
 
 
-def bandwidth_where_stable(loop: Loop, limit_m_per_N: fmpq, low: fmpq, high: fmpq) -> float:
-    """The same for a range that is proved to be stable already."""
-    return kept_up_to_Hz(compliance_slack(loop, limit_m_per_N), low, high)
+def _exceeded(side: Side, asked: Asked, limit: fmpq) -> _Failure | None:
+    """Where a magnitude exceeds its limit, or the loop is not stable."""
+    if (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:
+        reason = f"the loop is not stable for all of these masses: {there.reason}"
+        return _Failure(there.value, None, there.frequency_Hz, there.exact, reason)
+    start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else _ZERO
+    bounded = asked.kind == "compliance" and asked.bandwidth_Hz != inf
+    until = squared_frequency(exact(asked.bandwidth_Hz))[1] if bounded else None
+    found = quadratic_nonnegative(*slack(asked.kind, side.loop, limit), side.low, side.high, start, until).witness
+    if found is None:
+        return None
+    value, square = found
+    frequency = sqrt(nearest(square)) / (2 * pi)
+    symbol = MAGNITUDES[asked.kind].symbol
+    reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(value):.6g} kg"
+    return _Failure(value, square, frequency, True, reason)
+
+
+def _decays_slowly(side: Side, rate: fmpq) -> _Failure | None:
+    """Where a pole is not to the left of -rate."""
+    if (there := unstable_at(shifted(side.loop.characteristic, rate), side.low, side.high)) is None:
+        return None
+    reason = (
+        f"a pole decays no faster than {nearest(rate):.6g} 1/s with an outer end mass of"
+        f" {nearest(there.value):.6g} kg (at {there.frequency_Hz:.6g} Hz)"
+    )
+    return _Failure(there.value, None, there.frequency_Hz, there.exact, reason)
+
+
+def _refuted(held: Claim, side: Side, found: _Failure) -> Claim:
+    """A claim that fails on a side: its witness states mass and factor, whichever of them varies."""
+    if side.mass is None:
+        mass, factor, reason = found.value, side.factor if side.factor != 1 else None, found.reason + side.where
+    else:
+        mass, factor = side.mass, found.value
+        reason = f"fails at {found.frequency_Hz:.6g} Hz with {nearest(factor):.6g} times the gain{side.where}"
+    witness = Witness(mass, found.squared_frequency, factor, found.frequency_Hz, found.exact)
+    return replace(held, holds=False, reason=reason, witness=witness)
+
+
+def _gain_margin(rectangle: Rectangle, limit: fmpq, held: Claim) -> Claim:
+    """Whether a rectangle stays stable with its gain times every number between one and a limit."""
+    alone = rectangle.least == rectangle.most
+    if alone:  # the witness's factor is one on the loop as it stands
+        rectangle = Rectangle(scaled(rectangle.loop, rectangle.least), rectangle.low, rectangle.high)
+    wide = rectangle.widened(limit)
+    for side in sorted(wide.sides(), key=lambda side: side.factor != 1):  # the loop as it stands first
+        if alone and (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:
+            mass = there.value if side.mass is None else side.mass
+            factor = there.value if side.factor is None else side.factor
+            return _upset(held, Witness(mass, None, factor, there.frequency_Hz, there.exact))
+        if not alone and not side.stable:
+            return replace(held, holds=False, reason=f"unstable with the gain times some number up to this{side.where}")
+    if (found := wide.inside()) is None:
+        return held
+    if not alone:
+        reason = "unstable with the gain times some number up to this between the ends"
+        return replace(held, holds=False, reason=reason)
+    if not found.decided:
+        return replace(held, holds=False, reason="not decided between the ends")
+    return _upset(held, Witness(exact(found.mass), None, exact(found.factor), found.frequency_Hz, exact=False))
+
+
+def _upset(held: Claim, witness: Witness) -> Claim:
+    """A gain margin that does not hold."""
+    assert witness.gain_factor is not None
+    factor, mass = nearest(witness.gain_factor), nearest(witness.mass)
+    reason = f"unstable at {factor:.6g} times the gain with an outer end mass of {mass:.6g} kg"
+    return replace(held, holds=False, reason=reason, witness=witness)
+
+
+# The best figures that can be proved, of what is proved to be stable already.
+
+
+def bandwidth(rectangles: Sequence[Rectangle], limit_m_per_N: float) -> float:
+    """The largest bandwidth (Hz) that is proved on rectangles that are stable; 0 if none, infinite if every one."""
+    limit = exact(limit_m_per_N)
+    return min(
+        kept_up_to_Hz(slack("compliance", side.loop, limit), side.low, side.high)
+        for rectangle in rectangles
+        for side in rectangle.deciding_sides()
+    )
 
 
 def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
-    """Up to which frequency a quadratic in the mass is proved not to be negative, rounded down; infinite for all."""
+    """Up to which frequency a quadratic in the mass is proved not to be negative, rounded down; infinite for all.
+
+    It comes from the cell in which it first is; everything up to there is proved by the same cells.
+    """
     verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
     if verdict.holds_to is None:
         return inf
@@ -314,9 +246,45 @@ def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
     if reached <= 0:
         return 0.0
     bandwidth = shortened(reached, 7)
-    if squared_frequency_above(bandwidth) > verdict.holds_to:  # only where rounding ate nothing
+    if squared_frequency(bandwidth)[1] > verdict.holds_to:  # only where rounding ate nothing
         bandwidth = shortened(reached * (1 - fmpq(1, 10**7)), 7)
     return nearest(bandwidth)
+
+
+def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.0) -> float:
+    """The least limit of a magnitude that is proved on rectangles that are stable; infinite where none is.
+
+    Args:
+        rectangles: of masses and factors.
+        kind: of magnitude; not a compliance, whose bandwidth is what is asked.
+        from_Hz: for a loop gain, the frequency from which on the limit is kept.
+    """
+    worst = 0.0
+    for rectangle, side in ((one, side) for one in rectangles for side in one.deciding_sides()):
+        if kind == "loop_gain" and side.factor != rectangle.most:
+            continue  # it grows with the factor
+        # Mostly one side governs, and one proof settles each of the others.
+        if worst == 0.0 or not keeps(kind, side.loop, exact(worst), (side.low, side.high), from_Hz):
+            worst = max(worst, least_of(kind, side.loop, (side.low, side.high), from_Hz))
+            if isinf(worst):
+                return inf
+    return worst
+
+
+def keeps(kind: Kind, loop: Closed, limit: fmpq, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> bool:
+    """Whether a magnitude of a loop that is stable keeps a limit, at every frequency or from one up."""
+    start = squared_frequency(exact(from_Hz))[0]
+    return quadratic_nonnegative(*slack(kind, loop, limit), *ends, start, None).holds
+
+
+def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> float:
+    """The least limit of a magnitude that is proved of a loop that is stable, to 1e-4 and rounded up to 5 digits."""
+    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
+    if kind == "peak_sensitivity":
+        start = estimates.peak_sensitivity(loop.opened, loop.returned, *ends)
+    else:
+        start = estimates.largest_ratio(above, below, from_Hz, *ends)
+    return least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
 
 
 def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
@@ -335,81 +303,3 @@ def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -
         else:
             lower = nearest(middle)
     return nearest(upper)
-
-
-def _most_proved(start: float, proves: Callable[[fmpq], bool], least: float) -> float:
-    """The largest figure from `start` down that is proved, to 1e-4 and rounded down; 0 below `least`."""
-    upper, step = start, _RELATIVE_STEP
-    while not proves(lower := shortened(exact(upper / (1 + step)), 5)):
-        if (upper := nearest(lower)) < least:
-            return 0.0
-        step *= 8
-    while upper > nearest(lower) * (1 + 2 * _RELATIVE_STEP):
-        middle = shortened(exact(sqrt(upper * nearest(lower))), 5)
-        if middle <= lower:
-            break
-        if proves(middle):
-            lower = middle
-        else:
-            upper = nearest(middle)
-    return nearest(lower)
-
-
-def guaranteed_peak_sensitivity(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:
-    """The least peak sensitivity that is proved, to 1e-4 and rounded up; infinite where the range is not stable."""
-    masses = _rationals(low, high)
-    return peak_sensitivity_where_stable(loop, *masses) if is_stable_over(loop.characteristic, *masses) else inf
-
-
-def peak_sensitivity_where_stable(loop: Loop, low: fmpq, high: fmpq, start: float | None = None) -> float:
-    """The same for a range that is proved to be stable already, from a guess if one is given."""
-
-    def proves(limit: fmpq) -> bool:
-        return quadratic_nonnegative(*sensitivity_slack(loop, limit), low, high, fmpq(0), None).holds
-
-    return least_proved(estimates.peak_sensitivity(loop, low, high) if start is None else start, proves, 1e12)
-
-
-def loop_gain_where_stable(loop: Loop, from_Hz: float, low: fmpq, high: fmpq) -> float:
-    """The least limit of |L| from a frequency up that is proved, rounded up; for a range proved to be stable."""
-    start = squared_frequency_below(exact(from_Hz))
-
-    def proves(limit: fmpq) -> bool:
-        return quadratic_nonnegative(*loop_gain_slack(loop, limit), low, high, start, None).holds
-
-    return least_proved(estimates.loop_gain(loop, from_Hz, low, high), proves, 1e12)
-
-
-def effort_where_stable(loop: Loop, low: fmpq, high: fmpq) -> float:
-    """The least limit of |C S| (A/V) that is proved, rounded up; for a range proved to be stable."""
-
-    def proves(limit: fmpq) -> bool:
-        return quadratic_nonnegative(*effort_slack(loop, limit), low, high, _ZERO, None).holds
-
-    return least_proved(estimates.controller_effort(loop, low, high), proves, 1e12)
-
-
-def guaranteed_decay_rate(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:
-    """The largest decay rate (1/s) that is proved, to 1e-4 and rounded down; 0 where the range is not stable."""
-    masses = _rationals(low, high)
-    if not is_stable_over(loop.characteristic, *masses):
-        return 0.0
-    start = estimates.decay_rate(loop, *masses)
-    return _most_proved(start, lambda rate: is_stable_over(shifted(loop.characteristic, rate), *masses), 1e-9)
-
-
-def guaranteed_gain_margin(loop: Loop, low: float | fmpq, high: float | fmpq) -> float:
-    """The largest factor on the gain that is proved harmless, to 1e-4 and rounded down; 0 for an unstable range."""
-    masses = _rationals(low, high)
-    if not is_stable_over(loop.characteristic, *masses):
-        return 0.0
-
-    def proves(factor: fmpq) -> bool:
-        edges = gain_edges(loop, factor, *masses)
-        sides = all(is_stable_over(edge.family, edge.low, edge.high) for edge in edges)
-        return sides and _inside(loop, factor, *masses) is None
-
-    start = min(estimates.gain_margin(loop, *masses), LARGEST_GAIN_MARGIN)
-    if start == LARGEST_GAIN_MARGIN and proves(exact(start)):
-        return start
-    return max(_most_proved(start, proves, 1.0), 1.0)

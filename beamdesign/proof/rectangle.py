@@ -12,66 +12,18 @@ of m alone with g, and the argument is a function of m alone, monotonic or const
 over a number, and |L| grows with g, so that it is largest on a side.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, isinf
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.loop import Loop, LoopAtMass
-from beamdesign.polynomial import Affine, exact
+from beamdesign.loop import Loop
+from beamdesign.polynomial import Affine
 from beamdesign.proof.bilinear import Inside, axis_inside
-from beamdesign.proof.certificate import Asked
-from beamdesign.proof.performance import (
-    Claim,
-    bandwidth_where_stable,
-    effort_where_stable,
-    loop_gain_where_stable,
-    peak_sensitivity_where_stable,
-    prove_compliance,
-    prove_controller_effort,
-    prove_decay_rate,
-    prove_gain_margin,
-    prove_loop_gain,
-    prove_peak_sensitivity,
-)
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import is_stable_over
-from beamdesign.proof.statements import shifted
 
 _ZERO = fmpq_poly([0])
 _ONE = fmpq(1)
-
-
-@dataclass(frozen=True)
-class GainLoop:
-    """A loop at one outer end mass over a factor on its gain, with the attributes of `beamdesign.loop.Loop`.
-
-    Attributes:
-        opened: denominator of L, free of the factor.
-        slope: numerator of L at a factor of one.
-        disturbance: numerator of the closed-loop compliance.
-        demanded: numerator of C S, free of the factor, which is one on the valve or its flow and not on the controller.
-    """
-
-    opened: Affine
-    slope: fmpq_poly
-    disturbance: fmpq_poly
-    demanded: Affine | None = None
-
-    @property
-    def returned(self) -> Affine:
-        """Numerator of L at no gain."""
-        return Affine(_ZERO, _ZERO)
-
-    @property
-    def characteristic(self) -> Affine:
-        """Characteristic polynomial, affine in the factor."""
-        return Affine(self.opened.constant, self.slope)
-
-    def at(self, factor: float) -> LoopAtMass:
-        """The loop at one factor."""
-        return LoopAtMass(self.opened.constant, self.slope * exact(factor), self.disturbance)
 
 
 @dataclass(frozen=True)
@@ -79,14 +31,14 @@ class Side:
     """One side of the rectangle.
 
     Attributes:
-        loop: over what varies along the side.
+        loop: over what varies along the side, the mass or the factor.
         low: its least value.
         high: its largest value.
         mass: where the factor varies, the outer end mass.
         factor: where the mass varies, the factor.
     """
 
-    loop: Loop | GainLoop
+    loop: Loop
     low: fmpq
     high: fmpq
     mass: fmpq | None = None
@@ -96,6 +48,13 @@ class Side:
     def stable(self) -> bool:
         """Whether every loop of the side is stable."""
         return is_stable_over(self.loop.characteristic, self.low, self.high)
+
+    @property
+    def where(self) -> str:
+        """What does not vary along the side, in words; empty for a factor of one."""
+        if self.mass is not None:
+            return f" and an outer end mass of {nearest(self.mass):.6g} kg"
+        return "" if self.factor == 1 or self.factor is None else f" and {nearest(self.factor):.6g} times the gain"
 
 
 @dataclass(frozen=True)
@@ -108,6 +67,9 @@ class Rectangle:
         high: largest.
         least: least factor.
         most: largest.
+
+    Raises:
+        ValueError: for an empty range of masses.
     """
 
     loop: Loop
@@ -115,6 +77,10 @@ class Rectangle:
     high: fmpq
     least: fmpq = _ONE
     most: fmpq = _ONE
+
+    def __post_init__(self) -> None:
+        if self.low > self.high:
+            raise ValueError(f"empty range: {self.low} is above {self.high}")
 
     def sides(self) -> list[Side]:
         """The sides, those of varying mass first; one alone where the factor does not vary."""
@@ -125,18 +91,7 @@ class Rectangle:
         if self.least == self.most:
             return over_mass
         return over_mass + [
-            Side(
-                GainLoop(
-                    Affine(self.loop.opened.at(mass), _ZERO),
-                    self.loop.returned.at(mass),
-                    self.loop.disturbance,
-                    None if self.loop.demanded is None else Affine(self.loop.demanded.at(mass), _ZERO),
-                ),
-                self.least,
-                self.most,
-                mass=mass,
-            )
-            for mass in sorted({self.low, self.high})
+            Side(over_gain(self.loop, mass), self.least, self.most, mass=mass) for mass in sorted({self.low, self.high})
         ]
 
     def widened(self, factor: fmpq) -> "Rectangle":
@@ -175,115 +130,20 @@ def scaled(loop: Loop, factor: fmpq) -> Loop:
     return loop if factor == 1 else replace(loop, returned=loop.returned * factor)
 
 
-def bandwidth(rectangles: Sequence[Rectangle], limit_m_per_N: float) -> float:
-    """The largest bandwidth (Hz) that is proved on rectangles that are stable; 0 if none, infinite if every one."""
-    limit = exact(limit_m_per_N)
-    return min(
-        bandwidth_where_stable(side.loop, limit, side.low, side.high)  # type: ignore[arg-type]
-        for rectangle in rectangles
-        for side in rectangle.deciding_sides()
+def over_gain(loop: Loop, mass: fmpq) -> Loop:
+    """A loop at one outer end mass over a factor on its gain, which takes the mass's place.
+
+    The factor is one on the valve or its flow and not on the controller, so that C S has it in its denominator alone.
+    """
+    return Loop(
+        Affine(loop.opened.at(mass), _ZERO),
+        Affine(_ZERO, loop.returned.at(mass)),
+        loop.disturbance,
+        None if loop.demanded is None else Affine(loop.demanded.at(mass), _ZERO),
     )
 
 
-def peak_sensitivity(rectangles: Sequence[Rectangle]) -> float:
-    """The least peak sensitivity that is proved on rectangles that are stable; infinite where none is."""
-    worst = 0.0
-    for side in (side for rectangle in rectangles for side in rectangle.deciding_sides()):
-        # Mostly one side governs, and one proof settles each of the others.
-        if worst == 0.0 or not prove_peak(side, worst).holds:
-            worst = max(worst, _peak(side))
-            if isinf(worst):
-                return inf
-    return worst
-
-
-def largest_loop_gain(rectangles: Sequence[Rectangle], from_Hz: float) -> float:
-    """The least limit of |L| from a frequency up that is proved on rectangles that are stable: at their most gain."""
-    return max(loop_gain_where_stable(scaled(one.loop, one.most), from_Hz, one.low, one.high) for one in rectangles)
-
-
-def largest_effort(rectangles: Sequence[Rectangle]) -> float:
-    """The least limit of |C S|, A/V, that is proved on rectangles that are stable."""
-    return max(
-        effort_where_stable(side.loop, side.low, side.high)  # type: ignore[arg-type]
-        for rectangle in rectangles
-        for side in rectangle.deciding_sides()
-    )
-
-
-def prove_peak(side: Side, limit: float) -> Claim:
-    """Prove or refute a limit of the sensitivity on one side."""
-    return prove_peak_sensitivity(side.loop, limit, side.low, side.high)  # type: ignore[arg-type]
-
-
-def _peak(side: Side) -> float:
-    start = None
-    if isinstance(side.loop, GainLoop):
-        factors = [nearest(side.low + (side.high - side.low) * share / 4) for share in range(5)]
-        start = max(side.loop.at(factor).peak_sensitivity() for factor in factors)
-    return peak_sensitivity_where_stable(side.loop, side.low, side.high, start)  # type: ignore[arg-type]
-
-
-def prove(rectangle: Rectangle, asked: Asked) -> Claim:
-    """Prove or refute a claim on a rectangle."""
-    masses = (nearest(rectangle.low), nearest(rectangle.high))
-    held = Claim(
-        asked.kind,
-        asked.limit,
-        masses,
-        True,
-        asked.bandwidth_Hz if asked.kind == "compliance" else None,
-        from_Hz=asked.from_Hz if asked.kind == "loop_gain" else None,
-    )
-    if asked.kind == "gain_margin" and rectangle.least == rectangle.most:
-        return prove_gain_margin(scaled(rectangle.loop, rectangle.least), asked.limit, rectangle.low, rectangle.high)
-    if asked.kind == "gain_margin":
-        wide = rectangle.widened(exact(asked.limit))
-        side = wide.unstable_side()
-        if side is None and wide.inside() is None:
-            return held
-        where = " between the ends" if side is None else _where(side)
-        return replace(held, holds=False, reason=f"unstable with the gain times some number up to this{where}")
-    for side in rectangle.sides() if asked.kind == "decay_rate" else rectangle.deciding_sides():
-        match asked.kind:
-            case "compliance":
-                claim = prove_compliance(side.loop, asked.limit, asked.bandwidth_Hz, side.low, side.high)  # type: ignore[arg-type]
-            case "peak_sensitivity":
-                claim = prove_peak(side, asked.limit)
-            case "controller_effort":
-                claim = prove_controller_effort(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
-            case "loop_gain":
-                if side.factor is None:
-                    continue
-                claim = prove_loop_gain(side.loop, asked.limit, asked.from_Hz, side.low, side.high)  # type: ignore[arg-type]
-            case "decay_rate":
-                claim = prove_decay_rate(side.loop, asked.limit, side.low, side.high)  # type: ignore[arg-type]
-        if not claim.holds:
-            return replace(at_mass(side, claim), outer_end_mass_kg=masses, reason=_reason(side, claim))
-    if asked.kind == "decay_rate" and rectangle.inside(exact(asked.limit)) is not None:
-        return replace(held, holds=False, reason="a pole decays no faster between the ends of masses and gains")
-    return held
-
-
-def at_mass(side: Side, claim: Claim) -> Claim:
-    """A refuted claim about a side whose witness states mass and factor, whichever of them varies."""
-    witness = claim.witness
-    if witness is None:
-        return claim
-    if side.mass is not None:
-        return replace(claim, witness=replace(witness, mass=side.mass, gain_factor=witness.mass))
-    return claim if side.factor == 1 else replace(claim, witness=replace(witness, gain_factor=side.factor))
-
-
-def _reason(side: Side, claim: Claim) -> str:
-    if side.mass is None:
-        return claim.reason + _where(side)
-    there = claim.witness_outer_end_mass_kg  # of the side, where it is the factor
-    frequency = "" if claim.witness_frequency_Hz in (None, inf) else f" at {claim.witness_frequency_Hz:.6g} Hz"
-    return f"fails{frequency} with {there:.6g} times the gain{_where(side)}"
-
-
-def _where(side: Side) -> str:
-    if side.mass is not None:
-        return f" and an outer end mass of {nearest(side.mass):.6g} kg"
-    return "" if side.factor == 1 or side.factor is None else f" and {nearest(side.factor):.6g} times the gain"
+def shifted(family: Affine, rate: fmpq) -> Affine:
+    """The family in s - rate: stable exactly where every root of the given one lies to the left of -rate."""
+    shift = fmpq_poly([-rate, 1])
+    return Affine(family.constant(shift), family.slope(shift))

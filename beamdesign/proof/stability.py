@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
+from math import pi
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.crossing import Crossing, crossings, degree_drop, elimination, shares_axis_root
-from beamdesign.polynomial import Affine, even_odd, is_hurwitz, real_roots, value_at
+from beamdesign.polynomial import Affine, even_odd, is_hurwitz, real_roots, roots, value_at
 from beamdesign.proof.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 
 
@@ -282,3 +283,33 @@ def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
                 continue
             return stable_ranges(family, low, high).stable
     return True
+
+
+@dataclass(frozen=True)
+class Unstable:
+    """Where a family is not stable.
+
+    Attributes:
+        value: of the parameter.
+        exact: whether it is not stable itself; False where it only stands next to a root on the axis at an irrational
+            one.
+        frequency_Hz: of the slowest or growing oscillation there.
+        reason: in words, all that is not stable.
+    """
+
+    value: fmpq
+    exact: bool
+    frequency_Hz: float
+    reason: str
+
+
+def unstable_at(family: Affine, low: fmpq, high: fmpq) -> Unstable | None:
+    """A parameter of the closed range at which the family is not stable; None where it is stable throughout."""
+    if is_stable_over(family, low, high):
+        return None
+    found = stable_ranges(family, low, high)
+    settled = [part.sample for part in found.ranges if not part.stable]
+    settled += [crossing.rational for crossing in found.crossings if crossing.rational is not None]
+    value = settled[0] if settled else sum(bounds(found.crossings[0].parameter), fmpq(0)) / 2
+    rightmost = max(roots(family.at(value)), key=lambda root: root.real)
+    return Unstable(value, bool(settled), float(abs(rightmost.imag)) / (2 * pi), found.reason)

@@ -6,8 +6,7 @@ Both are inequalities quadratic in the end mass, decided as in `beamdesign.proof
 from flint import fmpq, fmpq_poly
 
 from beamdesign.polynomial import Affine
-from beamdesign.proof.performance import kept_up_to_Hz
-from beamdesign.proof.statements import Coefficients, magnitude_slack
+from beamdesign.proof.performance import Coefficients, kept_up_to_Hz, magnitude_slack
 from beamdesign.tip import Tip
 
 _S = fmpq_poly([0, 1])

@@ -3,8 +3,7 @@
 from math import isfinite
 from typing import Literal, NamedTuple
 
-from beamdesign.proof.certificate import Certificate
-from beamdesign.proof.performance import Claim
+from beamdesign.proof.certificate import Certificate, Claim
 from beamdesign.report.quantity import at_least, decimal, mass_range_text, quantity
 from beamdesign.study.design_run import DesignRun
 
