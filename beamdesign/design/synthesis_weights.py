@@ -15,42 +15,20 @@ and B. D. O. Anderson, International Journal of Control 50, 1989, for the residu
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 from scipy.linalg import cholesky, solve_continuous_lyapunov, svd
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.design.state_space import GeneralisedPlant, StateSpace
+from beamdesign.design.synthesis import GeneralisedPlant, StateSpace
 from beamdesign.linear import LinearModel
 from beamdesign.rig.linearised import SEEN
 
 
-@dataclass(frozen=True)
-class SensedModel:
-    """x' = a x + b u, y = c x at one pair of end masses, SI.
-
-    Attributes:
-        a: (n, n).
-        b: (n, 2) of tip force (N) and current (A).
-        c: (1 + p, n): the tip's displacement (m), then what the p sensors give (V, m, Pa).
-    """
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-
-    def responses(self, frequency_Hz: np.ndarray) -> np.ndarray:
-        """(f, 1 + p, 2) from inputs to outputs, complex."""
-        s = 2j * pi * np.asarray(frequency_Hz, dtype=float)
-        inside = np.linalg.solve(s[:, None, None] * np.eye(len(self.a)) - self.a, self.b[None].astype(complex))
-        return np.asarray(self.c @ inside)
-
-
 def sensed_model(
     rig: LinearModel, outer_end_mass: float, inner_end_mass: float, sensors: Sequence[Sensed] = SENSED[:1]
-) -> SensedModel:
-    """State space of a rig with its sensors.
+) -> StateSpace:
+    """State space of a rig with its sensors at one pair of end masses, SI.
 
     Args:
         rig: of a prototype, or of one of its linear members.
@@ -58,13 +36,17 @@ def sensed_model(
         inner_end_mass: kg.
         sensors: of `beamdesign.controllers.SENSED`, the displacement first.
 
+    Returns:
+        From tip force (N) and current (A) to the tip's displacement (m) and what the p sensors give (V, m, Pa).
+
     Raises:
         ValueError: without the displacement in the first place.
     """
     a, b, c = rig.matrices(outer_end_mass, inner_end_mass)
     if not sensors or sensors[0] != SENSED[0]:
         raise ValueError("the first sensor is that of the outer tip's displacement")
-    return SensedModel(a, b, c[[0, 1, *(SEEN.index(name) for name in sensors[1:])]])
+    outputs = c[[0, 1, *(SEEN.index(name) for name in sensors[1:])]]
+    return StateSpace(a, b, outputs, np.zeros((len(outputs), b.shape[1])))
 
 
 TIME_UNIT_S = 0.01
@@ -88,13 +70,13 @@ class ScaledPlant:
     sensor_units: np.ndarray
 
 
-def scaled_plant(plant: SensedModel, compliance_m_per_N: float) -> ScaledPlant:
+def scaled_plant(plant: StateSpace, compliance_m_per_N: float) -> ScaledPlant:
     """Scale a plant; the goal's compliance is the unit of displacement.
 
     Raises:
         ValueError: for a plant that is not stable.
     """
-    at = plant.responses(np.array([1 / TIME_UNIT_S]) / (2 * np.pi))[0]
+    at = plant.responses(np.array([1j / TIME_UNIT_S]))[0]
     current = float(abs(at[0, 0] / at[0, 1]))
     # A sensor's unit is what a newton moves it by while the current holds the tip still.
     held = np.abs(at[1:, 0] - at[1:, 1] * at[0, 0] / at[0, 1])
@@ -156,7 +138,6 @@ def weighted(plant: ScaledPlant, weights: Weights) -> GeneralisedPlant:
         b2,
         c1,
         c2,
-        np.zeros((2, 3 + p)),
         np.array([[0.0], [weights.current]]),
         np.hstack([np.zeros((p, 3)), noise]),
     )

@@ -3,10 +3,9 @@
 Whatever the kind, one engine searches (`beamdesign.design.law_search`) and exact proofs decide: nothing is returned
 that is not proved over the continuous range.
 
-Laws for several sensors are synthesised by Riccati equations or matrix inequalities, or given. Weights are searched for
-a synthesis that serves the whole range of payloads; its law is reduced to an order that can be realised. What is then
-polished are its entries themselves: the structure stays that of the observer, the figures are no longer optimal by any
-weights.
+Laws for several sensors are synthesised by Riccati equations, or given: weights are searched for a synthesis that
+serves the whole range of payloads; its law is reduced to an order that can be realised. What is then polished are its
+entries themselves: the structure stays that of the observer, the figures are no longer optimal by any weights.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,9 +21,8 @@ from beamdesign.design.law_search import Effort, Found, Search, Told, from_seeds
 from beamdesign.design.loop_samples import COARSE_HZ, Samples, rig_samples
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread
-from beamdesign.design.state_space import StateSpace
-from beamdesign.design.synthesis import lqg
-from beamdesign.design.weight_search import Proposal, WeightSearch, least_norm
+from beamdesign.design.synthesis import StateSpace, hinf, lqg
+from beamdesign.design.weight_search import Proposal, WeightSearch
 from beamdesign.members import Member, served
 from beamdesign.proof.family_certificate import gain_and_mass
 from beamdesign.prototype import Goal, Prototype
@@ -36,8 +34,8 @@ SYNTHESES = ("lqg", "hinf")
 EFFORT = Effort(polished=2, candidates=1)
 ADDED_SENSORS_EFFORT = Effort(polished=1, candidates=1)
 
-_LMI_SEARCH, _LMI_STARTS = 6, 3
-"""Evaluations of the search for weights with matrix inequalities, and from how many weights."""
+_HINF_STARTS = 3
+"""From how many weights of the regulator the least norm is sought; with half the evaluations, each takes so long."""
 
 Given = tuple[Controller, float]
 """A law to begin with, and the mass inside, kg."""
@@ -94,17 +92,10 @@ def _proposals(task: Search, kind: str, told: Told) -> list[Proposal]:
         found = [weights.improved(found[0], lqg, task.effort.evaluations), *found]
     if kind == "lqg" or not found:
         return found
-    solved = []
-    for k, start in enumerate(found[:_LMI_STARTS]):
-        told(0.2 + 0.1 * k / _LMI_STARTS, f"matrix inequalities {k + 1} of {_LMI_STARTS}")
-        one = weights.proposal(start.variables, least_norm)
-        if one is not None:
-            solved.append(one)
-    if solved:
-        solved.sort(key=lambda one: one.cost)
-        told(0.3, "improving weights")
-        solved.insert(0, weights.improved(solved[0], least_norm, _LMI_SEARCH))
-    return solved
+    told(0.2, "improving weights of the least norm")
+    tried = [weights.proposal(start.variables, hinf) for start in found[:_HINF_STARTS]]
+    solved = sorted((one for one in tried if one is not None), key=lambda one: one.cost)
+    return [weights.improved(solved[0], hinf, task.effort.evaluations // 2), *solved] if solved else []
 
 
 def _worth(points: Samples) -> np.ndarray:

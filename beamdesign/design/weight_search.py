@@ -13,8 +13,7 @@ import numpy as np
 
 from beamdesign.controllers import Sensed
 from beamdesign.design.loop_samples import Samples, sampled_bandwidth, slacks_of
-from beamdesign.design.state_space import GeneralisedPlant, StateSpace
-from beamdesign.design.synthesis import lqg, synthesise
+from beamdesign.design.synthesis import GeneralisedPlant, StateSpace, lqg
 from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, sensed_model, weighted
 from beamdesign.linear import LinearModel
 from beamdesign.prototype import Goal
@@ -87,9 +86,7 @@ class WeightSearch:
         found = np.array([*rows, (0.0, self.largest_inner), self.masses_kg])
         return found[:, 0], found[:, 1]
 
-    def proposal(
-        self, variables: np.ndarray, solve: Callable[[GeneralisedPlant], StateSpace | None]
-    ) -> Proposal | None:
+    def proposal(self, variables: np.ndarray, solve: Callable[[GeneralisedPlant], StateSpace]) -> Proposal | None:
         """The controller of some weights; None where there is none, or none that is stable."""
         weights, inner = Weights(*np.exp(variables[: len(_LOG_BOUNDS)])), float(variables[-2])
         try:
@@ -98,10 +95,7 @@ class WeightSearch:
                 plant = scaled_plant(
                     sensed_model(self.rig, float(variables[-1]), inner, self.sensors), self.goal.compliance_m_per_N
                 )
-                found = solve(weighted(plant, weights))
-                if found is None:
-                    return None
-                law = realised(plant, weights, found, self.order)
+                law = realised(plant, weights, solve(weighted(plant, weights)), self.order)
         except (np.linalg.LinAlgError, ValueError, RuntimeWarning):
             return None
         rows = int(self.points.row.max()) + 1
@@ -133,9 +127,7 @@ class WeightSearch:
         found = [self.proposal(lower + row * (upper - lower), lqg) for row in unit]
         return sorted((one for one in found if one is not None and one.cost < _UNSTABLE), key=lambda one: one.cost)
 
-    def improved(
-        self, start: Proposal, solve: Callable[[GeneralisedPlant], StateSpace | None], evaluations: int
-    ) -> Proposal:
+    def improved(self, start: Proposal, solve: Callable[[GeneralisedPlant], StateSpace], evaluations: int) -> Proposal:
         """The best that a simplex search (J. A. Nelder and R. Mead, Computer Journal 7, 1965) finds from a start."""
         from scipy.optimize import minimize
 
@@ -160,8 +152,3 @@ class WeightSearch:
             options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
         )
         return best
-
-
-def least_norm(plant: GeneralisedPlant) -> StateSpace | None:
-    """The H-infinity controller of a weighted plant; None where none is found."""
-    return synthesise(plant).law

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.design.synthesis_weights import SensedModel
+from beamdesign.design.synthesis import StateSpace
 from beamdesign.prototype import Goal
 
 FREQUENCIES_HZ = np.concatenate(
@@ -42,7 +42,7 @@ class ConvexLimit:
     functions: int
 
 
-def convex_limit(plant: SensedModel, goal: Goal, lowest_Hz: float = 1.0, highest_Hz: float = 100.0) -> ConvexLimit:
+def convex_limit(plant: StateSpace, goal: Goal, lowest_Hz: float = 1.0, highest_Hz: float = 100.0) -> ConvexLimit:
     """The largest bandwidth of displacement feedback of a high order, by bisection.
 
     Args:
@@ -70,7 +70,7 @@ def convex_limit(plant: SensedModel, goal: Goal, lowest_Hz: float = 1.0, highest
     return ConvexLimit(low, count)
 
 
-def _zeros(plant: SensedModel) -> np.ndarray:
+def _zeros(plant: StateSpace) -> np.ndarray:
     """Finite zeros from current to the displacement sensor, rad/s: the pencil of the system loses rank there."""
     from scipy.linalg import eigvals
 
@@ -96,11 +96,11 @@ def _functions(s: np.ndarray) -> np.ndarray:
     return np.array(found).T
 
 
-def _excess(plant: SensedModel, goal: Goal, grid: np.ndarray, bandwidth_Hz: float) -> float:
+def _excess(plant: StateSpace, goal: Goal, grid: np.ndarray, bandwidth_Hz: float) -> float:
     """Share by which the goal's compliance has to be exceeded up to a frequency, all else being kept."""
     import cvxpy as cp
 
-    response = plant.responses(grid)
+    response = plant.responses(2j * np.pi * grid)
     open_loop, sensed = np.abs(response[:, 0, 0]), np.abs(response[:, 1, 1])
     functions = _functions(2j * np.pi * grid)
     weights, excess = cp.Variable(functions.shape[1]), cp.Variable()

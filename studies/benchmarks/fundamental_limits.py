@@ -19,7 +19,8 @@ from math import inf, pi
 
 import numpy as np
 
-from beamdesign.design.synthesis_weights import SensedModel, sensed_model
+from beamdesign.design.synthesis import StateSpace
+from beamdesign.design.synthesis_weights import sensed_model
 from beamdesign.members import family
 from beamdesign.prototype import Goal, Prototype
 
@@ -107,9 +108,9 @@ def fundamental_limits(
     )
 
 
-def allowed_sensitivity(plant: SensedModel, goal: Goal, frequency_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def allowed_sensitivity(plant: StateSpace, goal: Goal, frequency_Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Most that |S| may be at frequencies within the bandwidth, and beyond it; displacement feedback."""
-    response = plant.responses(frequency_Hz)
+    response = plant.responses(2j * np.pi * frequency_Hz)
     beyond = np.full(len(frequency_Hz), goal.peak_sensitivity)
     if goal.controller_effort_A_per_V is not None:
         beyond = np.minimum(beyond, 1 + goal.controller_effort_A_per_V * np.abs(response[:, 1, 1]))
@@ -119,7 +120,7 @@ def allowed_sensitivity(plant: SensedModel, goal: Goal, frequency_Hz: np.ndarray
     return np.minimum(beyond, goal.compliance_m_per_N / np.abs(response[:, 0, 0])), beyond
 
 
-def bode_bound_Hz(plant: SensedModel, goal: Goal) -> float:
+def bode_bound_Hz(plant: StateSpace, goal: Goal) -> float:
     """Largest bandwidth that Bode's integral leaves open, for any controller that is proper and a stable plant.
 
     What is allowed of ln |S| is integrated by trapezoids on a fine grid: each bandwidth has one sum, which falls with
@@ -137,12 +138,12 @@ def bode_bound_Hz(plant: SensedModel, goal: Goal) -> float:
     return _first_below_zero(grid, up_to + above)
 
 
-def effort_bound_Hz(plant: SensedModel, goal: Goal) -> float:
+def effort_bound_Hz(plant: StateSpace, goal: Goal) -> float:
     """Up to where the goal can be held with |C S| within its limit: |C S| = |1 - S| / |P| >= (1 - |S|) / |P|."""
     if goal.controller_effort_A_per_V is None:
         return inf
     grid = np.geomspace(_LOWEST_HZ, _HIGHEST_HZ, _POINTS)
-    response = plant.responses(grid)
+    response = plant.responses(2j * np.pi * grid)
     least = (1 - goal.compliance_m_per_N / np.abs(response[:, 0, 0])) / np.abs(response[:, 1, 1])
     return _first_below_zero(grid, goal.controller_effort_A_per_V - least)
 
@@ -158,31 +159,31 @@ def _first_below_zero(grid: np.ndarray, value: np.ndarray) -> float:
     return float(grid[k - 1] + value[k - 1] / (value[k - 1] - value[k]) * (grid[k] - grid[k - 1]))
 
 
-def held_force(plant: SensedModel, goal: Goal, current_A: float, frequency_Hz: np.ndarray) -> np.ndarray:
+def held_force(plant: StateSpace, goal: Goal, current_A: float, frequency_Hz: np.ndarray) -> np.ndarray:
     """Largest amplitude (N) of a force at each frequency that a current holds to the goal, (f,).
 
     From x = g F + h i, whatever makes the current: |i| >= (|g| - goal) |F| / |h|.
     """
-    response = plant.responses(frequency_Hz)[:, 0]
+    response = plant.responses(2j * np.pi * frequency_Hz)[:, 0]
     short = np.abs(response[:, 0]) - goal.compliance_m_per_N
     with np.errstate(divide="ignore"):
         return np.where(short > 0, current_A * np.abs(response[:, 1]) / np.maximum(short, 0.0), inf)
 
 
-def least_noise(plant: SensedModel, goal: Goal, noise_V: float, frequency_Hz: np.ndarray) -> np.ndarray:
+def least_noise(plant: StateSpace, goal: Goal, noise_V: float, frequency_Hz: np.ndarray) -> np.ndarray:
     """Least RMS (m) up to each frequency of the tip's motion from noise that is white up to `NOISE_BAND_HZ`, (f,).
 
     The tip follows the noise by T = 1 - S over the sensor's own response, and |T| >= 1 - |S| where the goal is kept.
     """
     grid = np.unique(np.concatenate([np.geomspace(_LOWEST_HZ, frequency_Hz.max(), 4000), frequency_Hz]))
-    response = plant.responses(grid)
+    response = plant.responses(2j * np.pi * grid)
     follows = np.maximum(1 - goal.compliance_m_per_N / np.abs(response[:, 0, 0]), 0.0)
     follows *= np.abs(response[:, 0, 1] / response[:, 1, 1])
     power = np.append(0.0, np.cumsum((follows[1:] ** 2 + follows[:-1] ** 2) / 2 * np.diff(grid)))
     return noise_V * np.sqrt(np.interp(frequency_Hz, grid, power) / NOISE_BAND_HZ)
 
 
-def mode_cost(plant: SensedModel, without: SensedModel, from_Hz: float) -> tuple[float, float, float]:
+def mode_cost(plant: StateSpace, without: StateSpace, from_Hz: float) -> tuple[float, float, float]:
     """Frequency (Hz) of the second mode, phase (degrees) that it adds at `PHASE_AT_HZ`, largest gain it adds above."""
     from scipy.optimize import linear_sum_assignment
 
@@ -190,5 +191,5 @@ def mode_cost(plant: SensedModel, without: SensedModel, from_Hz: float) -> tuple
     _, matched = linear_sum_assignment(np.abs(others[:, None] - poles))
     own = poles[np.setdiff1d(np.arange(len(poles)), matched)]
     grid = np.append(PHASE_AT_HZ, np.geomspace(from_Hz, 10 * from_Hz, 2000))
-    ratio = plant.responses(grid)[:, 1, 1] / without.responses(grid)[:, 1, 1]
+    ratio = plant.responses(2j * np.pi * grid)[:, 1, 1] / without.responses(2j * np.pi * grid)[:, 1, 1]
     return float(np.abs(own).max() / (2 * pi)), float(np.degrees(np.angle(ratio[0]))), float(np.abs(ratio[1:]).max())
