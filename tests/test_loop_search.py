@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from beamdesign.controllers import KINDS, Lag, Proportional
 from beamdesign.controllers.form import form_of
-from beamdesign.design.loop_constraints import check_points, guarantee, loop_slack
+from beamdesign.design.loop_constraints import check_points, guarantee, loop_slack, with_peak, with_share
 from beamdesign.design.loop_samples import samples
 from beamdesign.design.starts import (
     SEARCH_FREQUENCIES_HZ,
@@ -178,10 +178,12 @@ def test_slacks_are_those_of_the_exact_loop(paper: Prototype, controller, filter
     rig = with_filter(paper, filter_Hz)
     figures = list(paper_model(rig).figures.values())
     form, logarithms = controller.form()
-    slack = loop_slack(form, filter_Hz is not None)
+    slacks = [loop_slack(form, filter_Hz is not None, kind) for kind in ("peak_sensitivity", "compliance")]
     for outer, inner in ((0.0, 0.0), (6.8, 0.0), (2.0, 4.5)):
         exact = loaded(rig, controller, inner, outer)
-        found = np.array([flat(*slack([*figures, outer, inner], logarithms, f)) for f in FREQUENCIES_HZ])
+        found = np.array(
+            [[float(one([*figures, outer, inner], logarithms, f)) for one in slacks] for f in FREQUENCIES_HZ]
+        )
         np.testing.assert_allclose(found[:, 0], -np.log(np.abs(exact.sensitivity_response(FREQUENCIES_HZ))), atol=1e-9)
         np.testing.assert_allclose(found[:, 1], -np.log(np.abs(exact.compliance_response(FREQUENCIES_HZ))), atol=1e-9)
 
@@ -194,7 +196,10 @@ def test_derivatives_of_slacks_are_those_of_finite_differences(paper: Prototype,
     point = np.log([*figures, LAG.gain_A_per_V, LAG.pole_Hz, LAG.zero_Hz, frequency_Hz])
     x = ca.SX.sym("x", len(point))
     n = len(FIGURES)
-    slacks = ca.vertcat(*loop_slack(form_of("lag"), True)(ca.exp(x[:n]), x[n : n + 3], ca.exp(x[n + 3])))
+    asked = (ca.exp(x[:n]), x[n : n + 3], ca.exp(x[n + 3]))
+    slacks = ca.vertcat(
+        *(loop_slack(form_of("lag"), True, kind)(*asked) for kind in ("peak_sensitivity", "compliance"))
+    )
     value = ca.Function("value", [x], [slacks])
     analytic = np.asarray(ca.Function("jacobian", [x], [ca.jacobian(slacks, x)])(point))
     step = 1e-5
@@ -210,38 +215,32 @@ def test_derivatives_of_slacks_are_those_of_finite_differences(paper: Prototype,
 def test_constraints_at_points_are_slacks_one_by_one(paper: Prototype):
     """Sensitivity points count in Hz, compliance points in shares of the bandwidth."""
     figures = list(paper_model(paper).figures.values())
-    points = check_points(0.0, 6.8, frequencies=4).with_compliance(0.3, np.array([3.4]))
+    points = with_share(check_points(0.0, 6.8, paper.goal, frequencies=4), 0.3, np.array([3.4]))
     logarithms, log_bandwidth = np.log([0.12, 1.3, 38.0]), log(5.0)
-    sensitivity, stiffness = guarantee(
-        loop_slack(form_of("lag"), False),
-        ca.MX(ca.DM(figures)),
-        ca.MX(1.9),
-        ca.MX(ca.DM(logarithms)),
-        ca.MX(log_bandwidth),
-        ca.MX(ca.DM(points.sensitivity)),
-        ca.MX(ca.DM(points.compliance)),
-    )
-    slack = loop_slack(form_of("lag"), False)
-    expected = [slack([*figures, mass, 1.9], logarithms, f)[0] for f, mass in points.sensitivity]
-    np.testing.assert_allclose(flat(ca.evalf(sensitivity)), flat(*expected), rtol=1e-12)
-    expected = [slack([*figures, mass, 1.9], logarithms, 5.0 * share)[1] for share, mass in points.compliance]
-    np.testing.assert_allclose(flat(ca.evalf(stiffness)), flat(*expected), rtol=1e-12)
+    at = (ca.MX(ca.DM(figures)), ca.MX(1.9), ca.MX(ca.DM(logarithms)))
+    assert list(points) == ["peak_sensitivity", "compliance"]
+    for (kind, listed), unit in zip(points.items(), (1.0, np.exp(log_bandwidth)), strict=True):
+        slack = loop_slack(form_of("lag"), False, kind)
+        found = guarantee(slack, *at, ca.MX(ca.DM(unit * listed[:, 0])), ca.MX(ca.DM(listed[:, 1])))
+        expected = [slack([*figures, mass, 1.9], logarithms, unit * f) for f, mass in listed]
+        np.testing.assert_allclose(flat(ca.evalf(found)), flat(*expected), rtol=1e-12)
 
 
-def test_check_points_cover_both_ends_and_grow():
-    points = check_points(1.0, 6.8)
-    assert set(points.sensitivity[:, 1]) == set(points.compliance[:, 1]) == {1.0, 6.8}
-    assert points.compliance[:, 0].max() == 1.0
-    more = points.with_sensitivity(42.0, 2.5)
-    added = more.sensitivity[len(points.sensitivity) :]
-    assert len(points.sensitivity) == len(check_points(1.0, 6.8).sensitivity)
+def test_check_points_cover_both_ends_and_grow(paper: Prototype):
+    points = check_points(1.0, 6.8, paper.goal)
+    sensitivity, compliance = points["peak_sensitivity"], points["compliance"]
+    assert set(sensitivity[:, 1]) == set(compliance[:, 1]) == {1.0, 6.8}
+    assert compliance[:, 0].max() == 1.0
+    more = with_peak(points, "peak_sensitivity", 42.0, 2.5)
+    added = more["peak_sensitivity"][len(sensitivity) :]
+    assert len(sensitivity) == len(points["peak_sensitivity"])
     assert np.all(added[:, 1] == 2.5)
     assert added[:, 0].min() < 42.0 < added[:, 0].max()
     assert 42.0 in added[:, 0]
-    beyond = points.with_compliance(1.2, np.array([2.0, 3.0])).compliance[len(points.compliance) :]
+    beyond = with_share(points, 1.2, np.array([2.0, 3.0]))["compliance"][len(compliance) :]
     np.testing.assert_array_equal(beyond, [[1.0, 2.0], [1.0, 3.0]])
 
 
-def test_a_single_mass_is_checked_once():
-    points = check_points(3.0, 3.0)
-    assert len(points.sensitivity) * 2 == len(check_points(0.0, 3.0).sensitivity)
+def test_a_single_mass_is_checked_once(paper: Prototype):
+    points = check_points(3.0, 3.0, paper.goal)["peak_sensitivity"]
+    assert len(points) * 2 == len(check_points(0.0, 3.0, paper.goal)["peak_sensitivity"])

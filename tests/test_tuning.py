@@ -18,7 +18,6 @@ from beamdesign.controllers.form import form_of
 from beamdesign.design import refinement, tuning
 from beamdesign.design.bandwidth_polish import Polish
 from beamdesign.design.law_search import Found, Search, Start
-from beamdesign.design.loop_constraints import limit_slack, loop_slack
 from beamdesign.design.loop_samples import samples
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
 from beamdesign.design.starts import SEARCH_FREQUENCIES_HZ, best_gain, best_starts
@@ -268,8 +267,7 @@ def program(rig: Prototype) -> refinement.LoopProgram:
         goal=rig.goal,
         outer_end_mass_kg=RANGE_KG,
         figures=lambda sections: ca.MX(figures),
-        slack=loop_slack(form, filtered=False),
-        limits=limit_slack(form, filtered=False),
+        filtered=False,
         structure=lambda variables: ca.MX(0, 1),
         objective=lambda variables: -variables[form.size + 1],
         lower=bounds[:, 0],

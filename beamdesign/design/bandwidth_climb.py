@@ -6,12 +6,12 @@ programming and nonsmooth optimization by successive linear programming, Mathema
 optimum nearly as many limits are active as there are variables, so that steps of first order are enough.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beamdesign.controllers.form import Form
-from beamdesign.design.loop_samples import Samples, Slacks, sampled_bandwidth, slacks
+from beamdesign.design.loop_samples import COMPLIANCE, OTHERS, Samples, Slacks, sampled_bandwidth, slacks
 from beamdesign.prototype import Goal
 
 _BEYOND = 1.06
@@ -75,8 +75,9 @@ def climb(
         then = slacks(points, goal, form, tried)
         gained = _merit(points, then, aim) - merit
         if gained < 0.7 * (foreseen - merit) or not then.settled:
-            # Curvature spoilt the step: linearise again with what the limits are at its end.
-            bent = _bent(now, then, move)
+            # Curvature spoilt the step: linearise again with what the limits are at its end,
+            # taken back along it with the slopes of its beginning.
+            bent = replace(now, values=then.values - now.slopes @ move)
             again, _ = _step(points, bent, aim, least, greatest)
             tried_again = here + again
             then_again = slacks(points, goal, form, tried_again)
@@ -105,29 +106,19 @@ def _merit(points: Samples, found: Slacks, aim: float) -> float:
     return float(found.compliance[points.frequency_Hz <= aim].min()) - _PENALTY * found.violation
 
 
-def _bent(now: Slacks, then: Slacks, move: np.ndarray) -> Slacks:
-    """The slacks at the end of a move, taken back along it with the slopes of its beginning."""
-    parts = (then.sensitivity, then.compliance, then.loop_gain, then.effort)
-    sensitivity, compliance, loop_gain, effort = (
-        value - slope @ move for value, slope in zip(parts, now.slopes, strict=True)
-    )
-    return Slacks(sensitivity, compliance, loop_gain, effort, now.slopes, now.settled)
-
-
 def _step(points: Samples, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:
     """The best move within bounds by the linearised slacks, and the merit that is foreseen of it."""
     from scipy.optimize import linprog
 
     widest = np.maximum(np.abs(least), np.abs(most))
-    compliance, slopes = now.compliance[points.frequency_Hz <= aim], now.slopes[1][points.frequency_Hz <= aim]
+    below = points.frequency_Hz <= aim
+    compliance, slopes = now.compliance[below], now.slopes[COMPLIANCE][below]
     # What cannot become active within these bounds is left out.
     worst = float(compliance.min()) + float((np.abs(slopes) @ widest).max())
     near = compliance - np.abs(slopes) @ widest < worst
     count = len(least)
     rows, right = [np.hstack([-slopes[near], np.ones((near.sum(), 1)), np.zeros((near.sum(), 1))])], [compliance[near]]
-    for slack, slope in zip(
-        (now.sensitivity, now.loop_gain, now.effort), (now.slopes[0], *now.slopes[2:]), strict=True
-    ):
+    for slack, slope in zip(now.values[OTHERS], now.slopes[OTHERS], strict=True):
         near = slack - np.abs(slope) @ widest < 0
         rows.append(np.hstack([-slope[near], np.zeros((near.sum(), 1)), -np.ones((near.sum(), 1))]))
         right.append(slack[near])

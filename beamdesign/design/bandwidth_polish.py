@@ -14,17 +14,19 @@ from flint import fmpq_poly
 
 from beamdesign.controllers.form import UNIT, Form
 from beamdesign.design.interruption import interruption_waits
-from beamdesign.design.loop_constraints import Pair, added_up, log_size, on_axis, product
-from beamdesign.design.loop_samples import Samples, Slacks, sampled_bandwidth, slacks
+from beamdesign.design.loop_constraints import Pair, added_up, on_axis, product, slack_of
+from beamdesign.design.loop_samples import Samples, Slacks, counting, sampled_bandwidth, slacks
+from beamdesign.design.loop_set import LIMITED, goal_limits
 from beamdesign.linear import BilinearPlant, PairOver
+from beamdesign.proof.performance import Kind
 from beamdesign.proof.rational import nearest
 from beamdesign.prototype import Goal
 
 _EVERY = 6
 """Of how many neighbouring points one is enforced wherever it stands."""
 
-_WORST = (100, 25, 50)
-"""How many of the worst points of sensitivity, loop gain and effort are enforced beside these."""
+_WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50}
+"""How many of the worst points of each limit but the compliance are enforced beside these."""
 
 _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1.0, 21)])
 
@@ -137,10 +139,13 @@ class Polish:
         # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
         near = sampled_bandwidth(self.points, now.compliance + NEARLY)
         beta = log(max(bandwidth_Hz, near, 0.5))
-        sensitivity, compliance, loop_gain, effort = zip(now.limited, now.held_on, strict=True)
-        limited = zip((sensitivity, loop_gain, effort), _WORST, strict=True)
-        data = [_data(points, _chosen(slack, worst)).ravel(order="F") for (slack, points), worst in limited]
-        data += [self._moved(compliance[1], row, np.exp(beta)).ravel(order="F") for _, _, row in self.plants]
+        limited = dict(zip(LIMITED, zip(now.values, now.held_on, strict=True), strict=True))
+        data = [
+            _data(on, _chosen(slack, worst)).ravel(order="F")
+            for (slack, on), worst in ((limited[kind], worst) for kind, worst in _WORST.items())
+        ]
+        off = limited["compliance"][1]
+        data += [self._moved(off, row, np.exp(beta)).ravel(order="F") for _, _, row in self.plants]
         with interruption_waits():
             found = self._solver(
                 x0=np.append(start, beta),
@@ -176,13 +181,15 @@ class Polish:
         inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
         data, found = [], []
         rows = 2 + 2 * (1 + 2 * len(self.form.sensors))
-        for which, worst in enumerate(_WORST):
-            size = len(_chosen(self._limited(which), worst))
-            given = ca.MX.sym(f"data_{which}", rows, size)
+        # How many points are enforced must not change: as many as ever count.
+        counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
+        for kind, worst in _WORST.items():
+            size = len(_chosen(counts[kind], worst))
+            given = ca.MX.sym(f"data_{kind}", rows, size)
             data.append(given)
             if not size:
                 continue
-            point = _point(table.shape, self.goal, which).map(size)
+            point = _point(table.shape, kind, log(goal_limits(self.goal)[kind])).map(size)
             found.append(point(ca.repmat(ca.vec(table), 1, size), ca.repmat(inner, 1, size), given).T - inside)
         n = len(_SHARES) * len(self.masses)
         masses = ca.DM(np.tile(self.masses, len(_SHARES))).T
@@ -206,15 +213,6 @@ class Polish:
                 "ipopt.bound_relax_factor": 0.0,
             },
         )
-
-    def _limited(self, which: int) -> np.ndarray:
-        """Zero where a limit ever counts, else infinite: how many points are enforced must not change."""
-        asked = (True, self.goal.loop_gain is not None, self.goal.controller_effort_A_per_V is not None)[which]
-        counts = (self.points.looser == 1.0) if which else np.full(len(self.points.frequency_Hz), True)
-        if which == 1:
-            counts &= self.points.frequency_Hz >= self.goal.loop_gain_from_Hz
-        counts &= asked
-        return np.where(counts, 0.0, np.inf)
 
 
 def _data(at: Samples, index: np.ndarray) -> np.ndarray:
@@ -242,31 +240,24 @@ def _chosen(slack: np.ndarray, worst: int) -> np.ndarray:
     return np.concatenate([even, rest[np.argsort(slack[rest], kind="stable")[:worst]]])
 
 
-def _plus(one: Pair, two: Pair) -> Pair:
-    return one[0] + two[0], one[1] + two[1]
+def _law(coefficients: ca.SX, w: ca.SX) -> tuple[list[Pair], Pair]:
+    """Numerators of a law and their denominator at j w."""
+    *above, below = (on_axis(ca.horzsplit(row), w / UNIT) for row in ca.vertsplit(coefficients))
+    return above, below
 
 
-def _point(shape: tuple[int, int], goal: Goal, which: int) -> ca.Function:
-    """Slack of sensitivity, loop gain or effort (0, 1, 2) at one point, from the law's coefficients, mass and data."""
+def _point(shape: tuple[int, int], kind: Kind, limit: float) -> ca.Function:
+    """Slack of a limit (its logarithm) at one point, from the law's coefficients, mass and data."""
     coefficients = ca.SX.sym("coefficients", *shape)
-    p = shape[0] - 1
-    half = 1 + 2 * p
+    half = 2 * shape[0] - 1
     inner, data = ca.SX.sym("inner"), ca.SX.sym("data", 2 + 2 * half)
-    w, looser = data[0], data[1]
     values: list[Pair] = [(data[2 + k], data[2 + half + k]) for k in range(half)]
-    *above, below = (on_axis(ca.horzsplit(coefficients[row, :]), w / UNIT) for row in range(p + 1))
     plant: Pair = (1 + inner * values[0][0], inner * values[0][1])
-    opened, returned = product(plant, below), (ca.SX(0), ca.SX(0))
-    for k in range(p):
-        bare, added = values[1 + 2 * k : 3 + 2 * k]
-        returned = _plus(returned, product(above[k], (bare[0] + inner * added[0], bare[1] + inner * added[1])))
-    closed = log_size(_plus(opened, returned))  # of what opens times 1 + L
-    if which == 0:
-        slack = closed - log_size(opened) + log(goal.peak_sensitivity) + ca.log(looser)
-    elif which == 1:
-        slack = log_size(opened) - log_size(returned) + log(goal.loop_gain or 1.0)
-    else:
-        slack = closed - log_size(plant) - log_size(above[0]) + log(goal.controller_effort_A_per_V or 1.0)
+    control = [
+        (bare[0] + inner * added[0], bare[1] + inner * added[1])
+        for bare, added in zip(values[1::2], values[2::2], strict=True)
+    ]
+    slack = slack_of(kind, _law(coefficients, data[0]), plant, control) + limit + ca.log(data[1])
     return ca.Function("point", [ca.vec(coefficients), inner, data], [slack])
 
 
@@ -276,7 +267,6 @@ def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> c
     p = shape[0] - 1
     inner, outer, frequency = (ca.SX.sym(name) for name in ("inner", "outer", "frequency"))
     moves, w = ca.SX.sym("moves", 2 * (1 + 2 * p)), 2 * pi * frequency
-    *above, below = (on_axis(ca.horzsplit(coefficients[row, :]), w / UNIT) for row in range(p + 1))
 
     def at(*weighted: tuple[ca.SX | float, fmpq_poly]) -> Pair:
         return on_axis(added_up((by, [nearest(c) for c in polynomial.coeffs()]) for by, polynomial in weighted), w)
@@ -289,13 +279,12 @@ def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> c
         (own, within), (slope, both) = rows
         return at((by, own), (by * inner, within), (by * outer, slope), (by * outer * inner, both))
 
-    closed = product(over_both(plant.denominator), below)
-    force = product(moved(p, at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))), below)
-    for k in range(p):
-        closed = _plus(closed, product(above[k], moved(k, over_both(plant.control[k], factor))))
-        own, added = plant.crossed[k]
-        if not (own.is_zero() and added.is_zero()):
-            force = _plus(force, product(above[k], moved(p + 1 + k, at((factor, own), (factor * inner, added)))))
-    return ca.Function(
-        "stiffness", [ca.vec(coefficients), inner, outer, frequency, moves], [log_size(closed) - log_size(force)]
+    slack = slack_of(
+        "compliance",
+        _law(coefficients, w),
+        over_both(plant.denominator),
+        [moved(k, over_both(rows, factor)) for k, rows in enumerate(plant.control)],
+        moved(p, at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))),
+        [moved(p + 1 + k, at((factor, own), (factor * inner, added))) for k, (own, added) in enumerate(plant.crossed)],
     )
+    return ca.Function("stiffness", [ca.vec(coefficients), inner, outer, frequency, moves], [slack])

@@ -12,7 +12,6 @@ from scipy.stats import qmc
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import Form, form_of
 from beamdesign.design.checks import Check, beam_mass, checks, materials
-from beamdesign.design.loop_constraints import limit_slack, loop_slack
 from beamdesign.design.pair import check_sections
 from beamdesign.design.program import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
@@ -130,7 +129,7 @@ def codesign_program(
     """Least moving mass at a given bandwidth."""
     sizing = sizing_program(problem)
     parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
-    count, filtered = form.size, problem.sensor.filter_Hz is not None
+    count = form.size
     largest_inner = problem.controller.largest_inner_end_mass_kg
     aimed = log(bandwidth_Hz * (1 + 1e-5))
     widest, thinnest = problem.sections.largest_width_m, problem.sections.least_wall_m
@@ -149,8 +148,7 @@ def codesign_program(
         goal=problem.goal,
         outer_end_mass_kg=masses_kg,
         figures=_symbolic_figures(problem),
-        slack=loop_slack(form, filtered),
-        limits=limit_slack(form, filtered),
+        filtered=problem.sensor.filter_Hz is not None,
         structure=lambda variables: -parts(variables[count + 2 :], sizing.figures)[0] - ROUNDED_SLACK,
         objective=lambda variables: (
             parts(variables[count + 2 :], sizing.figures)[1]

@@ -4,16 +4,16 @@ The variables are those of a law's form, then the inner end mass in kg. Everythi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import reduce
-from math import log, pi
+from math import pi
 
 import numpy as np
 from flint import fmpq_poly
 
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.design.loop_set import LOOSER_PEAK, ends
+from beamdesign.design.loop_set import LIMITED, LOOSER_PEAK, ends, goal_limits
 from beamdesign.linear import BilinearPlant, PairOver
 from beamdesign.members import Member
 from beamdesign.proof.rational import nearest
@@ -66,15 +66,9 @@ class Samples:
 
     def joined(self, other: "Samples") -> "Samples":
         """With the points of another, in rows of their own."""
-        return Samples(
-            np.append(self.frequency_Hz, other.frequency_Hz),
-            np.append(self.row, other.row + self.row.max() + 1),
-            np.append(self.denominator, other.denominator),
-            np.concatenate([self.control, other.control], axis=-1),
-            np.concatenate([self.disturbance, other.disturbance], axis=-1),
-            np.concatenate([self.crossed, other.crossed], axis=-1),
-            np.append(self.looser, other.looser),
-        )
+        names = [each.name for each in fields(Samples)]
+        whole = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=-1) for name in names}
+        return replace(self, **whole | {"row": np.append(self.row, other.row + self.row.max() + 1)})
 
     def worst(self, goal: Goal, form: Form, variables: np.ndarray) -> tuple["Samples", ...]:
         """The samples on which each limit is held, as of `Slacks.held_on`: these, where the rig's figures stand."""
@@ -152,27 +146,37 @@ class Slacks:
     """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
 
     Attributes:
-        sensitivity: (n,) log of limit over |S|.
-        compliance: (n,) log of limit over |x / F_d|.
-        loop_gain: (n,) log of limit over |L|, infinite below the frequency from which it is limited.
-        effort: (n,) log of limit over |C S|, C from the displacement sensor's volts.
-        slopes: for each of these, in this order, (n, v).
+        values: (4, n) log of limit over |S|, |x / F_d|, |L| and |C S|, C from the displacement sensor's volts, as
+            `LIMITED` lists them; infinite where a limit does not count.
+        slopes: (4, n, v); none where none were asked for.
         settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell.
-        held_on: for each of these limits, in this order, the samples that it was held against.
+        held_on: for each of these limits the samples that it was held against.
     """
 
-    sensitivity: np.ndarray
-    compliance: np.ndarray
-    loop_gain: np.ndarray
-    effort: np.ndarray
-    slopes: tuple[np.ndarray, ...]
+    values: np.ndarray
+    slopes: np.ndarray
     settled: bool
     held_on: tuple[Samples, ...] = ()
 
     @property
-    def limited(self) -> tuple[np.ndarray, ...]:
-        """All four, in this order."""
-        return self.sensitivity, self.compliance, self.loop_gain, self.effort
+    def sensitivity(self) -> np.ndarray:
+        """(n,) log of limit over |S|."""
+        return np.asarray(self.values[0])
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """(n,) log of limit over |x / F_d|."""
+        return np.asarray(self.values[1])
+
+    @property
+    def loop_gain(self) -> np.ndarray:
+        """(n,) log of limit over |L|."""
+        return np.asarray(self.values[2])
+
+    @property
+    def effort(self) -> np.ndarray:
+        """(n,) log of limit over |C S|."""
+        return np.asarray(self.values[3])
 
     @property
     def violation(self) -> float:
@@ -181,7 +185,11 @@ class Slacks:
 
     def violation_inside(self, inside: float) -> float:
         """The same for limits that are to be kept with so much to spare."""
-        return max(0.0, *(inside - float(part.min()) for part in (self.sensitivity, self.loop_gain, self.effort)))
+        return max(0.0, inside - float(self.values[OTHERS].min()))
+
+
+COMPLIANCE, OTHERS = 1, [0, 2, 3]
+"""Places in `LIMITED`."""
 
 
 def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True) -> Slacks:
@@ -200,16 +208,24 @@ def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slope
     held_on = points.worst(goal, form, variables)
     distinct = {id(one): one for one in (points, *held_on)}
     found = {key: slacks_of(one, goal, own, inner, of_own) for key, one in distinct.items()}
-    sensitivity, compliance, loop_gain, effort = each = [found[id(one)] for one in held_on]
+    each = [found[id(one)] for one in held_on]
     return Slacks(
-        sensitivity.sensitivity,
-        compliance.compliance,
-        loop_gain.loop_gain,
-        effort.effort,
-        tuple(one.slopes[k] for k, one in enumerate(each)) if slopes else (),
+        np.array([one.values[k] for k, one in enumerate(each)]),
+        np.array([one.slopes[k] for k, one in enumerate(each)]) if slopes else NONE,
         found[id(points)].settled,
         held_on,
     )
+
+
+NONE = np.empty(0)
+
+
+def counting(points: Samples, goal: Goal) -> np.ndarray:
+    """(4, n) at which points each limit counts."""
+    performs = points.looser == 1.0
+    far = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
+    where = np.array([np.full(len(performs), True), performs, far, performs])
+    return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
 
 
 def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
@@ -226,26 +242,20 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     moved = disturbance + (own * crossed).sum(axis=0)
     loop = (own * control).sum(axis=0)
     closed = np.log(np.abs(1 + loop))
-    performs = points.looser == 1.0
-    from_there = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
-    nothing = np.full(len(loop), np.inf)
+    limits = goal_limits(goal)
+    logarithms = np.log([limits.get(kind, 1.0) for kind in LIMITED])[:, None]
     with np.errstate(divide="ignore"):
-        found = (
-            closed + log(goal.peak_sensitivity) + np.log(points.looser),
-            np.where(performs, closed - np.log(np.abs(moved)) + log(goal.compliance_m_per_N), np.inf),
-            nothing
-            if goal.loop_gain is None
-            else np.where(from_there, log(goal.loop_gain) - np.log(np.abs(loop)), np.inf),
-            nothing
-            if goal.controller_effort_A_per_V is None
-            else np.where(performs, closed - np.log(np.abs(own[0])) + log(goal.controller_effort_A_per_V), np.inf),
+        left = np.array(
+            [closed, closed - np.log(np.abs(moved)), -np.log(np.abs(loop)), closed - np.log(np.abs(own[0]))]
         )
+    left = np.where(counting(points, goal), left + logarithms, np.inf)
+    left[0] += np.log(points.looser)
     steps = np.diff(np.angle(1 + loop))
     steps = (steps + pi) % (2 * pi) - pi
     same = np.diff(points.row) == 0
     settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
     if of_own is None:
-        return Slacks(*found, (), settled)
+        return Slacks(left, NONE, settled)
     shrinks = points.denominator / plant
     of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
     by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
@@ -255,13 +265,8 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
     of_closed = (of_loop / (1 + loop)[:, None]).real
     of_effort = of_closed.copy()
     of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
-    parts = (
-        of_closed,
-        of_closed - (of_moved / moved[:, None]).real,
-        -(of_loop / loop[:, None]).real,
-        of_effort,
-    )
-    return Slacks(*found, parts, settled)
+    of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
+    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort]), settled)
 
 
 def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:

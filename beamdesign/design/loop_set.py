@@ -9,10 +9,20 @@ from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, rig_loop
 from beamdesign.members import Member
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import Asked, Claim, goal_claims
+from beamdesign.proof.certificate import Asked, Claim, Kind, goal_claims
 from beamdesign.proof.performance import bandwidth, least_limit, prove
 from beamdesign.proof.rectangle import Rectangle, scaled
 from beamdesign.prototype import Goal
+
+LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "controller_effort")
+"""What a goal limits, in the order of everything that is listed by limit."""
+
+
+def goal_limits(goal: Goal) -> dict[Kind, float]:
+    """The limits that a goal sets, in this order."""
+    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V)
+    return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
+
 
 LOOSER_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
@@ -70,12 +80,9 @@ class LoopSet:
     def excess(self, goal: Goal) -> float:
         """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
         performing = list(self.performing.values())
-        shares = [self.peak_sensitivity() / goal.peak_sensitivity]
-        if goal.loop_gain is not None:
-            shares.append(least_limit(performing, "loop_gain", goal.loop_gain_from_Hz) / goal.loop_gain)
-        if goal.controller_effort_A_per_V is not None:
-            shares.append(least_limit(performing, "controller_effort") / goal.controller_effort_A_per_V)
-        return log(max(shares)) if max(shares) < inf else inf
+        asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in asked)
+        return log(most) if most < inf else inf
 
     def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
         """Proved of each member that is to perform, Hz."""

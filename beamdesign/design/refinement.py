@@ -15,8 +15,8 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
 from beamdesign.design.interruption import interruption_waits
-from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, reach
-from beamdesign.design.loop_set import LoopSet, loop_set
+from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, loop_slack, with_peak, with_share
+from beamdesign.design.loop_set import LoopSet, goal_limits, loop_set
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.members import Member
 from beamdesign.proof.certificate import Claim, Kind
@@ -88,8 +88,8 @@ _STUCK = 1e-4
 _HIGH_PEAK = 0.7
 """Share of the limit from which a peak of the sensitivity counts as high."""
 
-_SPARE = (60, 20, 20, 40)
-"""Slots for further check points of each list, before a solver is built anew with more."""
+_SPARE: dict[Kind, int] = {"peak_sensitivity": 60, "compliance": 20, "loop_gain": 20, "controller_effort": 40}
+"""Slots for further check points of each limit, before a solver is built anew with more."""
 
 _SMALLEST_SHARE = 1e-3
 """Least share of the bandwidth at which compliance is enforced: at rest it may vanish, and has no logarithm then."""
@@ -107,8 +107,7 @@ class LoopProgram:
         goal: limits of compliance and peak sensitivity.
         outer_end_mass_kg: range of the guarantee.
         figures: the section variables to the (14,) lumped figures; to none where they stand.
-        slack: what is enforced at check points, see `beamdesign.design.loop_constraints.loop_slack`.
-        limits: likewise, of loop gain and effort, see `limit_slack` there.
+        filtered: whether the sensor has a filter.
         structure: all variables to slacks that must not be negative.
         objective: all variables to what is minimised.
         lower: (n,) bounds of all variables.
@@ -128,8 +127,7 @@ class LoopProgram:
     goal: Goal
     outer_end_mass_kg: tuple[float, float]
     figures: Callable[[ca.MX], ca.MX]
-    slack: ca.Function
-    limits: ca.Function
+    filtered: bool
     structure: Callable[[ca.MX], ca.MX]
     objective: Callable[[ca.MX], ca.MX]
     lower: np.ndarray
@@ -173,37 +171,25 @@ class _Solver:
     """IPOPT for one program: the check points are parameters, in slots that repeat a point where unused."""
 
     def __init__(self, program: LoopProgram, points: CheckPoints):
-        self._slots = tuple(
-            len(given) + (spare if len(given) else 0) for given, spare in zip(_lists(points), _SPARE, strict=True)
-        )
+        self._slots = {kind: len(given) + _SPARE[kind] for kind, given in points.items()}
         self._program = program
         count, n = program.form.size, len(program.lower)
-        variables = ca.MX.sym("variables", n)
+        variables, inside = ca.MX.sym("variables", n), ca.MX.sym("inside")
         logarithms, inner, log_bandwidth, sections = ca.vertsplit(variables, [0, count, count + 1, count + 2, n])
-        sensitivity_points, compliance_points, gain_points, effort_points = (
-            ca.MX.sym(name, k, 2) for name, k in zip("scle", self._slots, strict=True)
-        )
-        goal = program.goal
-        inside = ca.MX.sym("inside")
-        at = (program.figures(sections), inner, logarithms)
-        sensitivity, stiffness = guarantee(program.slack, *at, log_bandwidth, sensitivity_points, compliance_points)
-        slacks = [
-            sensitivity + log(goal.peak_sensitivity) - inside,
-            stiffness + log(goal.compliance_m_per_N) - _INSIDE,
-        ]
-        loop_gain, effort = reach(program.limits, *at, gain_points, effort_points)
-        if goal.loop_gain is not None:
-            slacks.append(loop_gain + log(goal.loop_gain) - inside)
-        if goal.controller_effort_A_per_V is not None:
-            slacks.append(effort + log(goal.controller_effort_A_per_V) - inside)
+        limits, figures, slacks, places = goal_limits(program.goal), program.figures(sections), [], []
+        for kind, slots in self._slots.items():
+            place = ca.MX.sym(kind, slots, 2)
+            frequency = ca.exp(log_bandwidth) * place[:, 0] if kind == "compliance" else place[:, 0]
+            slack = loop_slack(program.form, program.filtered, kind)
+            found = guarantee(slack, figures, inner, logarithms, frequency, place[:, 1]) + log(limits[kind])
+            slacks.append(found - (_INSIDE if kind == "compliance" else inside))
+            places.append(place)
         self._solver = ca.nlpsol(
             "loop",
             "ipopt",
             {
                 "x": variables,
-                "p": ca.vertcat(
-                    *map(ca.vec, (sensitivity_points, compliance_points, gain_points, effort_points)), inside
-                ),
+                "p": ca.vertcat(*map(ca.vec, places), inside),
                 "f": program.objective(variables),
                 "g": ca.vertcat(*slacks, program.structure(variables)),
             },
@@ -220,7 +206,7 @@ class _Solver:
 
     def holds(self, points: CheckPoints) -> bool:
         """Whether there are slots for all of the points."""
-        return all(len(given) <= slots for given, slots in zip(_lists(points), self._slots, strict=True))
+        return all(len(points[kind]) <= slots for kind, slots in self._slots.items())
 
     def __call__(self, start: np.ndarray, points: CheckPoints, inside: float, reach: float) -> np.ndarray:
         """Minimise the objective with the guarantee enforced at the points.
@@ -235,18 +221,14 @@ class _Solver:
             The variables where IPOPT stopped, whatever its status: only a proof of the result counts.
         """
         slots = [
-            np.vstack([given, np.repeat(given[:1], count - len(given), axis=0)]).ravel(order="F")
-            for given, count in zip(_lists(points), self._slots, strict=True)
+            np.vstack([given, np.repeat(given[:1], self._slots[kind] - len(given), axis=0)]).ravel(order="F")
+            for kind, given in points.items()
         ]
         lower, upper = np.maximum(self._program.lower, start - reach), np.minimum(self._program.upper, start + reach)
         given = np.concatenate([*slots, [inside]])
         with interruption_waits():
             found = self._solver(x0=start, p=given, lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
         return np.clip(np.asarray(found["x"]).ravel(), lower, upper)
-
-
-def _lists(points: CheckPoints) -> tuple[np.ndarray, ...]:
-    return points.sensitivity, points.compliance, points.loop_gain, points.controller_effort
 
 
 def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -> CheckPoints:
@@ -262,7 +244,7 @@ def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -
     loops = loop_set(members, controller, float(anchor[count]), (low, high))
     for loop in loops.ends():
         for frequency, mass in high_peaks(loop, low, high, _HIGH_PEAK * program.goal.peak_sensitivity):
-            points = points.with_sensitivity(frequency, mass)
+            points = with_peak(points, "peak_sensitivity", frequency, mass)
     return points
 
 
@@ -280,7 +262,7 @@ def _with_refuted(
         worst = max(sampled, key=lambda found: found[0])
         for place in (witness, worst[1:3]):
             peak = peak_near(worst[3], claim.kind, *place, low, high, from_Hz)
-            points = points.with_magnitude(claim.kind, *peak, from_Hz)
+            points = with_peak(points, claim.kind, *peak, from_Hz)
     return points
 
 
@@ -294,7 +276,7 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
     """
     count = program.form.size
     low, high = program.outer_end_mass_kg
-    points, inside, within = check_points(low, high, goal=program.goal), _INSIDE, program.reach
+    points, inside, within = check_points(low, high, program.goal), _INSIDE, program.reach
     solver = _Solver(program, points)
     anchor, best = np.clip(start, program.lower, program.upper), None
     fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
@@ -344,7 +326,7 @@ def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> R
             best = found if best is None else min(best, found, key=program.cost)
         aimed = exp(variables[count + 1])
         if bandwidth < aimed * (1 - 1e-4) or bandwidth < needed_Hz <= aimed:  # refuted between the check points
-            points = points.with_compliance(max(bandwidth / aimed, _SMALLEST_SHARE), low + SHARES * (high - low))
+            points = with_share(points, max(bandwidth / aimed, _SMALLEST_SHARE), low + SHARES * (high - low))
         elif moved < 0.99 * within:
             break
     return Refinement(best, certificates, "" if best else reason)

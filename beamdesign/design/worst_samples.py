@@ -7,13 +7,13 @@ reliability method (A. M. Hasofer and N. C. Lind, Exact and invariant second-mom
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import pi
 
 import numpy as np
 
 from beamdesign.controllers.form import Form
-from beamdesign.design.loop_samples import Samples, sampled_bandwidth, slacks
+from beamdesign.design.loop_samples import COMPLIANCE, Samples, sampled_bandwidth, slacks
 from beamdesign.design.rig_spread import RigSpread
 from beamdesign.members import Member
 from beamdesign.prototype import Goal
@@ -30,13 +30,16 @@ class WorstSamples(Samples):
         spread: of the rigs.
         more: d samples, one figure each one step larger.
         less: likewise, smaller.
-        step: in standard deviations.
     """
 
     spread: RigSpread
     more: tuple[Samples, ...]
     less: tuple[Samples, ...]
-    step: float
+
+    @property
+    def step(self) -> float:
+        """How much larger or smaller, in standard deviations."""
+        return self.spread.sigmas / 2
 
     def joined(self, other: Samples) -> "WorstSamples":
         """With the points of another, which are of rigs that are off as well."""
@@ -44,7 +47,7 @@ class WorstSamples(Samples):
             raise TypeError("samples of rigs that are off are joined with such only")
         more = tuple(one.joined(two) for one, two in zip(self.more, other.more, strict=True))
         less = tuple(one.joined(two) for one, two in zip(self.less, other.less, strict=True))
-        return _of(super().joined(other), self.spread, more, less, self.step)
+        return replace(self, **vars(super().joined(other)) | {"more": more, "less": less})
 
     def worst(self, goal: Goal, form: Form, variables: np.ndarray) -> tuple[Samples, ...]:
         """The nominal samples with, at every point, the responses of the rig that is worst for each limit there."""
@@ -101,15 +104,13 @@ class WorstSamples(Samples):
     def _shifted(self, moved: np.ndarray) -> Samples:
         """Samples of these points with responses whose logarithms are off by (r, n)."""
         p, factor = len(self.control), np.exp(moved)
-        return Samples(
-            self.frequency_Hz,
-            self.row,
-            self.denominator,
-            self.control * factor[:p, None],
-            self.disturbance * factor[p],
-            self.crossed * factor[p + 1 :, None],
-            self.looser,
-        )
+        nominal = {each.name: getattr(self, each.name) for each in fields(Samples)}
+        off = {
+            "control": self.control * factor[:p, None],
+            "disturbance": self.disturbance * factor[p],
+            "crossed": self.crossed * factor[p + 1 :, None],
+        }
+        return Samples(**nominal | off)
 
 
 def _responses(points: Samples, inner: float) -> np.ndarray:
@@ -128,13 +129,6 @@ def _slope(z: np.ndarray, curves: np.ndarray) -> np.ndarray:
     return np.asarray(curves[0] + z[:, None] * curves[1])
 
 
-def _of(
-    nominal: Samples, spread: RigSpread, more: tuple[Samples, ...], less: tuple[Samples, ...], step: float
-) -> WorstSamples:
-    own = {each.name: getattr(nominal, each.name) for each in fields(Samples)}
-    return WorstSamples(**own, spread=spread, more=more, less=less, step=step)
-
-
 def worst_samples(
     spread: RigSpread, members: Sequence[Member], sampled: Callable[[Sequence[Member]], Samples]
 ) -> WorstSamples:
@@ -147,7 +141,7 @@ def worst_samples(
     """
     step, count = spread.sigmas / 2, len(spread.deviations)
     more, less = (tuple(sampled(spread.members(side * step * unit)) for unit in np.eye(count)) for side in (1.0, -1.0))
-    return _of(sampled(members), spread, more, less, step)
+    return WorstSamples(**vars(sampled(members)), spread=spread, more=more, less=less)
 
 
 MOST_RIGS = 8
@@ -165,14 +159,9 @@ def worst_rigs(
     found = slacks(points, goal, form, variables, slopes=False)
     reached = sampled_bandwidth(points, found.compliance)
     limits, compliance, gain = points.deviations(form, variables)
-    below = np.where(points.frequency_Hz <= reached, found.compliance, np.inf)
+    found.values[COMPLIANCE, points.frequency_Hz > reached] = np.inf
     listed: list[tuple[float, np.ndarray]] = []
-    for slack, z in (
-        (found.sensitivity, limits),
-        (below, compliance),
-        (found.loop_gain, gain),
-        (found.effort, limits),
-    ):
+    for slack, z in zip(found.values, (limits, compliance, gain, limits), strict=True):
         listed += [(float(slack[k]), points.spread.rounded(z[:, k])) for k in np.nonzero(slack < _NEAR)[0]]
     chosen: list[np.ndarray] = []
     for _, z in sorted(listed, key=lambda pair: pair[0]):
