@@ -7,6 +7,7 @@ import subprocess
 import tomllib
 import unicodedata
 from collections.abc import Mapping
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -38,12 +39,13 @@ from beamdesign.realisation.realise import Realisation, realise
 from beamdesign.records import InputError, Longest, Record, parse
 from beamdesign.report.blindcheck_result import markdown
 from beamdesign.report.record_plot import write_record_page
-from beamdesign.report.specification import specification_markdown
 from beamdesign.report.study_plot import draw
 from beamdesign.report.svg import inline_svg
 from beamdesign.scenario import FromCsv, ScenarioRecord, Step
 from beamdesign.specification.document import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
 from beamdesign.specification.drawing import drawing, dxf_text, svg_text
+from beamdesign.specification.folder import document_of
+from beamdesign.specification.specification import specification_of
 from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.study.sweep_file import Picture as Drawn
 from beamdesign.study.sweep_file import Sweep
@@ -232,12 +234,10 @@ def test_titles_are_the_names(name: str) -> None:
 
 
 def test_the_specification_of_a_design_under_any_name() -> None:
-    run = finished_run()
-    problems = (run.problem.model_copy(update={"name": name}) for name in (every_mark, PLAIN))
-    files = {"prototype": "prototype.toml", "certificate": "certificate.toml"}
+    spec = specification_of(finished_run())
     made, plain = (
-        blocks(specification_markdown(run.__class__(problem, *list(run.__dict__.values())[1:]), files))
-        for problem in problems
+        blocks(to_markdown(document_of(replace(spec, prototype=called(spec.prototype, name)))))
+        for name in (every_mark, PLAIN)
     )
     assert made[0] == plain[0]
 

@@ -14,11 +14,11 @@ from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.specification.acceptance_bands import acceptance_bands
+from beamdesign.specification.acceptance import acceptance
 from beamdesign.specification.ratings import MARGIN, ratings
 from beamdesign.specification.sensor_need import lagging, noise_bandwidth_Hz, sensor_need
-from beamdesign.specification.stock_choice import stock_choices
 from beamdesign.specification.tolerances import SAFETY, Tolerances, tolerances
+from beamdesign.specification.tubes import stock_choices
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
 MASSES = (0.0, 6.8)
@@ -179,7 +179,7 @@ def test_a_changed_figure_is_the_only_one_that_changes(rig: Prototype) -> None:
 
 def test_bands_hold_what_rigs_within_the_tolerances_do(rig: Prototype, kept: Tolerances) -> None:
     """Compliance by python-control; at a critical gain a pole on the axis; below the proved one none outside."""
-    (found,) = acceptance_bands(rig, (3.4,), kept.specified)
+    (found,) = acceptance(rig, (3.4,), kept.specified)
     closed = state_space(rig, 3.4)["displacement_m", "disturbance_N"]
     for frequency, band in found.compliance_m_per_N.items():
         assert band.nominal == pytest.approx(abs(control.evalfr(closed, 2j * pi * frequency)), rel=1e-5)

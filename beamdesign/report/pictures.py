@@ -17,8 +17,7 @@ from beamdesign.loop import Loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, stable_ranges
-from beamdesign.prototype import Prototype
-from beamdesign.report.acceptance import representative_masses
+from beamdesign.prototype import InStage, Prototype
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
@@ -78,7 +77,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     if bounds is None or controller is None:
         raise ValueError("the pictures need [controller] and payload.outer_end_mass_kg")
     goal, span = prototype.goal, mass_range_text(bounds)
-    curves = {f"{decimal(mass)} kg": loop.at(mass) for mass in representative_masses(bounds)}
+    curves = {f"{decimal(mass)} kg": loop.at(mass) for mass in InStage(prototype, bounds).looked_at_kg}
 
     compliance = new_figure(150, 95)
     family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]

@@ -20,17 +20,19 @@ from beamdesign.files import write_set
 from beamdesign.loop import loop
 from beamdesign.lumped import LumpedBeam, lumped_beam, notes
 from beamdesign.proof.lyapunov import CHANGES_NAME
-from beamdesign.prototype import Beam, Prototype
+from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.records import to_toml
-from beamdesign.report.acceptance import acceptance
 from beamdesign.report.foundations import statements
 from beamdesign.report.page_template import page_template
 from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
-from beamdesign.report.specification import specification_markdown
 from beamdesign.report.svg import inline_svg
 from beamdesign.report.trade_rows import TradePoint, read_trade
+from beamdesign.specification.acceptance import acceptance
+from beamdesign.specification.document import to_markdown
+from beamdesign.specification.folder import document_of
+from beamdesign.specification.specification import specification_of
 from beamdesign.study.design_run import CERTIFICATE_NAME, DesignRun
 
 FILES = {
@@ -68,7 +70,7 @@ def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
         own = {
             "certificate": law.certificate.text,
             "report": report_html(law, names, read_trade(out)),
-            "specification": specification_markdown(law, names),
+            "specification": to_markdown(document_of(specification_of(law))),
         }
         texts |= {kind + law.suffix.replace(".", "_"): (names[kind], text) for kind, text in own.items()}
     if result.changes:
@@ -95,7 +97,6 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     moving_mass_kg = run.sizing.beam_mass_kg + prototype.payload.inner_end_mass_kg
     if trade:
         pictures.append(trade_picture(trade, prototype.guarantee.bandwidth_Hz, moving_mass_kg))
-    expected = acceptance(prototype)
     return page_template(
         __file__,
         "report.html",
@@ -119,7 +120,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         lumped=lumped_rows(prototype),
         notes=notes(prototype),
         controller=prototype.controller.rows(),
-        expected=expected,
+        expected=acceptance(prototype, InStage(prototype, prototype.guarantee.outer_end_mass_kg).looked_at_kg),
         statements=statements(run),
         moving_mass_kg=moving_mass_kg,
     )

@@ -13,7 +13,7 @@ from beamdesign.proof.stage_family import stage_families
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.records import InputError
-from beamdesign.specification.acceptance_bands import AcceptanceAtMass, acceptance_bands
+from beamdesign.specification.acceptance import AcceptanceAtMass, acceptance
 from beamdesign.specification.analogue import AnalogueController, analogue_controllers
 from beamdesign.specification.data_folder import DURATION_S, AcceptancePlan, acceptance_plan
 from beamdesign.specification.difference_equation import (
@@ -25,8 +25,9 @@ from beamdesign.specification.difference_equation import (
 from beamdesign.specification.ratings import Ratings, ratings
 from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.specification.sensor_need import SensorNeed, sensor_need
-from beamdesign.specification.stock_choice import StockChoice, stock_choices
 from beamdesign.specification.tolerances import Tolerances, tolerances, why_no_box
+from beamdesign.specification.tubes import StockChoice, stock_choices
+from beamdesign.study.design_run import DesignRun
 
 STANDARD_GRAVITY = 9.80665
 _REFERENCE_N = 100.0
@@ -66,7 +67,8 @@ class DigitalController:
 class LawSpecification:
     """How a law is realised, and what is to be measured while it acts; a fixed law is the only one.
 
-    The parts after `certificate` are None or empty where not every loop is stable over its range.
+    The parts after `certificate` are None or empty where not every loop is stable over its range, and but for
+    `acceptance` where a design run is specified.
 
     Attributes:
         stage: the prototype with this law, and the payloads that it is for.
@@ -87,6 +89,8 @@ class LawSpecification:
 class Specification:
     """Everything; the parts after `laws` are None where the loop is not stable over the range.
 
+    Of a design run it is what follows from the design without a further search: no sensor, tolerances, circuit or code.
+
     Attributes:
         prototype: what is specified.
         masses_kg: range of outer end mass.
@@ -97,6 +101,7 @@ class Specification:
         guaranteed: the worst that is proved with any of the laws over its own payloads.
         stock: nearest stock sizes; None where a beam has no geometry.
         tolerances_reason: why no tolerances are proved, in words; empty where they are.
+        governing: the structural check that governs the sections of a design run; empty for another prototype.
         reason: why there is no specification, in words; empty where there is one.
     """
 
@@ -112,6 +117,7 @@ class Specification:
     sensor: SensorNeed | None = None
     tolerances: Tolerances | None = None
     tolerances_reason: str = ""
+    governing: str = ""
     reason: str = ""
 
 
@@ -160,11 +166,8 @@ def specify(
         found = replace(found, switching=switched)
         if not switched.stable:
             return replace(found, reason=f"changes between its laws are not proved: {switched.reason}")
-    reached = guaranteed_by_all(stages)
-    assert reached is not None
     progress(0.02, "sections and ratings")
-    stock = stock_choices(prototype, masses_kg)
-    needed = ratings(prototype, masses_kg, load, reached.bandwidth_Hz)
+    found = _with_ratings(found)
     sensor = sensor_need(prototype, masses_kg, load, noise_share, lambda text: progress(0.05, text))
     unboxed = why_no_box(stages[0].prototype)
     kept = None
@@ -176,10 +179,36 @@ def specify(
         progress(0.5 + 0.5 * (law + share) / len(laws), text)
 
     laws = tuple(_realised(one, specified, rate_Hz, duration_s, partial(told, law=k)) for k, one in enumerate(laws))
+    return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
+
+
+def specification_of(run: DesignRun) -> Specification:
+    """The specification of a design run with one law that gave a certified prototype; its load is the study's.
+
+    Raises:
+        ValueError: where the run has no result; its `reason` says why.
+    """
+    prototype, certificate = run.prototype, run.certificate
+    if prototype is None or certificate is None or prototype.guarantee is None or prototype.controller is None:
+        raise ValueError(f"nothing to specify: {run.reason or 'the run is not complete'}")
+    masses_kg = prototype.guarantee.outer_end_mass_kg
+    stage = InStage(prototype, masses_kg, int(run.suffix.rpartition("_")[2] or 0))
+    law = LawSpecification(stage, certificate, acceptance=acceptance(prototype, stage.looked_at_kg))
+    load_N = run.problem.load.tip_force_N
+    found = Specification(prototype, masses_kg, load_N, "the study's load on the tip", (law,))
+    return replace(_with_ratings(found), governing=run.sizing.governing)
+
+
+def _with_ratings(found: Specification) -> Specification:
+    """With what follows from the proofs of its laws at once: guarantee, stock sizes and ratings."""
+    reached = guaranteed_by_all(found.prototype.stages(found.masses_kg))
+    assert reached is not None
     return replace(
-        found, laws=laws, guaranteed=reached, stock=stock, ratings=needed, sensor=sensor, tolerances=kept,
-        tolerances_reason=unboxed
-    )  # fmt: skip
+        found,
+        guaranteed=reached,
+        stock=stock_choices(found.prototype, found.masses_kg),
+        ratings=ratings(found.prototype, found.masses_kg, found.load_N, reached.bandwidth_Hz),
+    )
 
 
 def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
@@ -208,7 +237,7 @@ def _realised(
     progress(0.2, "difference equation")
     digital = digital_controller(prototype, masses_kg, law.stage.looked_at_kg, rate_Hz)
     plan = acceptance_plan(prototype, masses_kg, duration_s)
-    expected = acceptance_bands(
+    expected = acceptance(
         prototype,
         tuple(sorted({*law.stage.looked_at_kg, *plan.masses_kg})),
         specified,

@@ -4,13 +4,14 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
 from math import inf, pi, sqrt
 
 from beamdesign.lumped import lumped_beam, notes
+from beamdesign.materials import STRENGTH_SOURCE
 from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_text
 from beamdesign.specification.document import Block, Items, Paragraph, Part, Picture, Table
 from beamdesign.specification.drawing import missing_geometry
 from beamdesign.specification.ratings import MARGIN
 from beamdesign.specification.sensor_need import KEPT
 from beamdesign.specification.specification import Specification
-from beamdesign.specification.stock_choice import StockChoice
+from beamdesign.specification.tubes import StockChoice, held_loads
 
 
 def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:
@@ -66,18 +67,37 @@ def sections(spec: Specification, svg: str) -> Part:
             ),
         ),
     )
-    blocks: list[Block] = [table]
-    blocks += [Paragraph(f"{note[:1].upper()}{note[1:]}.".replace("_", " ")) for note in notes(spec.prototype)]
-    blocks += [
-        Picture(
-            svg, "drawing.svg", "Lengthwise section and cross-section; the same drawing is in `drawing.dxf`, in mm"
+    blocks: list[Block] = [
+        Paragraph(
+            "Two square tubes, one inside the other, clamped at one end and joined at the tip by an actuator that holds"
+            " the outer tip still. The tips lie in one plane; each tube is held from its base end over the clamped"
+            " length. The exact figures of everything here are in `prototype.toml`."
         ),
+        table,
+        Paragraph(f"Proof strengths of materials: {STRENGTH_SOURCE}."),
+    ]
+    blocks += [Paragraph(f"{note[:1].upper()}{note[1:]}.".replace("_", " ")) for note in notes(spec.prototype)]
+    if svg:
+        words = "Lengthwise section and cross-section; the same drawing is in `drawing.dxf`, in mm"
+        blocks.append(Picture(svg, "drawing.svg", words))
+    blocks += [
         Table(
             ("tube", "nearest stock size no less stiff", "what changes"),
             tuple((choice.made.name, tube_text(*choice.stock), _change(choice)) for choice in spec.stock),
             "If stock tubes are used, one exchanged at a time; stability and guarantees with them are proved",
         ),
+        Table(
+            ("", "tip deflection", "gap left", "basis"),
+            tuple(
+                (one.case, quantity(one.deflection_m, "m"), quantity(one.gap_left_m, "m"), "computed")
+                for one in held_loads(spec.prototype, spec.load_N)
+            ),
+            f"Held still, with {quantity(spec.load_N, 'N')} across the tip ({spec.load_words})",
+        ),
     ]
+    if spec.governing:
+        words = f"The governing check is {spec.governing}; all checks with their utilisation are in the report."
+        blocks.append(Paragraph(words))
     return Part("Sections", tuple(blocks))
 
 
@@ -135,6 +155,8 @@ def actuator(spec: Specification) -> Part:
     def current(value: float | None) -> str:
         return "–" if value is None else "∞" if value == inf else f"{decimal(1e3 * value)} mA"
 
+    held_m = need.load_N / lumped_beam(rig.inner_beam).stiffness
+    stated = have("supply_pressure_Pa", "Pa")
     valve, margin = rig.servovalve, f"× {MARGIN:g}"
     bore = f"{quantity(area, 'm2')} (bore {quantity(sqrt(4 * area / pi), 'm')} as a full circle)"
     spool = f"{quantity(valve.natural_frequency_Hz, 'Hz')}, {decimal(valve.damping_ratio)}"
@@ -142,10 +164,12 @@ def actuator(spec: Specification) -> Part:
     given_current, given_flow = need.given["rated_current_A"], need.given["supply_flow_m3_per_s"]
     rows = (
         ("piston area, mean of both sides", bore, "", "given"),
+        ("load pressure that holds the load at rest, F/A", quantity(need.load_N / area, "Pa"), stated, "computed"),
+        ("stroke to either side that holds it, at least", quantity(held_m, "m"), "", "computed"),
         ("oil spring K_c", quantity(rig.actuator.oil_stiffness_N_per_m, "N/m"), "", "given"),
         ("largest cylinder force", quantity(need.cylinder_force_N, "N"), "", "computed"),
         ("load pressure at that force", quantity(need.load_pressure_Pa, "Pa"), "", "computed"),
-        ("supply pressure of which the load takes 2/3", supply, have("supply_pressure_Pa", "Pa"), "computed"),
+        ("supply pressure of which the load takes 2/3", supply, stated, "computed"),
         ("flow through the valve under load", flow(need.flow_m3_per_s), "", "computed"),
         (f"no-load flow of the valve at the given supply, {margin}", flow(need.no_load_flow_m3_per_s), "", "computed"),
         (f"rated current of the valve, {margin}", current(need.rated_current_A), current(given_current), "computed"),
@@ -159,7 +183,8 @@ def actuator(spec: Specification) -> Part:
         Paragraph(
             f"For a force on the outer tip with an amplitude of {quantity(need.load_N, 'N')} ({spec.load_words}) at any"
             f" frequency up to the guaranteed bandwidth of {quantity(need.up_to_Hz, 'Hz')}, by the linear loop at both"
-            " ends and in the middle of the payload range, the worst of them."
+            " ends and in the middle of the payload range, the worst of them. The supply must exceed every load"
+            " pressure."
         ),
         Table(("figure", "needed", "the prototype states", "basis"), rows),
     ]
@@ -189,47 +214,41 @@ def actuator(spec: Specification) -> Part:
 
 
 def sensor(spec: Specification) -> Part:
-    """What the sensor must be."""
-    need = spec.sensor
-    assert need is not None
-    rig = spec.prototype.sensor
-    given_noise = "–" if need.given_noise_m is None else f"{decimal(1e6 * need.given_noise_m)} µm"
-    given_step = "–" if need.given_resolution_m is None else f"{decimal(1e6 * need.given_resolution_m)} µm"
+    """What the sensor must be, as far as that was worked out."""
+    rig, need = spec.prototype.sensor, spec.sensor
+    heads = ("figure", "needed", "the prototype states", "basis")
     rows = [
         ("gain of sensor and amplifier F", quantity(rig.gain_V_per_m, "V/m"), "", "given"),
         ("low-pass filter after it", quantity(rig.filter_Hz, "Hz") if rig.filter_Hz else "none", "", "given"),
-        (
-            "bandwidth (first-order break) from which the loop is stable",
-            optional(need.stable_from_Hz, "Hz", ROUND_CEILING),
-            "",
-            "proved",
-        ),
-        (
-            f"bandwidth that costs at most {100 * KEPT:g} % of what is guaranteed",
-            optional(need.performs_from_Hz, "Hz", ROUND_CEILING),
-            "",
-            "proved",
-        ),
-        ("resolution, at most", f"{decimal(1e6 * need.resolution_m)} µm", given_step, "computed"),
-        ("noise density, white, at most", f"{decimal(1e9 * need.noise_density_m_per_rtHz)} nm/√Hz", "", "computed"),
+    ]
+    if need is None:
+        return Part("Sensor", (Table(heads, tuple(rows)),))
+
+    def micrometres(value_m: float | None) -> str:
+        return "–" if value_m is None else f"{decimal(1e6 * value_m)} µm"
+
+    stable, performs = (optional(found, "Hz", ROUND_CEILING) for found in (need.stable_from_Hz, need.performs_from_Hz))
+    noise = f"{decimal(1e9 * need.noise_density_m_per_rtHz)} nm/√Hz"
+    rows += [
+        ("bandwidth (first-order break) from which the loop is stable", stable, "", "proved"),
+        (f"bandwidth that costs at most {100 * KEPT:g} % of what is guaranteed", performs, "", "proved"),
+        ("resolution, at most", micrometres(need.resolution_m), micrometres(need.given_resolution_m), "computed"),
+        ("noise density, white, at most", noise, "", "computed"),
         (
             "the same as RMS in the band of such a sensor",
-            "–" if need.noise_m is None else f"{decimal(1e6 * need.noise_m)} µm",
-            given_noise,
+            micrometres(need.noise_m),
+            micrometres(need.given_noise_m),
             "computed",
         ),
     ]
-    words = [
+    words = (
         f"Stability from that bandwidth is proved for every first-order break up to {need.fastest_Hz:g} Hz and every"
         " payload of the range.",
         f"At the second bandwidth {optional(need.bandwidth_Hz, 'Hz', ROUND_FLOOR)} of loop bandwidth and a peak"
         f" sensitivity of {optional(need.peak_sensitivity, '1', ROUND_CEILING)} are proved.",
-        f"The goal allows the tip {decimal(1e6 * need.motion_m)} µm under {quantity(spec.load_N, 'N')}; the sensor may"
-        f" cause {100 * need.share:g} % of that: as one step of its resolution, or as RMS motion by its noise,"
-        " which the"
-        f" loop passes with a noise bandwidth of {decimal(need.noise_bandwidth_Hz)} Hz (computed by quadrature at both"
-        " ends and in the middle of the range).",
-    ]
-    return Part(
-        "Sensor", (Table(("figure", "needed", "the prototype states", "basis"), tuple(rows)), Items(tuple(words)))
+        f"The goal allows the tip {micrometres(need.motion_m)} under {quantity(spec.load_N, 'N')}; the sensor may"
+        f" cause {100 * need.share:g} % of that: as one step of its resolution, or as RMS motion by its noise, which"
+        f" the loop passes with a noise bandwidth of {decimal(need.noise_bandwidth_Hz)} Hz (computed by quadrature at"
+        " both ends and in the middle of the range).",
     )
+    return Part("Sensor", (Table(heads, tuple(rows)), Items(words)))

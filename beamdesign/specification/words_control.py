@@ -1,5 +1,6 @@
 """The part of the specification that a controls engineer builds from: certificate, circuit, code, tolerances."""
 
+import hashlib
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from math import isinf
 
@@ -25,8 +26,10 @@ def guaranteed(law: LawSpecification) -> Part:
     blocks: list[Block] = [
         Table(("claim", "foundation", "by"), rows),
         Paragraph(
-            "Proved about the linear model with the nominal figures. To prove it again:"
-            f" `beamdesign certify --replay certificate{law.stage.suffix}.toml`."
+            "Proved about the linear model with the nominal figures. Bandwidth is the frequency up to which the outer"
+            f" tip gives way by no more than {quantity(rig.goal.compliance_m_per_N, 'm/N')}. To prove it again:"
+            f" `beamdesign certify --replay certificate{law.stage.suffix}.toml` (SHA-256"
+            f" `{hashlib.sha256(law.certificate.text.encode()).hexdigest()}`)."
         ),
     ]
     if law.certificate.scope:
@@ -180,7 +183,7 @@ def _value(name: str, value: float | None) -> str:
 
 
 def code(spec: LawSpecification) -> Part:
-    """The difference equation."""
+    """The difference equation of a law that is realised."""
     found, unboxed = spec.digital, why_no_box(spec.stage.prototype)
     assert found is not None
     law = found.equation

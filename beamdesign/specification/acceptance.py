@@ -1,13 +1,14 @@
-"""What a rig built within its tolerances should measure: nominal by the linear model, and bands."""
+"""What a rig built to a prototype should measure: nominal by the linear model, and bands within its tolerances."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, pi, sqrt
 
 import numpy as np
 
 from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.loop import CriticalGain, critical_gain, loop
+from beamdesign.lumped import lumped_beam
 from beamdesign.polynomial import exact
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.rig_family import rig_values
@@ -26,7 +27,10 @@ _EDGE = 0.7
 
 @dataclass(frozen=True)
 class Band:
-    """A measured quantity: nominal, and its least and largest value over the members looked at."""
+    """A measured quantity: nominal, and its least and largest value over the members looked at.
+
+    Without tolerances all three are the same.
+    """
 
     nominal: float
     low: float
@@ -44,24 +48,37 @@ class AcceptanceAtMass:
 
     Attributes:
         outer_end_mass_kg: the mass.
+        bandwidth_Hz: up to where the nominal compliance keeps the goal.
+        peak_sensitivity: largest nominal |1 / (1 + L)|.
+        static_compliance_m_per_N: nominal |x / F_d| at zero frequency.
         compliance_m_per_N: |x / F_d| by frequency in Hz.
         critical_gain_A_per_V: band; None where raising the gain never sets in oscillation.
         oscillation_Hz: band of its frequency.
         critical_gain_proved_A_per_V: up to this gain every rig within the tolerances is proved stable; None where no
-            gain above the specified one was proved.
+            gain above the specified one was proved, or there are no tolerances.
     """
 
     outer_end_mass_kg: float
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    static_compliance_m_per_N: float
     compliance_m_per_N: Mapping[float, Band]
     critical_gain_A_per_V: Band | None
     oscillation_Hz: Band | None
     critical_gain_proved_A_per_V: float | None
 
 
-def acceptance_bands(
+def bare_frequencies_Hz(prototype: Prototype) -> tuple[float, float]:
+    """Undamped frequencies of the beams by themselves: outer with its module alone, inner with its added mass too."""
+    outer, inner = lumped_beam(prototype.outer_beam), lumped_beam(prototype.inner_beam)
+    loaded = inner.mass + prototype.payload.inner_end_mass_kg
+    return sqrt(outer.stiffness / outer.mass) / (2 * pi), sqrt(inner.stiffness / loaded) / (2 * pi)
+
+
+def acceptance(
     prototype: Prototype,
     masses_kg: tuple[float, ...],
-    tolerances: Mapping[str, float],
+    tolerances: Mapping[str, float] | None = None,
     told: Callable[[float, str], None] = lambda share, text: None,
 ) -> tuple[AcceptanceAtMass, ...]:
     """Expected measurements at some outer end masses.
@@ -72,14 +89,15 @@ def acceptance_bands(
     Args:
         prototype: with a controller.
         masses_kg: outer end masses.
-        tolerances: relative, by figure as in `beamdesign.proof.rig_family.rig_values`.
+        tolerances: relative, by figure as in `beamdesign.proof.rig_family.rig_values`; none where it is None.
         told: the share done, and with what.
     """
-    spread = {name: part for name, part in tolerances.items() if name in CHANGEABLE and part > 0}
+    spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
     members = [prototype, *_drawn(prototype, spread)]
     responses: list[list[np.ndarray]] = [[] for _ in masses_kg]
     gains: list[list[CriticalGain]] = [[] for _ in masses_kg]
     grid = np.array(FREQUENCIES_HZ)
+    nominal = loop(prototype)
     for k, member in enumerate(members):
         told(0.7 * k / len(members), "members within the tolerances")
         closed = loop(member)
@@ -95,13 +113,17 @@ def acceptance_bands(
         table = np.array(responses[at])
         onset = [one for one in gains[at] if one.gain_A_per_V < inf]
         gain = _band([one.gain_A_per_V for one in onset]) if len(onset) == len(members) else None
+        here = nominal.at(mass)
         found.append(
             AcceptanceAtMass(
                 mass,
+                here.bandwidth_Hz(prototype.goal.compliance_m_per_N),
+                here.peak_sensitivity(),
+                abs(here.static_compliance()),
                 {float(f): _band(table[:, k]) for k, f in enumerate(grid)},
                 gain,
                 None if gain is None else _band([one.frequency_Hz for one in onset]),
-                None if gain is None else _proved_gain(prototype, mass, spread, gain.low),
+                _proved_gain(prototype, mass, spread, gain.low) if gain and spread else None,
             )
         )
     return tuple(found)
@@ -115,7 +137,7 @@ def _drawn(prototype: Prototype, spread: Mapping[str, float]) -> list[Prototype]
     """Each figure alone at either end, and members with all figures off."""
     random = np.random.default_rng(1)
     factors = [{name: 1 + side * part} for name, part in spread.items() for side in (-1, 1)]
-    for _ in range(_MEMBERS):
+    for _ in range(_MEMBERS if spread else 0):
         at = np.where(random.random(len(spread)) < _EDGE, random.choice((-1.0, 1.0), len(spread)), 0.0)
         at = np.where(at == 0, random.uniform(-1, 1, len(spread)), at)
         factors.append({name: 1 + float(a) * part for a, (name, part) in zip(at, spread.items(), strict=True)})
