@@ -14,8 +14,8 @@ from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import InStage, Prototype
+from beamdesign.report.page import to_markdown
 from beamdesign.report.result_folder import FILES
-from beamdesign.specification.document import to_markdown
 from beamdesign.specification.folder import document_of
 from beamdesign.specification.specification import specification_of
 from beamdesign.specification.tubes import held_loads, nearest_stock_tube

@@ -97,7 +97,7 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
     )
     longest = max(_lengths_mm(outer)[0], _lengths_mm(inner)[0])
     axes.set_xlim(-1.04 * longest, 0.1 * longest)
-    axes.set_ylim(-1.3 * outer_width, 1.35 * outer_width)
+    axes.set_ylim(-1.48 * outer_width, 1.35 * outer_width)
     axes.set_aspect("equal")
     axes.set_axis_off()
     return axes
@@ -167,10 +167,10 @@ def _clamps(axes: "Axes", prototype: Prototype) -> None:
     for x, length, y, height in blocks:
         axes.add_patch(Rectangle((x, y), length, height, facecolor=_BASE, edgecolor=_LINE, linewidth=0.4, hatch="////"))
     low = -outer_width / 2 - thick
-    for free, drop in ((outer_free, 0.05), (inner_free, 0.5)):
+    for free, drop in ((outer_free, 0.28), (inner_free, 0.68)):
         y = low - drop * outer_width
         _dimension(axes, (-free, y), (0, y), f"{free:.4g}", below=False)
-    axes.plot([0, 0], [low - 0.55 * outer_width, -outer_width / 2], color=_LINE, linewidth=0.4, linestyle=":")
+    axes.plot([0, 0], [low - 0.73 * outer_width, -outer_width / 2], color=_LINE, linewidth=0.4, linestyle=":")
 
 
 def _load(axes: "Axes", tip: float, width: float, force: float) -> None:

@@ -38,7 +38,7 @@ from beamdesign.report.gap_tables import (
     terms_rows,
     witness_table,
 )
-from beamdesign.report.page_template import page_template
+from beamdesign.report.page import page_template
 from beamdesign.report.quantity import decimal, mass_range_text
 from beamdesign.report.svg import inline_svg
 from beamdesign.study.redesign import Redesign
@@ -159,7 +159,6 @@ def gap_report_html(
     witnesses = [(w, witness_table(w.table)) for w in found.where.witnesses]
     held_out = {record.record for record in found.gap.records if record.held_out}
     template = page_template(
-        __file__,
         "gap_report.html",
         share=share_text,
         decimal=decimal,

@@ -9,13 +9,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.files import write_whole
 from beamdesign.report.canvas import STYLES, new_figure, save
-from beamdesign.report.page_template import page_template
+from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.report.quantity import quantity
 from beamdesign.report.svg import inline_svg
 from beamdesign.spelling import in_plot
@@ -158,15 +157,14 @@ def write_record_page(
         The page, and the pictures.
     """
     files: list[Path] = []
-    shown: list[Markup] = []
+    pictures = []
     rows = []
     for position, record in enumerate(records):
         figure = plot_record(record)
         files += save(figure, folder / record.name)
         words = f"{record.name}: {record.verdict}"
-        # The SVG writer escapes what it is given, so its output is markup.
-        svg = Markup(inline_svg(figure, f"record{position}", words))
-        shown.append(Markup("<figure>{}<figcaption>{}</figcaption></figure>").format(svg, words))
+        picture = Picture(inline_svg(figure, f"record{position}", words), f"{record.name}.svg", words)
+        pictures.append(Part(record.name, (picture,)))
         largest = peaks(record, ("displacement_m", "current_A"))
         rows.append(
             (
@@ -177,16 +175,17 @@ def write_record_page(
                 record.verdict,
             )
         )
+    heads = ("record", "stable", "largest displacement", "largest current", "verdict")
+    parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
+    if effects:
+        given = (
+            (name, ", ".join(f"{key} = {figure:g}" for key, figure in one.items()) or "defaults")
+            for name, one in effects.items()
+        )
+        parts.append(Part("Effects in the rig", (Table(("effect", "given"), tuple(given)),)))
+    unstable = sum(not record.stable for record in records)
+    verdict = f"{unstable} of {len(rows)} records not stable." if unstable else f"All {len(rows)} records stable."
+    document = Document(f"{title}: {scenario}", "Simulated records", verdict, (), (*parts, *pictures), subject="")
     page = folder / "records.html"
-    text = page_template(__file__, "records.html").render(
-        title=title,
-        scenario=scenario,
-        effects={
-            name: ", ".join(f"{key} = {figure:g}" for key, figure in given.items()) for name, given in effects.items()
-        },
-        rows=rows,
-        unstable=sum(not record.stable for record in records),
-        pictures=list(zip([record.name for record in records], shown, strict=True)),
-    )
-    write_whole(page, text)
+    write_whole(page, to_html(document))
     return page, files

@@ -23,14 +23,13 @@ from beamdesign.proof.lyapunov import CHANGES_NAME
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.records import to_toml
 from beamdesign.report.foundations import statements
-from beamdesign.report.page_template import page_template
+from beamdesign.report.page import page_template, to_markdown
 from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.report.svg import inline_svg
 from beamdesign.report.trade_rows import TradePoint, read_trade
 from beamdesign.specification.acceptance import acceptance
-from beamdesign.specification.document import to_markdown
 from beamdesign.specification.folder import document_of
 from beamdesign.specification.specification import specification_of
 from beamdesign.study.design_run import CERTIFICATE_NAME, DesignRun
@@ -98,7 +97,6 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     if trade:
         pictures.append(trade_picture(trade, prototype.guarantee.bandwidth_Hz, moving_mass_kg))
     return page_template(
-        __file__,
         "report.html",
         quantity=quantity,
         decimal=decimal,
@@ -120,7 +118,7 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
         lumped=lumped_rows(prototype),
         notes=notes(prototype),
         controller=prototype.controller.rows(),
-        expected=acceptance(prototype, InStage(prototype, prototype.guarantee.outer_end_mass_kg).looked_at_kg),
+        expected=expected_rows(prototype, prototype.guarantee.outer_end_mass_kg),
         statements=statements(run),
         moving_mass_kg=moving_mass_kg,
     )
@@ -158,6 +156,21 @@ def check_row(check: Check) -> tuple[str, str, str, str, bool, float]:
         bool(check.satisfied),
         min(max(used, 0.0), 1.0),
     )
+
+
+def expected_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tuple[str, ...]]:
+    """Mass, bandwidth, peak sensitivity, static compliance, critical gain and its oscillation, at single masses."""
+    return [
+        (
+            quantity(row.outer_end_mass_kg, "kg"),
+            quantity(row.bandwidth_Hz, "Hz"),
+            decimal(row.peak_sensitivity),
+            quantity(row.static_compliance_m_per_N, "m/N"),
+            quantity(row.critical_gain_A_per_V.nominal, "A/V") if row.critical_gain_A_per_V else "∞",
+            quantity(row.oscillation_Hz.nominal, "Hz") if row.oscillation_Hz else "–",
+        )
+        for row in acceptance(prototype, InStage(prototype, bounds).looked_at_kg)
+    ]
 
 
 def _inline(picture: Picture) -> Markup:

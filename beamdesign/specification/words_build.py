@@ -5,8 +5,8 @@ from math import inf, pi, sqrt
 
 from beamdesign.lumped import lumped_beam, notes
 from beamdesign.materials import STRENGTH_SOURCE
+from beamdesign.report.page import Block, Items, Paragraph, Part, Picture, Table
 from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_text
-from beamdesign.specification.document import Block, Items, Paragraph, Part, Picture, Table
 from beamdesign.specification.drawing import missing_geometry
 from beamdesign.specification.ratings import MARGIN
 from beamdesign.specification.sensor_need import KEPT

@@ -1,20 +1,38 @@
-"""A document of sections that Markdown and HTML pages are both made from, so that they say the same.
+"""Pages: all from one base template and style sheet; and documents, which Markdown and HTML are both made from.
 
 A page is self-contained: no requests, both themes, fit for print.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
-from beamdesign.report.page_template import page_template
 from beamdesign.spelling import in_markdown, one_line
 
 _BAR_IN_CELL = r"\|"  # even in code a bare one would end the cell
+
+
+def page_template(name: str, **filters: Callable[..., Any]) -> Template:
+    """A template of this folder: texts are escaped, what is missing is an error, blocks leave no blank lines.
+
+    Args:
+        name: of the template's file.
+        filters: by the name that the template calls them; `coded` is always there.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(filters, coded=_coded)
+    return environment.get_template(name)
 
 
 class Paragraph(NamedTuple):
@@ -36,15 +54,20 @@ class Code(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Cells of text; backticks as in a paragraph."""
+    """Cells of text; backticks as in a paragraph. On a page columns of numbers are set to the right, rows marked."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    numbers: tuple[int, ...] = ()
+    marks: tuple[str, ...] = ()
 
 
 class Picture(NamedTuple):
-    """An SVG element, the file that holds the same beside the document, and what it shows."""
+    """An SVG element, the file that holds the same beside the document, and what it shows.
+
+    Without an element a page shows the file, whose name is then without suffix: FILE.png, which links to FILE.svg.
+    """
 
     svg: str
     file: str
@@ -76,6 +99,12 @@ class Document:
     verdict: str
     key: tuple[tuple[str, str], ...]
     parts: tuple[Part, ...]
+    subject: str = " of a twin-beam link"
+
+    @property
+    def about(self) -> str:
+        """What a page calls it above its title."""
+        return f"{self.kind}{self.subject}"
 
 
 def to_markdown(document: Document) -> str:
@@ -122,13 +151,9 @@ def _marked(text: str, bar: str = "|") -> str:
     )
 
 
-_STYLE = Path(__file__).parent.parent / "report" / "report.css"
-
-
 def to_html(document: Document) -> str:
     """The page; texts are escaped, pictures stand in it as they are."""
-    css = Markup(_STYLE.read_text(encoding="utf-8"))
-    return page_template(__file__, "specification.html", coded=_coded).render(document=document, css=css) + "\n"
+    return page_template("document.html").render(document=document) + "\n"
 
 
 def _coded(text: str) -> Markup:
