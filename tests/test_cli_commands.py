@@ -23,7 +23,7 @@ from beamdesign.design.remedies import Remedy
 from beamdesign.problem import read_problem
 from beamdesign.prototype import read_prototype
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.trade_curves import plot_remedies
+from beamdesign.report.trade import plot_remedies
 from beamdesign.section import SquareTube
 from beamdesign.templates import start
 

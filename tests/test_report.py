@@ -32,7 +32,7 @@ from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.result_folder import FILES, check_row, report_html, write_result_folder
 from beamdesign.report.svg import inline_svg
-from beamdesign.report.trade_rows import plot_trade, read_trade
+from beamdesign.report.trade import plot_trade, read_trade
 from beamdesign.specification.acceptance import acceptance
 from beamdesign.study.design_run import DesignRun
 

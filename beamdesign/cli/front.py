@@ -61,7 +61,7 @@ def front(
     from beamdesign.problem import read_problem
     from beamdesign.quantities import Bandwidth, Mass
     from beamdesign.report.canvas import new_figure, save
-    from beamdesign.report.trade_curves import plot_front
+    from beamdesign.report.trade import plot_front
 
     problem = read_problem(study)
     masses = problem.payload.outer_end_mass_kg

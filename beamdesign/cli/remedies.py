@@ -44,7 +44,7 @@ def remedies(
     from beamdesign.quantities import MassOrNone
     from beamdesign.records import InputError
     from beamdesign.report.canvas import new_figure, save
-    from beamdesign.report.trade_curves import plot_remedies
+    from beamdesign.report.trade import plot_remedies
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)

@@ -28,7 +28,7 @@ from beamdesign.report.figures import (
     shade_compliance,
 )
 from beamdesign.report.quantity import at_least, decimal, mass_range_text, quantity
-from beamdesign.report.trade_rows import TradePoint, plot_trade
+from beamdesign.report.trade import TradePoint, plot_trade
 
 FAMILY = 41
 """Masses of the range whose compliances are shaded."""

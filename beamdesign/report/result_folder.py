@@ -28,7 +28,7 @@ from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.report.svg import inline_svg
-from beamdesign.report.trade_rows import TradePoint, read_trade
+from beamdesign.report.trade import TradePoint, read_trade
 from beamdesign.specification.acceptance import acceptance
 from beamdesign.specification.folder import document_of
 from beamdesign.specification.specification import specification_of
