@@ -13,7 +13,6 @@ from beamdesign.loop import LoopAtMass, critical_gain, loop
 from beamdesign.paper.drawings import DRAWINGS, drawn
 from beamdesign.prototype import Prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
-from beamdesign.report.compliance_scale import decibels, from_decibels
 from beamdesign.report.figures import (
     frequency_grid,
     plot_compliance,
@@ -23,6 +22,7 @@ from beamdesign.report.figures import (
     plot_root_locus,
     plot_sensitivity,
 )
+from beamdesign.report.quantity import decibels, from_decibels
 
 
 @pytest.fixture

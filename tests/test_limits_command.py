@@ -17,7 +17,7 @@ from beamdesign.paper.rig import INNER_END_MASS_KG, lag
 from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.limits_plot import plot_envelope
+from beamdesign.report.figures import plot_envelope
 
 ROOT = Path(__file__).parent.parent
 

@@ -38,10 +38,10 @@ from beamdesign.realisation.folder import compile_self_test, compiler
 from beamdesign.realisation.realise import Realisation, realise
 from beamdesign.records import InputError, Longest, Record, parse
 from beamdesign.report.blindcheck_result import markdown
+from beamdesign.report.canvas import inline_svg
 from beamdesign.report.page import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
 from beamdesign.report.record_plot import write_record_page
 from beamdesign.report.study_plot import draw
-from beamdesign.report.svg import inline_svg
 from beamdesign.scenario import FromCsv, ScenarioRecord, Step
 from beamdesign.specification.drawing import drawing, dxf_text, svg_text
 from beamdesign.specification.folder import document_of

@@ -15,9 +15,8 @@ from beamdesign.cli.paper import paper as command
 from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam, notes
 from beamdesign.paper import CASES, Comparison, compare, paper_prototype
-from beamdesign.paper.claim import Claim
+from beamdesign.paper.claims import Claim, gain_cliff
 from beamdesign.paper.figure_claims import figure_claims
-from beamdesign.paper.gains import gain_cliff
 from beamdesign.paper.rig import lag
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError

@@ -24,14 +24,13 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import lumped_beam
 from beamdesign.members import paper_model
 from beamdesign.prototype import InStage, Prototype, read_prototype
-from beamdesign.report.canvas import new_figure
+from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import loop_pictures, prototype_picture, stable_gains, wider_map
 from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.result_folder import FILES, check_row, report_html, write_result_folder
-from beamdesign.report.svg import inline_svg
 from beamdesign.report.trade import plot_trade, read_trade
 from beamdesign.specification.acceptance import acceptance
 from beamdesign.study.design_run import DesignRun

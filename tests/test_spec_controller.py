@@ -19,14 +19,13 @@ from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.realisation.realise import floats
 from beamdesign.specification.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
-from beamdesign.specification.circuit import Circuit, Stage
+from beamdesign.specification.circuit import DECADE, Circuit, Stage, neighbours, values_between
 from beamdesign.specification.difference_equation import (
     DifferenceEquation,
     difference_equation,
     sensible_rate_Hz,
     upper_break_Hz,
 )
-from beamdesign.specification.preferred_values import DECADE, neighbours, values_between
 from beamdesign.specification.sampled_loop import prove_sampled
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"

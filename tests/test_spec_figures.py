@@ -15,8 +15,7 @@ from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.specification.acceptance import acceptance
-from beamdesign.specification.ratings import MARGIN, ratings
-from beamdesign.specification.sensor_need import lagging, noise_bandwidth_Hz, sensor_need
+from beamdesign.specification.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need
 from beamdesign.specification.tolerances import SAFETY, Tolerances, tolerances
 from beamdesign.specification.tubes import stock_choices
 

@@ -221,7 +221,7 @@ def _cycles(rig: Any, mass: float) -> list[dict[str, Any]]:
 
 def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Path]:
     from beamdesign.report.canvas import new_figure, save
-    from beamdesign.report.limits_plot import plot_envelope
+    from beamdesign.report.figures import plot_envelope
 
     figure = new_figure(170.0, 105.0)
     axes = plot_envelope(figure.add_subplot(), found, asked)

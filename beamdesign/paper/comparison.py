@@ -10,14 +10,19 @@ from typing import Literal
 
 from beamdesign import beam
 from beamdesign.loop import loop
-from beamdesign.paper.claim import Claim, Slip
-from beamdesign.paper.gains import GainRow, gain_claims, gain_rows, inner_mass_gains, stable_masses
-from beamdesign.paper.performance import (
+from beamdesign.paper.claims import (
     CM_PER_100_N,
     Bandwidth,
+    Claim,
+    GainRow,
+    Slip,
     bandwidth_claims,
     bandwidths,
+    gain_claims,
+    gain_rows,
+    inner_mass_gains,
     lag_claims,
+    stable_masses,
     static_claims,
     static_errors_cm_per_100N,
 )
@@ -35,7 +40,7 @@ from beamdesign.paper.rig import (
     proportional,
 )
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
-from beamdesign.report.compliance_scale import decibels, from_decibels
+from beamdesign.report.quantity import decibels, from_decibels
 
 CHOICES = (
     f"Servovalve damping {VALVE_DAMPING_RATIO}: the paper does not give it. It is the one free constant, and this value"

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.loop import LoopAtMass, critical_gain
+from beamdesign.paper.claims import at, gain_cliff, phase_lead_deg, stable_masses
 from beamdesign.paper.figure_claims import (
     FORCES_PEAK_TO_PEAK_N,
     MEASURED,
@@ -23,13 +24,11 @@ from beamdesign.paper.figure_claims import (
     nonlinear_compliance,
     pair_Hz,
 )
-from beamdesign.paper.gains import gain_cliff, stable_masses
-from beamdesign.paper.performance import at, phase_lead_deg
 from beamdesign.paper.rig import INNER_END_MASS_KG, OUTER_END_MASS_KG, beam_damping, lag, proportional
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.report.canvas import new_figure
-from beamdesign.report.compliance_scale import decibels, from_decibels
 from beamdesign.report.figures import plot_compliance, plot_critical_gain, plot_loop_bode, plot_root_locus
+from beamdesign.report.quantity import decibels, from_decibels
 
 
 @dataclass(frozen=True)

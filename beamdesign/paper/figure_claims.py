@@ -17,9 +17,7 @@ import numpy as np
 from beamdesign.harmonic_balance import forced_motion
 from beamdesign.linear_reach import with_published_effects
 from beamdesign.loop import LoopAtMass, critical_gain
-from beamdesign.paper.claim import Claim
-from beamdesign.paper.gains import gain_cliff, stable_masses
-from beamdesign.paper.performance import at, lag_advantage_dB, static_errors_cm_per_100N
+from beamdesign.paper.claims import Claim, at, gain_cliff, lag_advantage_dB, stable_masses, static_errors_cm_per_100N
 from beamdesign.paper.rig import (
     INNER_END_MASS_KG,
     OUTER_END_MASS_KG,

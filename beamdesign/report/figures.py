@@ -1,9 +1,10 @@
-"""Drawings of a loop: each function draws on the axes it is given and gives them back.
+"""Drawings of a loop and of what limits it: each function draws on the axes it is given and gives them back.
 
 A loop comes as `LoopAtMass`, several of them under the labels of the legend. Frequencies in Hz, roots in 1/s.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from math import inf, isfinite, log10
 from typing import Any
 
@@ -12,10 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter, StrMethodFormatter
 
 from beamdesign.loop import LoopAtMass
+from beamdesign.operating_limits import Envelope
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.report.canvas import STYLES
-from beamdesign.report.compliance_scale import decibels
+from beamdesign.report.quantity import decibels
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
@@ -249,3 +251,57 @@ def _styles(count: int) -> list[dict[str, str]]:
 def _legend(axes: Axes, count: int) -> None:
     if count:
         axes.legend(fontsize=8, loc="best")
+
+
+_STYLES = (*STYLES, {"color": "0.45", "linestyle": "--"})
+
+
+def plot_envelope(axes: Axes, envelope: Envelope, asked_N: float | None = None) -> Axes:
+    """Largest amplitude of a force on the tip over its frequency: every limit, and the least of them shaded below.
+
+    Args:
+        axes: drawn on.
+        envelope: one that has limits.
+        asked_N: a load to be marked, such as that of the design.
+    """
+    frequency, least = envelope.frequency_Hz, envelope.load_N
+    top = 6 * float(max(least.max(), asked_N or 0.0))
+    bottom = 0.5 * float(max(least.min(), 1e-3 * top))
+    axes.fill_between(frequency, bottom, least, color="0.9", linewidth=0)
+    for (name, limit), style in zip(envelope.limits_N.items(), cycle(_STYLES), strict=False):
+        line = axes.loglog(frequency, np.minimum(limit, 10 * top), label=name, linewidth=1.1)[0]
+        line.set(**style)
+    axes.loglog(frequency, least, color="black", linewidth=2.4, label="envelope")
+    if asked_N is not None:
+        axes.axhline(asked_N, color="black", linewidth=0.8, linestyle=(0, (8, 3)), label=f"asked for, {asked_N:g} N")
+    _name_stretches(axes, envelope, bottom)
+    axes.set_xlim(float(frequency[0]), float(frequency[-1]))
+    axes.set_ylim(bottom, top)
+    axes.set_xlabel("frequency, Hz")
+    axes.set_ylabel("amplitude of the force on the tip, N")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.grid(which="major", color="0.85", linewidth=0.6)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    return axes
+
+
+def _name_stretches(axes: Axes, envelope: Envelope, bottom: float) -> None:
+    """Write at the foot which limit governs, between lines where that changes; short stretches go without a name."""
+    names, frequency = envelope.governing, envelope.frequency_Hz
+    whole = np.log(frequency[-1] / frequency[0])
+    start = 0
+    for k in range(1, len(names) + 1):
+        if k < len(names) and names[k] == names[start]:
+            continue
+        end = frequency[min(k, len(names) - 1)]
+        if k < len(names):
+            axes.axvline(float(end), color="0.6", linewidth=0.7, linestyle=":")
+        if np.log(end / frequency[start]) > 0.08 * whole:
+            words = names[start].replace(" ", "\n")
+            axes.annotate(
+                words, (float(np.sqrt(frequency[start] * end)), bottom), xytext=(0, 5), textcoords="offset points",
+                fontsize=8, ha="center", va="bottom", style="italic",
+            )  # fmt: skip
+        start = k

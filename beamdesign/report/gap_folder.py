@@ -25,6 +25,7 @@ from beamdesign.json_text import json_text, plain
 from beamdesign.loop import loop
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.records import InputError, to_toml
+from beamdesign.report.canvas import inline_svg
 from beamdesign.report.gap_pictures import band_picture, compliance_picture, diverged, record_picture
 from beamdesign.report.gap_tables import (
     HeatMap,
@@ -40,7 +41,6 @@ from beamdesign.report.gap_tables import (
 )
 from beamdesign.report.page import page_template
 from beamdesign.report.quantity import decimal, mass_range_text
-from beamdesign.report.svg import inline_svg
 from beamdesign.study.redesign import Redesign
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}

@@ -1,8 +1,10 @@
-"""Figures for people: SI values in the units an engineer reads, to a sensible number of digits."""
+"""Figures for people: SI values in the units an engineer reads, to a sensible number of digits, and in decibels."""
 
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 
 class _Shown(NamedTuple):
@@ -100,3 +102,20 @@ def tube_text(width_m: float, wall_m: float) -> str:
     """A square tube by outside width and wall, to a hundredth of a millimetre."""
     width, wall = (f"{1e3 * size:.2f}".rstrip("0").rstrip(".") for size in (width_m, wall_m))
     return f"{width} × {width} × {wall} mm"
+
+
+INCH_M = 0.0254
+POUND_FORCE_N = 4.4482216152605  # 0.45359237 kg at 9.80665 m/s2, both exact by definition
+INCH_PER_POUND_FORCE = INCH_M / POUND_FORCE_N
+"""1 in/lbf in m/N."""
+
+
+def decibels(compliance_m_per_N: Any) -> Any:
+    """Level in dB re 1 in/lbf of a compliance magnitude in m/N; -inf for zero."""
+    with np.errstate(divide="ignore"):
+        return 20 * np.log10(np.abs(compliance_m_per_N) / INCH_PER_POUND_FORCE)
+
+
+def from_decibels(level_dB: Any) -> Any:
+    """Compliance magnitude in m/N of a level in dB re 1 in/lbf."""
+    return INCH_PER_POUND_FORCE * 10.0 ** (np.asarray(level_dB) / 20)

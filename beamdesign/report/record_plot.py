@@ -13,10 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.files import write_whole
-from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.report.canvas import STYLES, inline_svg, new_figure, save
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.report.quantity import quantity
-from beamdesign.report.svg import inline_svg
 from beamdesign.spelling import in_plot
 
 _MOST_POINTS = 3000

@@ -16,8 +16,7 @@ from beamdesign.proof.rational import nearest
 from beamdesign.proof.rig_family import Family, rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.realisation.sections import Factor, apart, factored
-from beamdesign.specification.circuit import Circuit, Kind, Ratio, Stage
-from beamdesign.specification.preferred_values import Series, neighbours, values_between
+from beamdesign.specification.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, values_between
 
 SERIES: tuple[tuple[Series, Series], ...] = (("E24", "E6"), ("E96", "E6"), ("E96", "E12"))
 RESISTORS, CAPACITORS = (0.01, 0.05), (0.05, 0.1)

@@ -22,9 +22,8 @@ from beamdesign.specification.difference_equation import (
     sensible_rate_Hz,
     upper_break_Hz,
 )
-from beamdesign.specification.ratings import Ratings, ratings
+from beamdesign.specification.ratings import Ratings, SensorNeed, ratings, sensor_need
 from beamdesign.specification.sampled_loop import SampledVerdict, prove_sampled
-from beamdesign.specification.sensor_need import SensorNeed, sensor_need
 from beamdesign.specification.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.specification.tubes import StockChoice, stock_choices
 from beamdesign.study.design_run import DesignRun

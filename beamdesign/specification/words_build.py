@@ -8,8 +8,7 @@ from beamdesign.materials import STRENGTH_SOURCE
 from beamdesign.report.page import Block, Items, Paragraph, Part, Picture, Table
 from beamdesign.report.quantity import decimal, mass_range_text, quantity, tube_text
 from beamdesign.specification.drawing import missing_geometry
-from beamdesign.specification.ratings import MARGIN
-from beamdesign.specification.sensor_need import KEPT
+from beamdesign.specification.ratings import KEPT, MARGIN
 from beamdesign.specification.specification import Specification
 from beamdesign.specification.tubes import StockChoice, held_loads
 

@@ -14,7 +14,7 @@ import pytest
 
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
-from beamdesign.paper.gains import gain_rows
+from beamdesign.paper.claims import gain_rows
 from beamdesign.paper.rig import CASES
 
 FOLDER = Path(__file__).parents[2] / "studies" / "gaps" / "paper_gains"

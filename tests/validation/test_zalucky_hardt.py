@@ -31,7 +31,7 @@ from beamdesign.paper.rig import (
 )
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
-from beamdesign.report.compliance_scale import decibels, from_decibels
+from beamdesign.report.quantity import decibels, from_decibels
 
 REPLICATION = 0.02
 PROPORTIONAL, LAG, LOADED, RELIEVED = CASES
