@@ -28,9 +28,9 @@ from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import loop_pictures, prototype_picture, stable_gains, wider_map
-from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.result_folder import FILES, check_row, report_html, write_result_folder
+from beamdesign.report.statements import price_words
 from beamdesign.report.trade import plot_trade, read_trade
 from beamdesign.specification.acceptance import acceptance
 from beamdesign.study.design_run import DesignRun

@@ -26,7 +26,7 @@ from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
 from beamdesign.simulate import simulate
 from beamdesign.specification import analogue, tolerances
-from beamdesign.specification.data_folder import COLUMNS, acceptance_plan, believed, write_data_folder
+from beamdesign.specification.acceptance import COLUMNS, acceptance_plan, believed, write_data_folder
 from beamdesign.specification.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"

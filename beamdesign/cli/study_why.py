@@ -18,7 +18,7 @@ def why(
     The structural checks with their utilisation, what binds, the shadow prices, and for a no what to relax; of loops
     the claims, the starts that failed and the scope of the proof. Exit status 1 if the case itself has no result.
     """
-    from beamdesign.report.price_words import price_words
+    from beamdesign.report.statements import price_words
     from beamdesign.study.governing import case_of, governing
 
     found = governing(case_of(case))

@@ -23,11 +23,10 @@ from beamdesign.proof.lyapunov import CHANGES_NAME
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg
-from beamdesign.report.foundations import statements
 from beamdesign.report.page import page_template, to_markdown
 from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture, trade_picture
-from beamdesign.report.price_words import price_words
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
+from beamdesign.report.statements import price_words, statements
 from beamdesign.report.trade import TradePoint, read_trade
 from beamdesign.specification.acceptance import acceptance
 from beamdesign.specification.folder import document_of

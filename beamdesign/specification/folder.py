@@ -14,8 +14,14 @@ from beamdesign.records import Record, to_toml
 from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Table, to_html, to_markdown
 from beamdesign.report.quantity import at_least, at_most, decimal, quantity
 from beamdesign.scenario import LoadSteps, Multisine, ScenarioRecord
-from beamdesign.specification.acceptance import MEASURED_WITHIN, AcceptanceAtMass, Band, bare_frequencies_Hz
-from beamdesign.specification.data_folder import believed, write_data_folder
+from beamdesign.specification.acceptance import (
+    MEASURED_WITHIN,
+    AcceptanceAtMass,
+    Band,
+    bare_frequencies_Hz,
+    believed,
+    write_data_folder,
+)
 from beamdesign.specification.drawing import drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.specification.specification import LawSpecification, Specification
 from beamdesign.specification.words_build import actuator, masses, masses_text, optional, sections, sensor

@@ -13,9 +13,14 @@ from beamdesign.proof.stage_family import stage_families
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.records import InputError
-from beamdesign.specification.acceptance import AcceptanceAtMass, acceptance
+from beamdesign.specification.acceptance import (
+    DURATION_S,
+    AcceptanceAtMass,
+    AcceptancePlan,
+    acceptance,
+    acceptance_plan,
+)
 from beamdesign.specification.analogue import AnalogueController, analogue_controllers
-from beamdesign.specification.data_folder import DURATION_S, AcceptancePlan, acceptance_plan
 from beamdesign.specification.difference_equation import (
     DifferenceEquation,
     difference_equation,

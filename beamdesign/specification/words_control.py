@@ -6,9 +6,9 @@ from math import isinf
 
 from beamdesign.proof.lyapunov import CHANGES_NAME, describe
 from beamdesign.proof.rational import nearest
-from beamdesign.report.foundations import proved_statements
 from beamdesign.report.page import Block, Code, Items, Paragraph, Part, Table
 from beamdesign.report.quantity import decimal, mass_range_text, quantity
+from beamdesign.report.statements import proved_statements
 from beamdesign.specification.analogue import AnalogueController
 from beamdesign.specification.sampled_loop import SampledVerdict
 from beamdesign.specification.specification import LawSpecification, Specification
