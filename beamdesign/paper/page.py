@@ -127,7 +127,7 @@ def _claims(comparison: Comparison) -> tuple[Block, ...]:
         )
         heads = ("quantity", "paper", "model", "unit", "verdict", "where", "note")
         marks = tuple("" if claim.agrees else "differs" for claim in claims)
-        tables.append(Table(heads, rows, group[:1].upper() + group[1:], (1, 2), marks))
+        tables.append(Table(heads, rows, group[:1].upper() + group[1:], (1, 2), marks=marks))
     return tuple(tables)
 
 

@@ -53,13 +53,24 @@ class Code(NamedTuple):
     text: str
 
 
+class Folded(NamedTuple):
+    """Lines as they are, which a page shows when asked to."""
+
+    summary: str
+    text: str
+
+
 class Table(NamedTuple):
-    """Cells of text; backticks as in a paragraph. On a page columns of numbers are set to the right, rows marked."""
+    """Cells of text; backticks as in a paragraph.
+
+    On a page columns of `numbers` are set to the right and those of `whole` not broken, and rows have their marks.
+    """
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     numbers: tuple[int, ...] = ()
+    whole: tuple[int, ...] = ()
     marks: tuple[str, ...] = ()
 
 
@@ -72,9 +83,11 @@ class Picture(NamedTuple):
     svg: str
     file: str
     caption: str
+    name: str = ""
+    """Of the picture in links; one with a name tells its values under the pointer."""
 
 
-Block = Paragraph | Items | Code | Table | Picture
+Block = Paragraph | Items | Code | Folded | Table | Picture
 
 
 @dataclass(frozen=True)
@@ -100,11 +113,18 @@ class Document:
     key: tuple[tuple[str, str], ...]
     parts: tuple[Part, ...]
     subject: str = " of a twin-beam link"
+    beside: tuple[str, ...] = ()
+    """Files that a page links to at its foot."""
 
     @property
     def about(self) -> str:
         """What a page calls it above its title."""
         return f"{self.kind}{self.subject}"
+
+    @property
+    def told(self) -> bool:
+        """Whether a page tells values under the pointer."""
+        return any(isinstance(block, Picture) and block.name for part in self.parts for block in part.blocks)
 
 
 def to_markdown(document: Document) -> str:
@@ -125,11 +145,11 @@ def _block(block: Block) -> list[str]:
             return [_marked(text), ""]
         case Items(texts):
             return [*(f"- {_marked(text)}" for text in texts), ""]
-        case Code(text):
+        case Code(text) | Folded(_, text):
             return [*(f"    {line}" for line in text.splitlines()), ""]
         case Table():
             return _table(block)
-        case Picture(_, file, caption):
+        case Picture(_, file, caption, _):
             return [f"![{in_markdown(caption)}]({file})", ""]
 
 
@@ -153,11 +173,13 @@ def _marked(text: str, bar: str = "|") -> str:
 
 def to_html(document: Document) -> str:
     """The page; texts are escaped, pictures stand in it as they are."""
-    return page_template("document.html").render(document=document) + "\n"
+    return page_template("page.html").render(document=document) + "\n"
 
 
 def _coded(text: str) -> Markup:
-    """Escaped text, with what stands between backticks as code."""
+    """Escaped text, with what stands between backticks as code; markup stays as it is."""
+    if isinstance(text, Markup):
+        return text
     pieces = str(text).split("`")
     return Markup("").join(
         Markup("<code>") + escape(piece) + Markup("</code>") if k % 2 else escape(piece)

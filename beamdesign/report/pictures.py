@@ -38,7 +38,7 @@ LOCUS_GAIN = 10.0
 
 
 @dataclass(frozen=True)
-class Picture:
+class CaptionedFigure:
     """One figure with what stands below it.
 
     Attributes:
@@ -52,14 +52,14 @@ class Picture:
     caption: str
 
 
-def prototype_picture(prototype: Prototype, tip_force_N: float) -> Picture:
+def prototype_picture(prototype: Prototype, tip_force_N: float) -> CaptionedFigure:
     """Section and both load cases, to scale."""
     figure = new_figure(190, 88)
     axes = figure.subplot_mosaic([["section", "on"], ["section", "off"]], width_ratios=[1.0, 3.4])
     draw_section(prototype, axes["section"])
     draw_side(prototype, tip_force_N, axes["on"], servo_on=True)
     draw_side(prototype, tip_force_N, axes["off"], servo_on=False)
-    return Picture(
+    return CaptionedFigure(
         "prototype",
         figure,
         "Drawn to scale, deflections too (not exaggerated); lengths in mm. Dashed: where the loaded beam lies without"
@@ -67,7 +67,7 @@ def prototype_picture(prototype: Prototype, tip_force_N: float) -> Picture:
     )
 
 
-def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
+def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     """Compliance, sensitivity, loop, poles, stable ranges and stable gains over the payload range.
 
     Raises:
@@ -99,7 +99,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
             f" {at_least(guarantee.bandwidth_Hz, 'Hz')}."
         )
     pictures = [
-        Picture(
+        CaptionedFigure(
             "compliance",
             compliance,
             "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
@@ -111,7 +111,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     sensitivity = new_figure(150, 75)
     plot_sensitivity(sensitivity.subplots(), curves, goal.peak_sensitivity)
     pictures.append(
-        Picture(
+        CaptionedFigure(
             "sensitivity", sensitivity, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help."
         )
     )
@@ -119,12 +119,14 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     bode = new_figure(150, 115)
     upper, lower = bode.subplots(2, 1, sharex=True)
     plot_loop_bode(upper, lower, curves)
-    pictures.append(Picture("loop", bode, "The loop transfer function L."))
+    pictures.append(CaptionedFigure("loop", bode, "The loop transfer function L."))
 
     poles = new_figure(150, 90)
     plot_pole_paths(poles.subplots(), loop, *bounds)
     pictures.append(
-        Picture("poles", poles, f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots.")
+        CaptionedFigure(
+            "poles", poles, f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots."
+        )
     )
 
     locus = new_figure(150, 88)
@@ -135,7 +137,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     panels[1].set_ylabel("")
     panels[1].get_legend().remove()
     pictures.append(
-        Picture(
+        CaptionedFigure(
             "locus",
             locus,
             f"Root locus: closed-loop poles as the gain goes from none to {LOCUS_GAIN:g} times this design's, with"
@@ -149,7 +151,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     ranges = new_figure(150, 48)
     plot_stable_ranges(ranges.subplots(), {"": wide}, bounds)
     pictures.append(
-        Picture(
+        CaptionedFigure(
             "ranges",
             ranges,
             "Stable and unstable masses on the outer tip, exact, beyond the range asked for as well; where the verdict"
@@ -163,7 +165,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
         gains.subplots(), loop, controller.gain_A_per_V, [float(m) for m in np.linspace(0, end, 121)], bounds
     )
     pictures.append(
-        Picture(
+        CaptionedFigure(
             "gains",
             gains,
             "Stable gains over the outer end mass with this design's breaks and inner end mass: exact at 121 masses,"
@@ -173,11 +175,11 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[Picture]:
     return pictures
 
 
-def trade_picture(points: tuple[TradePoint, ...], bandwidth_Hz: float, moving_mass_kg: float) -> Picture:
+def trade_picture(points: tuple[TradePoint, ...], bandwidth_Hz: float, moving_mass_kg: float) -> CaptionedFigure:
     """Proved designs of a front beside this one."""
     figure = new_figure(150, 85)
     plot_trade(figure.subplots(), points, (bandwidth_Hz, moving_mass_kg))
-    return Picture(
+    return CaptionedFigure(
         "trade",
         figure,
         "Lightest proved designs over the bandwidth they guarantee, sections, end mass and controller chosen together;"

@@ -4,27 +4,35 @@ The report is one self-contained HTML page: no requests, both themes, fit for pr
 its curves and their places in the SVG, so that the page can tell values under the pointer.
 """
 
-import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from beamdesign.design.checks import Check
 from beamdesign.design.pair import CheckedPair
 from beamdesign.files import write_set
 from beamdesign.loop import loop
 from beamdesign.lumped import LumpedBeam, lumped_beam, notes
+from beamdesign.proof.certificate import Certificate
 from beamdesign.proof.lyapunov import CHANGES_NAME
 from beamdesign.prototype import Beam, InStage, Prototype
 from beamdesign.records import to_toml
-from beamdesign.report.canvas import inline_svg
-from beamdesign.report.page import page_template, to_markdown
-from beamdesign.report.pictures import Picture, loop_pictures, prototype_picture, trade_picture
+from beamdesign.report.canvas import inline_svg, readings_json
+from beamdesign.report.page import (
+    Block,
+    Code,
+    Document,
+    Folded,
+    Items,
+    Paragraph,
+    Part,
+    Picture,
+    Table,
+    to_html,
+    to_markdown,
+)
+from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.report.statements import price_words, statements
 from beamdesign.report.trade import TradePoint, read_trade
@@ -87,40 +95,133 @@ def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, 
     Raises:
         ValueError: where the run has no result; its `reason` says why.
     """
-    prototype, certificate = run.prototype, run.certificate
+    prototype, certificate, sizing = run.prototype, run.certificate, run.sizing
     if prototype is None or certificate is None or prototype.guarantee is None or prototype.controller is None:
         raise ValueError(f"nothing to report: {run.reason or 'the run is not complete'}")
-    pictures = [prototype_picture(prototype, run.problem.load.tip_force_N)]
-    pictures += loop_pictures(prototype, loop(prototype))
-    moving_mass_kg = run.sizing.beam_mass_kg + prototype.payload.inner_end_mass_kg
+    guarantee, added_kg = prototype.guarantee, prototype.payload.inner_end_mass_kg
+    load_N, moving_mass_kg = run.problem.load.tip_force_N, sizing.beam_mass_kg + added_kg
+    shown = [prototype_picture(prototype, load_N), *loop_pictures(prototype, loop(prototype))]
     if trade:
-        pictures.append(trade_picture(trade, prototype.guarantee.bandwidth_Hz, moving_mass_kg))
-    return page_template(
-        "report.html",
-        quantity=quantity,
-        decimal=decimal,
-        mass_range=mass_range_text,
-        at_least=at_least,
-        at_most=at_most,
-    ).render(
-        run=run,
-        problem=run.problem,
-        sizing=run.sizing,
-        prototype=prototype,
-        guarantee=prototype.guarantee,
-        certificate=certificate,
-        files=files,
-        pictures={picture.name: _inline(picture) for picture in pictures},
-        pairs=section_rows(run),
-        checks=[check_row(check) for check in sorted(run.sizing.checks, key=lambda check: -check.utilisation)],
-        prices=price_words(run.sizing.shadow_prices),
-        lumped=lumped_rows(prototype),
-        notes=notes(prototype),
-        controller=prototype.controller.rows(),
-        expected=expected_rows(prototype, prototype.guarantee.outer_end_mass_kg),
-        statements=statements(run),
-        moving_mass_kg=moving_mass_kg,
+        shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
+    pictures = {picture.name: _inline(picture) for picture in shown}
+    masses = mass_range_text(guarantee.outer_end_mass_kg)
+    bandwidth, peak = at_least(guarantee.bandwidth_Hz, "Hz"), at_most(guarantee.peak_sensitivity, "1")
+    verdict = Markup(
+        "With every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way by no more than {} up to"
+        " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
+    ).format(
+        masses, "proved stable" if certificate.stable else "not stable",
+        quantity(prototype.goal.compliance_m_per_N, "m/N"), bandwidth, peak, quantity(load_N, "N"),
+        quantity(sizing.beam_mass_kg, "kg"),
+    )  # fmt: skip
+    key = (
+        ("guaranteed bandwidth", bandwidth),
+        ("guaranteed peak sensitivity", peak),
+        ("for outer end masses of", masses),
+        ("both beams", quantity(sizing.beam_mass_kg, "kg")),
+        ("inner end mass", quantity(added_kg, "kg")),
+        ("beams and inner end mass", quantity(moving_mass_kg, "kg")),
     )
+    law: list[Block] = [
+        Table(
+            ("figure", "value", "meaning"),
+            (
+                *prototype.controller.rows(),
+                ("inner end mass", quantity(added_kg, "kg", 7), "added to the inner beam's tip"),
+            ),
+            numbers=(1,),
+        )
+    ]
+    if prototype.controller.kind == "lag":
+        words = "C(s) = (1 + s/(2π zero)) / (1 + s/(2π pole)); the valve current is gain × C(s)"
+        law.append(Paragraph(f"{words} × (command − sensor voltage)."))
+    heads = (
+        "outer end mass", "bandwidth", "peak sensitivity", "static compliance", "critical gain", "oscillation"
+    )  # fmt: skip
+    expected = Table(
+        heads,
+        tuple(expected_rows(prototype, guarantee.outer_end_mass_kg)),
+        "By the linear model, at single masses",
+        numbers=tuple(range(len(heads))),
+    )
+    lumped = Table(("figure", "symbol", "value", "source"), tuple(lumped_rows(prototype)), numbers=(2,), whole=(0,))
+    proof = files["certificate"]
+    parts = (
+        Part("Sections", _sections(run)),
+        Part("Drawing", (pictures["prototype"],)),
+        Part("Figures of the model", (lumped, *(Paragraph(f"{note}.") for note in notes(prototype)))),
+        Part("Controller and end mass", tuple(law)),
+        Part("Performance", (pictures["compliance"], pictures["sensitivity"], expected, pictures["loop"])),
+        Part(
+            "Stability over the outer end mass",
+            (Paragraph(_stability_words(certificate)), *(pictures[n] for n in ("ranges", "gains", "locus", "poles"))),
+        ),
+        *((Part("Trade curves", (pictures["trade"],)),) if trade else ()),
+        Part(
+            "What is proved, and what is not",
+            (
+                Table(("claim", "foundation", "by"), tuple(statements(run)), whole=(1,)),
+                Paragraph(
+                    "All of it is about the linear model with the figures above; how far a rig follows that model is"
+                    f" for measurements to say. What is called proved stands in `{proof}`, and is proved again from"
+                    " that file alone, by another method than the one that found it, with"
+                ),
+                Code(f"beamdesign certify --replay {proof}"),
+            ),
+        ),
+        Part(
+            "Certificate",
+            (
+                Paragraph(f"`{proof}` holds the proof with every figure it needs."),
+                Paragraph(f"Its SHA-256, as noted in `{files['prototype']}`: `{guarantee.certificate_sha256}`"),
+                Folded("The certificate in full", certificate.text),
+            ),
+        ),
+    )
+    beside = tuple(name for kind, name in files.items() if kind != "report")
+    return to_html(Document(prototype.name, "Design report", verdict, key, parts, beside=beside))
+
+
+def _sections(run: DesignRun) -> tuple[Block, ...]:
+    """The chosen tubes beside the candidates, their checks, and what requirements cost."""
+    sizing = run.sizing
+    reason = f"{sizing.reason[:1].upper()}{sizing.reason[1:]}."
+    if sizing.price_of_rounding_kg is not None:
+        reason += f" Taking stock sizes instead of free ones costs {quantity(sizing.price_of_rounding_kg, 'kg', 3)}."
+    checks, marks = [], []
+    for check in sorted(sizing.checks, key=lambda check: -check.utilisation):
+        name, value, limit, used, satisfied, share = check_row(check)
+        governs = check.name == sizing.governing
+        word = Markup('<span class="{}">{}</span>').format("good" if satisfied else "bad", used)
+        bar = Markup('<span class="bar"><i style="width:{:.1f}%"></i></span>').format(100 * share)
+        failing = "" if satisfied else Markup('<span class="bad">, fails</span>')
+        checks.append((f"{name} (governing)" if governs else name, value, limit, word + failing, bar))
+        marks.append("governing" if governs else "")
+    heads = ("check", "value", "limit", "used", "")
+    blocks: list[Block] = [
+        Paragraph(reason),
+        Table(("", "outer tube", "inner tube", "both beams", "checks"), tuple(section_rows(run)), "", (3,), (0, 1, 2)),
+        Table(heads, tuple(checks), "Checks of the chosen pair", (1, 3), (2,), tuple(marks)),
+    ]
+    if prices := price_words(sizing.shadow_prices):
+        blocks += [
+            Paragraph("What a requirement costs, by slopes of the least mass at the optimum over free sizes:"),
+            Items(tuple(prices)),
+        ]
+    return tuple(blocks)
+
+
+def _stability_words(certificate: Certificate) -> str:
+    """Why the range is stable, and the next masses beside it at which poles lie on the axis."""
+    words = f"{certificate.reason or 'Every mass of the range is stable'}."
+    for side in ("below", "above"):
+        crossing = getattr(certificate.stability, side)
+        if crossing and crossing.value >= 0 and crossing.finite:
+            words += (
+                f" The next mass {side} the range at which poles lie on the axis is"
+                f" {quantity(crossing.value, 'kg', 6)}, at {quantity(crossing.frequency_Hz, 'Hz')}."
+            )
+    return words
 
 
 def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:
@@ -172,13 +273,13 @@ def expected_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tup
     ]
 
 
-def _inline(picture: Picture) -> Markup:
+def _inline(picture: CaptionedFigure) -> Picture:
+    """A figure as it stands in the page, with the values that it tells under the pointer."""
     # The SVG writer escapes what it is given, so its output is markup.
-    caption = Markup("<figcaption>{}</figcaption>").format(picture.caption)
-    svg = Markup(inline_svg(picture.figure, picture.name, picture.caption))
-    data = readings_json(picture.figure)
-    told = Markup('<script type="application/json" class="readings">{}</script>').format(Markup(data)) if data else ""
-    return Markup('<figure id="{}">{}{}{}</figure>').format(f"figure-{picture.name}", svg, caption, told)
+    svg = inline_svg(picture.figure, picture.name, picture.caption)
+    if data := readings_json(picture.figure):
+        svg += f'<script type="application/json" class="readings">{data}</script>'
+    return Picture(svg, "", picture.caption, picture.name)
 
 
 class LumpedRow(NamedTuple):
@@ -234,56 +335,4 @@ def _beam_rows(name: str, suffix: str, record: Beam, lumped: LumpedBeam) -> list
             quantity(lumped.damping, "N s/m"),
             f"2 ζ √(K M) of the bare beam, ζ = {record.damping_ratio:g}; it stays as end mass is added",
         ),
-    ]
-
-
-_FEWEST_POINTS, _MOST_POINTS = 12, 160
-_SVG_DPI = 72
-
-
-def readings(figure: Figure) -> list[dict[str, Any]]:
-    """Curves of a figure that was last drawn by saving it as SVG: each way of drawing lays out a little differently.
-
-    Returns:
-        per curve its name in the legend (empty without one), the labels of its axes, and up to 160 points
-        `[x in the SVG, y in the SVG, value along x, value along y]` within the frame.
-    """
-    found = []
-    for axes in figure.axes:
-        for line in axes.lines:
-            if points := _points(axes, line, _SVG_DPI / figure.dpi, figure.bbox.height):
-                label = str(line.get_label())
-                name = "" if label.startswith("_") else label
-                found.append({"name": name, "x": _horizontal(axes), "y": axes.get_ylabel(), "points": points})
-    return found
-
-
-def readings_json(figure: Figure) -> str:
-    """The same as JSON that may stand inside a script element; empty where there is no curve."""
-    found = readings(figure)
-    return json.dumps(found, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c") if found else ""
-
-
-def _horizontal(axes: Axes) -> str:
-    """Label of the horizontal axis, which axes that share it leave to the lowest."""
-    own = axes.get_xlabel()
-    shared = [other.get_xlabel() for other in axes.get_shared_x_axes().get_siblings(axes)]
-    return own or next((label for label in shared if label), "")
-
-
-def _points(axes: Axes, line: Line2D, scale: float, height: float) -> list[list[float]]:
-    if line.get_linestyle() in ("None", "none", " ", "") or len(np.atleast_1d(line.get_xdata())) < _FEWEST_POINTS:
-        return []
-    values = np.column_stack([np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        places = line.get_transform().transform(values)
-    frame = axes.bbox
-    inside = np.isfinite(places).all(axis=1) & np.isfinite(values).all(axis=1)
-    inside[inside] = [bool(frame.contains(x, y)) for x, y in places[inside]]
-    chosen = np.nonzero(inside)[0]
-    if len(chosen) > _MOST_POINTS:
-        chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, _MOST_POINTS).astype(int))]
-    return [
-        [round(float(scale * x), 1), round(float(scale * (height - y)), 1), float(f"{a:.5g}"), float(f"{b:.5g}")]
-        for (x, y), (a, b) in zip(places[chosen], values[chosen], strict=True)
     ]
