@@ -4,7 +4,19 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from math import isfinite
+from operator import attrgetter
 from typing import Any
+
+
+def picked(found: Any, names: str) -> dict[str, Any]:
+    """Attributes of a record by name.
+
+    Args:
+        found: the record.
+        names: separated by blanks; `name=path.to.it` is for one that stands deeper, or under another name.
+    """
+    words = (word.partition("=") for word in names.split())
+    return {name: attrgetter(path or name)(found) for name, _, path in words}
 
 
 def plain(value: Any) -> Any:
@@ -21,8 +33,13 @@ def plain(value: Any) -> Any:
 
 
 def json_text(fields: Mapping[str, Any]) -> str:
-    """Fields as the text of a JSON file; JSON has no infinity, so that figures that are not finite become null."""
-    return json.dumps(_finite(plain(fields)), indent=2, allow_nan=False) + "\n"
+    """Fields as the text of a JSON file."""
+    return json.dumps(finite(fields), indent=2, allow_nan=False) + "\n"
+
+
+def finite(value: Any) -> Any:
+    """As `plain`; JSON has no infinity, so that figures that are not finite become null."""
+    return _finite(plain(value))
 
 
 def _finite(value: Any) -> Any:
@@ -30,4 +47,6 @@ def _finite(value: Any) -> Any:
         return {name: _finite(item) for name, item in value.items()}
     if isinstance(value, list):
         return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else None
+    return value

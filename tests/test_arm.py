@@ -741,7 +741,7 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
 
 def test_a_sweep_tells_what_the_command_tells(link: Prototype):
     from beamdesign.study.tasks import ArmOptions
-    from beamdesign.study.tasks.arm import compute
+    from beamdesign.study.tasks.of_prototypes import arm as compute
 
     rig = at(link, 0.0, 0.1, 0.0)
     answer = compute(rig, ArmOptions(force_N=500.0))

@@ -198,16 +198,16 @@ def test_result_of_size_is_that_of_size(sweep, command, tmp_path):
 
 
 def test_failures_stay_as_rows_with_their_reason(sweep, command, tmp_path, monkeypatch):
-    import beamdesign.study.tasks.size as task
+    from beamdesign.design import sizing
 
-    real = task.find_sections
+    real = sizing.size
 
     def sometimes(problem):
         if problem.load.tip_force_N == 1234.0:
             raise ZeroDivisionError("a fault")
         return real(problem)
 
-    monkeypatch.setattr(task, "find_sections", sometimes)
+    monkeypatch.setattr(sizing, "size", sometimes)
     vary = [{"key": "load.tip_force_N", "values": [1000.0, 1234.0, -1.0, 90000.0]}]
     status, output, fields = command("run", sweep(task="size", base=PROBLEM, vary=vary), "--out", tmp_path / "out")
     assert status == 0
@@ -223,7 +223,7 @@ def test_failures_stay_as_rows_with_their_reason(sweep, command, tmp_path, monke
     status, output, _ = command("why", tmp_path / "out" / "1")
     assert status == 1
     assert "sometimes" in output  # the place in the traceback
-    monkeypatch.setattr(task, "find_sections", real)
+    monkeypatch.setattr(sizing, "size", real)
     _, _, fields = command("run", tmp_path / "sweep.toml", "--out", tmp_path / "out", "--again")
     assert (fields["computed"], fields["counts"]["done"]) == (1, 2)
 
@@ -345,15 +345,22 @@ def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_addres
 
 
 def test_digest_reaches_what_a_task_imports_and_no_more():
-    names = {path.relative_to(ROOT / "beamdesign").as_posix() for path in room.reached("beamdesign.study.tasks.size")}
-    assert {"study/tasks/size.py", "design/sizing.py", "section.py", "design/__init__.py", "records.py"} <= names
+    names = {
+        path.relative_to(ROOT / "beamdesign").as_posix()
+        for path in room.reached("beamdesign.study.tasks.of_problems:size")
+    }
+    assert {"study/tasks/of_problems.py", "design/sizing.py", "section.py", "design/__init__.py", "records.py"} <= names
     # A law knows its figures in words and its equations in the rig.
     assert {name for name in names if name.startswith("report/")} <= {"report/__init__.py", "report/quantity.py"}
     assert not any(name.startswith(("cli/", "gap/", "design/tuning")) for name in names)
 
 
 def test_digest_reaches_modules_that_are_named_only_when_it_runs():
-    names = {path.name for path in room.reached("beamdesign.study.tasks.at_mass") if path.parent.name == "effects"}
+    names = {
+        path.name
+        for path in room.reached("beamdesign.study.tasks.of_prototypes:at_mass")
+        if path.parent.name == "effects"
+    }
     assert names == {path.name for path in (ROOT / "beamdesign" / "rig" / "effects").glob("*.py")}
 
 

@@ -10,7 +10,7 @@ import typer
 from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
 
 if TYPE_CHECKING:
-    from beamdesign.study.sweep_plan import Plan
+    from beamdesign.study.sampling import Plan
     from beamdesign.study.sweep_run import SweepRun
     from beamdesign.study.workers import Workers
 

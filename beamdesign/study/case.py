@@ -4,18 +4,17 @@ import hashlib
 import json
 import time
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from math import isfinite
 from typing import Any, Literal, cast
 
 from beamdesign import records
+from beamdesign.json_text import finite
 from beamdesign.records import InputError, Problem, Record
-from beamdesign.study.answer import Answer, of_all
 from beamdesign.study.code_digest import code_digest, libraries
-from beamdesign.study.tasks import TASKS, Task
+from beamdesign.study.tasks import TASKS, Answer, Task, of_all
 
 Status = Literal["done", "no", "refused", "failed"]
 """The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
@@ -63,14 +62,14 @@ def case(task: str, document: Mapping[str, Any], options: Mapping[str, Any], var
     try:
         read = [part.model_dump(mode="json") for part in parsed(task, document, options)]
     except InputError as error:
-        read, problems = [plain(document), plain(options)], tuple(error.problems)
+        read, problems = [finite(document), finite(options)], tuple(error.problems)
     return Case(
         task,
-        plain(document),
-        plain(options),
-        plain(varied),
+        finite(document),
+        finite(options),
+        finite(varied),
         _digest(task, *map(_text, read)),
-        code_digest(TASKS[task].module),
+        code_digest(TASKS[task].place),
         problems,
     )
 
@@ -139,7 +138,7 @@ def compute(found: Case) -> dict[str, Any]:
     except Exception as error:  # a crash is a row of its own: the others go on
         status, reason = "failed", f"{type(error).__name__}: {error}"
         details = {"traceback": traceback.format_exc()}
-    return kept(found, status, reason, plain(outputs), plain(details), time.perf_counter() - begun)
+    return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
 
 
 def _answer(task: Task, record: Any, options: Any) -> Answer:
@@ -147,9 +146,10 @@ def _answer(task: Task, record: Any, options: Any) -> Answer:
 
     That is the first whose answer is no, else the one of the least bandwidth.
     """
-    compute = import_module(task.module).compute
+    module, _, name = task.place.partition(":")
+    compute = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
     if "controller" not in task.needs or record.schedule is None:
-        return cast("Answer", compute(record, options))
+        return compute(record, options)
     mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
     stages = record.stages(record.outer_end_mass_kg if mass is None else (mass, mass))
     return of_all({stage.prototype.name: compute(stage.prototype, options) for stage in stages})
@@ -184,18 +184,3 @@ def kept(
 def short(address: str) -> str:
     """As much of an address as people are shown."""
     return address[:_SHORT]
-
-
-def plain(value: Any) -> Any:
-    """As JSON has it: tuples become lists, numpy's numbers plain ones, and a figure that is not finite none at all."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, bool | int | str) or value is None:
-        return value
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    return str(value)

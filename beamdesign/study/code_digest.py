@@ -1,4 +1,4 @@
-"""Which code a task rests on: a digest of the source files that it can reach by imports.
+"""Which code a task rests on: a digest of the source files that its function can reach by imports.
 
 Only those files count, so that a change of the command line or of a report leaves results valid. Imports inside
 functions count too, and so do the data files beside the modules (alloys, stock sizes).
@@ -16,14 +16,14 @@ _LIBRARIES = ("casadi", "cvxpy", "numpy", "python-flint", "scipy")
 
 
 @cache
-def code_digest(module: str) -> str:
-    """SHA-256 over the package's source files that a module reaches, in the order of their names.
+def code_digest(place: str) -> str:
+    """SHA-256 over the package's source files that a function reaches, in the order of their names.
 
     Args:
-        module: dotted name, inside the package.
+        place: MODULE:FUNCTION, inside the package.
     """
     digest = hashlib.sha256()
-    files = reached(module)
+    files = reached(place)
     data = sorted({path for folder in {file.parent for file in files} for path in folder.glob("*.toml")})
     for path in (*files, *data):
         digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0")
@@ -31,23 +31,40 @@ def code_digest(module: str) -> str:
     return digest.hexdigest()
 
 
-def reached(module: str) -> list[Path]:
-    """Source files that a module reaches by imports inside the package, itself included, sorted.
+def reached(place: str) -> list[Path]:
+    """Source files that a function reaches by imports inside the package, its own included, sorted.
 
-    The package's own `__init__` only passes names on and is left out.
+    Imports of other functions in its own file do not count. The package's own `__init__` only passes names on and is
+    left out.
     """
+    module = place.partition(":")[0]
     found: set[Path] = set()
-    waiting = [module]
+    waiting = [module, *engines(place)]
     while waiting:
         name = waiting.pop()
         path = _file_of(name)
         if path is None or path in found or path == _ROOT / "__init__.py":
             continue
         found.add(path)
-        waiting += _imported(path)
+        waiting += _imported(path, _tree(path)) if name != module else []
         while "." in (name := name.rpartition(".")[0]):  # a package's __init__ runs before its modules
             waiting.append(name)
     return sorted(found)
+
+
+def engines(place: str) -> list[str]:
+    """Modules that a function needs: what its file imports for all, and what itself does."""
+    module, _, function = place.partition(":")
+    path = _file_of(module)
+    assert path is not None
+    body = _tree(path).body
+    own = [node for node in body if isinstance(node, ast.FunctionDef) and node.name == function]
+    top = [node for node in body if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [name for name in _imported(path, ast.Module([*top, *own], [])) if _file_of(name) is not None]
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_bytes())
 
 
 def _file_of(name: str) -> Path | None:
@@ -62,9 +79,12 @@ def _file_of(name: str) -> Path | None:
     return None
 
 
-def _imported(path: Path) -> list[str]:
+def _imported(path: Path, tree: ast.Module) -> list[str]:
+    """Names that a tree of a file's statements imports when it runs, for types alone not among them."""
+    tests = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
+    left_out = {inside for node in tests if ast.unparse(node.test) == "TYPE_CHECKING" for inside in ast.walk(node)}
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
+    for node in set(ast.walk(tree)) - left_out:
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:

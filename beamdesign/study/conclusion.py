@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from beamdesign.study.methods import NO_RESULT, cost, figures_of
+from beamdesign.study.sampling import Plan
 from beamdesign.study.sweep_file import Demand, Sweep
-from beamdesign.study.sweep_plan import Plan
 
 Row = Mapping[str, Any]
 

@@ -17,9 +17,8 @@ from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.study.case import Case
-from beamdesign.study.sampling import case_at, merged, scaled
+from beamdesign.study.sampling import Plan, case_at, merged, scaled
 from beamdesign.study.sweep_file import Sweep
-from beamdesign.study.sweep_plan import Plan
 
 CUT_SIGMAS = 4.0
 """Draws are of a normal distribution cut off here; 6 in 100 000 would lie beyond."""

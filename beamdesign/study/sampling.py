@@ -1,8 +1,10 @@
-"""The cases of a sweep that are known beforehand: points of a grid, or samples of ranges."""
+"""What a sweep is about to compute: its cases that are known beforehand, on a grid or as samples of ranges."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from math import ceil, log2
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,27 @@ from beamdesign.study.document_keys import with_value
 from beamdesign.study.sweep_file import SAMPLED, Sweep, Vary
 
 _OPTIONS = "options"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep read from its file, with its base document.
+
+    Attributes:
+        path: of the sweep file.
+        sweep: what it says.
+        base: tables of the base document.
+        cases: the cases that are known beforehand; of an adaptive method none.
+        budget: how many there are at most.
+        limit: as asked, None for all.
+    """
+
+    path: Path
+    sweep: Sweep
+    base: dict[str, Any]
+    cases: tuple[Case, ...]
+    budget: int
+    limit: int | None = None
 
 
 def points(sweep: Sweep, cases: int | None = None) -> list[dict[str, Any]]:

@@ -175,7 +175,7 @@ def _wrong(found: dict[str, Any], address: str, asked: Case | None) -> tuple[str
     if asked is not None and inputs == (asked.task, asked.document, asked.options):
         return None
     task = TASKS.get(found["task"])
-    of_this_code = task is not None and code_digest(task.module) == found["code_sha256"]
+    of_this_code = task is not None and code_digest(task.place) == found["code_sha256"]
     if (asked is not None or of_this_code) and (task is None or not inputs_hold(*inputs, found["inputs_sha256"])):
         return "inputs_sha256", "is not the digest of its inputs"
     return None

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, FiniteFloat
 
 from beamdesign import records
+from beamdesign.prototype import Prototype
 from beamdesign.quantities import RelativeStd
 from beamdesign.records import FileName, InputError, Positive, Problem, Record
 from beamdesign.study.document_keys import known_keys, wrong_key
@@ -194,7 +195,7 @@ def _problems(sweep: Sweep) -> Iterator[Problem]:
     if method == "optimise" and (sweep.optimise is None or not sweep.vary):
         yield Problem("optimise", "missing: which output to minimise or maximise, and at least one [[vary]]")
     if method in ("tolerance", "worst_case", "sensitivity"):
-        if task.of != "prototype":
+        if task.record is not Prototype:
             yield Problem("study.method", f"{method} needs a task on prototypes, {sweep.study.task} works on studies")
         if sweep.vary:
             yield Problem("vary", f"{method} varies the figures of [tolerance]; leave [[vary]] out")

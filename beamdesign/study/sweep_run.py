@@ -3,7 +3,6 @@
 Everything that can be checked is checked before anything is written; the table and what goes with it change together.
 """
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +11,12 @@ from typing import Any
 
 from beamdesign import records
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
+from beamdesign.json_text import json_text
 from beamdesign.records import InputError, Problem
 from beamdesign.study import store, workers
-from beamdesign.study.case import Case, plain
-from beamdesign.study.sampling import case_at, points
+from beamdesign.study.case import Case
+from beamdesign.study.sampling import Plan, case_at, points
 from beamdesign.study.sweep_file import Sweep, read_sweep
-from beamdesign.study.sweep_plan import Plan
 from beamdesign.study.table import write_tables
 
 Progress = Callable[[float, str], None]
@@ -237,7 +236,7 @@ def _written(progression: Progression, complete: bool, draw: Draw | None) -> Swe
             files += draw(laid.sweep, found, conclusion, fresh)
         if conclusion:
             files.append(fresh / CONCLUSION)
-            write_whole(files[-1], json.dumps(plain(conclusion), indent=2, allow_nan=False) + "\n")
+            write_whole(files[-1], json_text(conclusion))
     return SweepRun(
         folder,
         tuple(found),

@@ -7,8 +7,8 @@ from pathlib import Path
 from beamdesign.study import store
 from beamdesign.study.case import in_words
 from beamdesign.study.code_digest import code_digest
+from beamdesign.study.sampling import Plan
 from beamdesign.study.sweep_file import task_of
-from beamdesign.study.sweep_plan import Plan
 from beamdesign.study.sweep_run import ADAPTIVE
 
 
@@ -47,7 +47,7 @@ def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
     """
     cases = {one.address: one for one in laid.cases}
     everything = store.gathered(folder, store.addresses(folder), cases)
-    code = code_digest(task_of(laid.sweep).module)
+    code = code_digest(task_of(laid.sweep).place)
     current = {record["address"]: record for record in everything.records if record["code_sha256"] == code}
     addresses, complete = list(cases), True
     if laid.sweep.study.method in ADAPTIVE:

@@ -17,7 +17,7 @@ from types import FrameType
 from typing import Any
 
 from beamdesign.study.case import Case, compute, kept
-from beamdesign.study.code_digest import code_digest
+from beamdesign.study.code_digest import code_digest, engines
 from beamdesign.study.tasks import TASKS
 
 Outcome = tuple[int, dict[str, Any]]
@@ -198,8 +198,9 @@ def _serve(pipe: Connection) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     while True:
         found: Case = pipe.recv()
-        with suppress(Exception):  # as told by `compute`; loading an engine is no part of a case's time
-            import_module(TASKS[found.task].module)
+        for engine in engines(TASKS[found.task].place):  # loading them is no part of a case's time
+            with suppress(Exception):  # as told by `compute`
+                import_module(engine)
         pipe.send(None)
         pipe.send(compute(found))
 
@@ -212,7 +213,7 @@ def _end_with_parent() -> None:
 
 def _compute_there(found: Case) -> dict[str, Any]:
     """In a worker of a cluster: its results count only if it has the code that they are kept under."""
-    if code_digest(TASKS[found.task].module) != found.code_sha256:
+    if code_digest(TASKS[found.task].place) != found.code_sha256:
         raise RuntimeError("another version of beamdesign is installed there than here")
     return compute(found)
 

@@ -1,15 +1,45 @@
 """The tasks that a sweep can put its cases through. Their engines are loaded only by the process that computes."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
+from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem, Sought, Tuned
 from beamdesign.prototype import Prototype
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
+
+if TYPE_CHECKING:
+    from beamdesign.design.refinement import Proved
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Outputs of one case.
+
+    Attributes:
+        outputs: columns of the table by name, with the unit in the name: numbers, texts, yes or no, or lists of them.
+        details: what `study why` tells beyond: checks, shadow prices, certificates' words; plain values.
+        reason: why the answer is no; empty where it is yes.
+    """
+
+    outputs: dict[str, Any]
+    details: dict[str, Any] = field(default_factory=dict)
+    reason: str = ""
+
+
+def of_all(answers: Mapping[str, Answer]) -> Answer:
+    """The answer of the law that governs, with the outputs of all by their names in the details.
+
+    That is the first whose answer is no, else the one of the least bandwidth. The only one stays as it is.
+    """
+    worst = min(answers.values(), key=lambda one: (not one.reason, one.outputs.get("bandwidth_Hz") or 0.0))
+    if len(answers) == 1:
+        return worst
+    return replace(worst, details=worst.details | {"stages": {name: one.outputs for name, one in answers.items()}})
 
 
 class NoOptions(Record):
@@ -95,25 +125,28 @@ class Task:
     """A task.
 
     Attributes:
-        module: with `compute(record, options) -> Answer`.
-        of: what it works on.
+        function: of this package, as MODULE:NAME; it takes record and options and gives an `Answer`.
         options: its options.
         summary: in words.
         columns: every output that it can give, with what it holds; a case may lack some, or hold none there.
         needs: keys of `NEEDED` that it does not do without.
     """
 
-    module: str
-    of: Literal["problem", "prototype"]
+    function: str
     options: type[Record]
     summary: str
     columns: Mapping[str, Kind]
     needs: tuple[str, ...] = ()
 
     @property
-    def record(self) -> type[Record]:
+    def place(self) -> str:
+        """Where its function stands, as `code_digest` takes it."""
+        return f"{__name__}.{self.function}"
+
+    @property
+    def record(self) -> type[DesignProblem] | type[Prototype]:
         """Type of the base document."""
-        return DesignProblem if self.of == "problem" else Prototype
+        return DesignProblem if self.function.startswith("of_problems:") else Prototype
 
     def lacks(self, record: Record) -> Iterator[Problem]:
         """What this task needs and a record has not."""
@@ -122,60 +155,80 @@ class Task:
                 yield Problem(key, NEEDED[key])
 
 
+def payload_range(record: DesignProblem | Prototype) -> tuple[float, float]:
+    """The range of outer end mass that a record states, kg."""
+    masses = record.payload.outer_end_mass_kg
+    assert masses is not None  # a problem is validated to have it, and what a task needs is there before it computes
+    return masses
+
+
 def _columns(numbers: str, yes_or_no: str = "", text: str = "", lists: str = "") -> dict[str, Kind]:
+    """Columns by what they hold; of names as `picked` takes them."""
     kinds: dict[Kind, str] = {"numbers": numbers, "yes or no": yes_or_no, "text": text, "lists": lists}
-    return {name: kind for kind, names in kinds.items() for name in names.split()}
+    return {word.partition("=")[0]: kind for kind, words in kinds.items() for word in words.split()}
 
 
 _PRICES = """price_tip_force_kg_per_percent price_safety_strength_kg_per_percent
     price_safety_local_buckling_kg_per_percent price_clearance_assembly_kg_per_mm price_clearance_under_load_kg_per_mm
     price_least_wall_kg_per_mm price_largest_width_kg_per_mm price_width_to_wall_at_most_kg_per_percent"""
-_TUBES = "outer_width_m outer_wall_m inner_width_m inner_wall_m"
-_SIZES = f"beam_mass_kg {_TUBES} free_beam_mass_kg price_of_rounding_kg {_PRICES}"
-_PROVED = "bandwidth_Hz peak_sensitivity inner_end_mass_kg gain_A_per_V pole_Hz zero_Hz"
+TUBES = "outer_width_m=outer.width_m outer_wall_m=outer.wall_m inner_width_m=inner.width_m inner_wall_m=inner.wall_m"
+SIZED = f"beam_mass_kg {TUBES}"
+POINT = f"moving_mass_kg beam_mass_kg {TUBES}"
+REMEDY = f"bandwidth_Hz peak_sensitivity added_mass_kg inner_end_mass_kg {TUBES}"
+PROVED = "bandwidth_Hz peak_sensitivity inner_end_mass_kg gain_A_per_V=controller.gain_A_per_V"
+ERRORS = "twist_rad about_y_rad about_z_rad"
+"""Columns, each with where it stands in the record that a task's engine gives (see `json_text.picked`)."""
+_SIZES = f"{SIZED} free_beam_mass_kg price_of_rounding_kg {_PRICES}"
+_LAG = "pole_Hz zero_Hz"
 _SECTIONS = " ".join(
     f"section_{k}_{end}_{figure}" for k in (1, 2, 3) for end in ("zero", "pole") for figure in ("Hz", "damping_ratio")
 )
 _FORCES = " ".join(f"load_at_{f}_Hz_N displacement_at_{f}_Hz_m" for f in (1, 10, 100))
 _CROSSINGS = "crossings_kg crossing_frequencies_Hz"
 _LAW, _RANGE = "controller", "payload.outer_end_mass_kg"
-_ROOM = "beamdesign.study.tasks"
 
 TASKS = {
-    "run": Task(f"{_ROOM}.run", "problem", NoOptions, "sections, controller and end mass, certified",
-        _columns(f"{_SIZES} {_PROVED} {_SECTIONS} moving_mass_kg", text="governing certificate_sha256")),
-    "size": Task(f"{_ROOM}.size", "problem", NoOptions, "sections of least mass, with checks and shadow prices",
+    "run": Task("of_problems:run", NoOptions, "sections, controller and end mass, certified",
+        _columns(f"{_SIZES} {PROVED} {_LAG} {_SECTIONS} moving_mass_kg", text="governing certificate_sha256")),
+    "size": Task("of_problems:size", NoOptions, "sections of least mass, with checks and shadow prices",
         _columns(_SIZES, text="governing")),
-    "codesign": Task(f"{_ROOM}.codesign", "problem", CodesignOptions, "least moving mass for a bandwidth",
-        _columns(f"moving_mass_kg beam_mass_kg {_TUBES} {_PROVED}", text="governing")),
-    "remedy": Task(f"{_ROOM}.remedy", "problem", RemediesOptions, "one of the paper's remedies, optimised and proved",
-        _columns(f"bandwidth_Hz peak_sensitivity added_mass_kg inner_end_mass_kg {_TUBES}", text="remedy",
-            lists="gain_A_per_V pole_Hz zero_Hz")),
-    "tune": Task(f"{_ROOM}.tune", "prototype", TuneOptions, "controller and inner end mass, proved",
-        _columns(f"{_PROVED} {_SECTIONS}"), (_RANGE,)),
-    "certify": Task(f"{_ROOM}.certify", "prototype", CertifyOptions, "what is proved over the payload range",
+    "codesign": Task("of_problems:codesign", CodesignOptions, "least moving mass for a bandwidth",
+        _columns(f"{POINT} {PROVED} {_LAG}", text="governing")),
+    "remedy": Task("of_problems:remedy", RemediesOptions, "one of the paper's remedies, optimised and proved",
+        _columns(REMEDY, text="remedy", lists="gain_A_per_V pole_Hz zero_Hz")),
+    "tune": Task("of_prototypes:tune", TuneOptions, "controller and inner end mass, proved",
+        _columns(f"{PROVED} {_LAG} {_SECTIONS}"), (_RANGE,)),
+    "certify": Task("of_prototypes:certify", CertifyOptions, "what is proved over the payload range",
         _columns("bandwidth_Hz peak_sensitivity stable_share unstable_below_kg unstable_above_kg", "stable",
             lists=f"stable_ranges_kg {_CROSSINGS}"), (_LAW, _RANGE)),
-    "stable_masses": Task(f"{_ROOM}.stable_masses", "prototype", RangeOptions, "exact stable ranges and crossings",
+    "stable_masses": Task("of_prototypes:stable_masses", RangeOptions, "exact stable ranges and crossings",
         _columns("", lists=f"stable_from_kg stable_to_kg {_CROSSINGS}"), (_LAW,)),
-    "lag_breaks": Task(f"{_ROOM}.lag_breaks", "prototype", NoOptions, "exact stable zero frequencies of the lag",
+    "lag_breaks": Task("of_prototypes:lag_breaks", NoOptions, "exact stable zero frequencies of the lag",
         _columns("", "own_zero_stable", lists="stable_zero_from_Hz stable_zero_to_Hz"), (_LAW, _RANGE)),
-    "robust": Task(f"{_ROOM}.robust", "prototype", RangeOptions, "bandwidth and longest stable range, for tolerances",
+    "robust": Task("of_prototypes:robust", RangeOptions, "bandwidth and longest stable range, for tolerances",
         _columns("bandwidth_Hz peak_sensitivity stable_from_kg stable_to_kg stable_width_kg", "stable"),
         (_LAW, _RANGE)),
-    "sim_to_real": Task(
-        f"{_ROOM}.sim_to_real", "prototype", SimToRealOptions, "design, virtual rig, diagnosis, redesign",
+    "sim_to_real": Task("sim_to_real:sim_to_real", SimToRealOptions, "design, virtual rig, diagnosis, redesign",
         _columns("believed_bandwidth_Hz believed_design_gain_margin gap_before gap_after gap_closed"
             " redesigned_bandwidth_Hz redesign_gain_margin", "believed_design_runs named_rightly redesign_runs",
             "verdict", "named"), (_RANGE,)),
-    "at_mass": Task(f"{_ROOM}.at_mass", "prototype", AtMassOptions, "margins and figures of the loop at one mass",
+    "at_mass": Task("of_prototypes:at_mass", AtMassOptions, "margins and figures of the loop at one mass",
         _columns("critical_gain_A_per_V critical_frequency_Hz bandwidth_Hz peak_sensitivity gain_margin"
             " phase_margin_deg static_compliance_m_per_N", "stable"), (_LAW,)),
-    "arm": Task(f"{_ROOM}.arm", "prototype", ArmOptions, "both planes with torsion: proof, and what error remains",
-        _columns("force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m twist_rad"
-            " about_y_rad about_z_rad torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz",
+    "arm": Task("of_prototypes:arm", ArmOptions, "both planes with torsion: proof, and what error remains",
+        _columns("force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m"
+            f" {ERRORS} torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz",
             "stable"), (_LAW, _RANGE)),
-    "limits": Task(f"{_ROOM}.limits", "prototype", AtMassOptions, "what actuator and sensor can do at one mass",
+    "limits": Task("of_prototypes:limits", AtMassOptions, "what actuator and sensor can do at one mass",
         _columns(f"{_FORCES} static_error_m_per_N",
             text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz"), (_LAW,)),
 }  # fmt: skip
+
+
+def proved_outputs(best: "Proved") -> dict[str, Any]:
+    """Columns of a proved loop."""
+    law = best.controller
+    breaks = {} if law.lag is None else picked(law.lag, "pole_Hz zero_Hz")
+    for k, section in enumerate(law.sections, start=1):
+        breaks |= {f"section_{k}_{name}": value for name, value in section.model_dump().items()}
+    return picked(best, PROVED) | breaks

@@ -25,13 +25,11 @@ from beamdesign.gap.truth.writing import write_case
 from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.study.answer import Answer
 from beamdesign.study.redesign import redesign
-from beamdesign.study.tasks import SimToRealOptions
-from beamdesign.study.tasks.certify import payload_range
+from beamdesign.study.tasks import Answer, SimToRealOptions, payload_range
 
 
-def compute(prototype: Prototype, options: SimToRealOptions) -> Answer:
+def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
     """Once round the loop.
 
     Bandwidths are proved of the model that they name. Whether a design runs is simulated on the virtual rig; gain
