@@ -13,21 +13,14 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
-from beamdesign.cli.certify_switching import certify_switching
+from beamdesign.cli.certify_variations import certify_switching
 from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof.any_change import any_change
 from beamdesign.proof.bounded_rate import bounded_rate
-from beamdesign.proof.decrease import (
-    decrease,
-    dwell_suffices,
-    exact_terms,
-    holds_across_jumps,
-    holds_at_rate,
-    jump,
-)
+from beamdesign.proof.decrease import decrease, dwell_suffices, exact_terms, holds_across_jumps, holds_at_rate, jump
 from beamdesign.proof.growth import frozen, growing_cycle, masses_in_turn, proved_growth
 from beamdesign.proof.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
 from beamdesign.proof.lyapunov import Switching, describe, switching

@@ -13,9 +13,8 @@ from beamdesign.proof.certifying import certify
 from beamdesign.prototype import prototype_from, read_prototype
 from beamdesign.records import InputError
 from beamdesign.study.conclusion import clopper_pearson, conclude, holds, in_words
-from beamdesign.study.document_keys import with_value
 from beamdesign.study.methods import CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
-from beamdesign.study.sweep_file import Demand
+from beamdesign.study.sweep_file import Demand, with_value
 from beamdesign.study.sweep_run import plan, run_sweep
 
 TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"

@@ -12,10 +12,9 @@ import tomli_w
 from beamdesign.records import InputError
 from beamdesign.study import store
 from beamdesign.study.case import address_of, case, inputs_hold
-from beamdesign.study.difference import difference
 from beamdesign.study.governing import case_of
-from beamdesign.study.sweep_run import plan, run_sweep
-from beamdesign.study.sweep_status import sweep_status
+from beamdesign.study.store import difference
+from beamdesign.study.sweep_run import plan, run_sweep, sweep_status
 
 ROOT = Path(__file__).parents[1]
 COUNT = 4

@@ -15,12 +15,11 @@ from beamdesign.design.sizing import size
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.study import code_digest as room
+from beamdesign.study import case as room
 from beamdesign.study import workers
 from beamdesign.study.case import case
-from beamdesign.study.document_keys import known_keys, with_value, wrong_key
 from beamdesign.study.sampling import points
-from beamdesign.study.sweep_file import read_sweep
+from beamdesign.study.sweep_file import known_keys, read_sweep, with_value, wrong_key
 from beamdesign.study.sweep_run import plan, run_sweep
 
 ROOT = Path(__file__).parents[1]
@@ -368,7 +367,7 @@ def test_results_of_other_code_are_told_and_not_used(sweep, command, tmp_path, m
     path, folder = sweep(vary=[MASSES]), tmp_path / "out"
     command("run", path, "--out", folder)
     monkeypatch.setattr("beamdesign.study.case.code_digest", lambda module: "later code")
-    monkeypatch.setattr("beamdesign.study.sweep_status.code_digest", lambda module: "later code")
+    monkeypatch.setattr("beamdesign.study.sweep_run.code_digest", lambda module: "later code")
     status, output, fields = command("status", path, "--out", folder)
     assert (status, fields["remaining"], fields["stale"]) == (1, 4, 4)
     assert "another version of the code" in output

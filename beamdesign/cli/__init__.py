@@ -14,21 +14,16 @@ import typer
 from typer.core import TyperGroup
 
 from beamdesign.cli.arm import arm
+from beamdesign.cli.begin import explain, new
 from beamdesign.cli.certify import certify
-from beamdesign.cli.certify_box import certify_box
-from beamdesign.cli.certify_switching import certify_switching
+from beamdesign.cli.certify_variations import certify_box, certify_switching
 from beamdesign.cli.code import code
-from beamdesign.cli.codesign import codesign
-from beamdesign.cli.explain import explain
-from beamdesign.cli.front import front
+from beamdesign.cli.design import codesign, front, remedies, run
 from beamdesign.cli.gap import gap
 from beamdesign.cli.limits import limits
-from beamdesign.cli.new import new
 from beamdesign.cli.output import hush, reporting, say, shown, speak
 from beamdesign.cli.paper import paper
 from beamdesign.cli.progress import remembered
-from beamdesign.cli.remedies import remedies
-from beamdesign.cli.run import run
 from beamdesign.cli.simulate import simulate
 from beamdesign.cli.size import size
 from beamdesign.cli.spec import spec

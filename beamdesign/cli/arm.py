@@ -1,20 +1,15 @@
 """`beamdesign arm`: two compensators across each other and torsion: what is proved, and what error remains."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.by_stage import by_stage
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import figures_of, mass_range, refuse_implausible
-from beamdesign.cli.output import (
-    JsonOption,
-    RangeOption,
-    folder_to_write,
-    say,
-    say_table,
-)
+from beamdesign.cli.command import Figure, Result, RigArgument, by_stage, command, figures_of, mass_range, out_folder
+from beamdesign.cli.output import RangeOption, say, say_table, write_csv
+from beamdesign.files import fresh_folder, settled, write_whole
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.arm.remaining import InnerTravel, Remaining, TwistRemedy, Vector
@@ -23,10 +18,9 @@ if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
 
 
+@command
 def arm(
-    prototype: Annotated[
-        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
-    ],
+    prototype: RigArgument,
     offset_m: Annotated[
         str | None,
         typer.Option("--offset-m", metavar="X,Y,Z", help="Payload's centre from the tip; else that of [arm]."),
@@ -51,17 +45,10 @@ def arm(
         ),
     ] = None,
     allowed_mm: Annotated[
-        float | None,
-        typer.Option("--allowed-mm", help="Error that twist may leave; says which tube keeps it."),
+        float | None, Figure("Error that twist may leave; says which tube keeps it.", "Millimetres")
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", callback=folder_to_write, help="Folder for certificates, tables, picture and prototype."
-        ),
-    ] = None,
-    json: JsonOption = None,
-) -> None:
+    out: Annotated[Path | None, out_folder("Folder for certificates, tables, picture and prototype.")] = None,
+) -> Result:
     """Work out the link as an arm.
 
     One compensator upwards (z), one sideways (y), and torsion of the outer beam under a payload that stands off its
@@ -69,19 +56,17 @@ def arm(
     load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
-    from beamdesign import quantities as q
     from beamdesign.arm.figures import arm_of
     from beamdesign.prototype import read_prototype
 
-    refuse_implausible("arm", {"--allowed-mm": (allowed_mm, q.Millimetres)})
     record = read_prototype(prototype)
     given = arm_of(record)
     if offset_m is not None:
-        given = given.but(offset_m=_three(offset_m, "--offset-m", q.Position))
+        given = given.but(offset_m=_three(offset_m, "--offset-m", "Position"))
     if sensor_m is not None:
-        given = given.but(sensor_m=_three(sensor_m, "--sensor-m", q.Position))
+        given = given.but(sensor_m=_three(sensor_m, "--sensor-m", "Position"))
     record = record.but(arm=given)
-    within = None if within_m is None else _three(within_m, "--within-m", q.Distance)
+    within = None if within_m is None else _three(within_m, "--within-m", "Distance")
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
     def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
@@ -89,7 +74,7 @@ def arm(
         folder = out and out / stage.suffix[1:]
         return _worked_out(stage, force, within, allowed_mm, folder)
 
-    by_stage(record, masses, worked_out, json)
+    return by_stage(record, masses, worked_out)
 
 
 def _worked_out(
@@ -126,20 +111,18 @@ def _worked_out(
         say_remedy(remedy)
     files: dict[str, Any] = {}
     if out is not None:
-        from beamdesign.cli.arm_folder import write_folder
-
         files = write_folder(record, found, force, places, out)
         say(f"folder: {out}")
     fields = _fields(found, force, most, remedy) | {
         "inner_travel": travel,
         "within_m": within,
-        "anywhere": {name: {"stable": verdict.stable, "reason": verdict.reason} for name, verdict in places.items()},
+        "anywhere": {name: picked(verdict, "stable reason") for name, verdict in places.items()},
     }
     yes = found.stable is True and all(verdict.stable is True for verdict in places.values())
     return fields | {"files": files}, yes
 
 
-def _three(text: str, option: str, quantity: Any) -> "Vector":
+def _three(text: str, option: str, quantity: str) -> "Vector":
     x, y, z = figures_of(option, text, quantity, "three figures as X,Y,Z, such as 0,0.1,0", count=3)
     return x, y, z
 
@@ -147,7 +130,6 @@ def _three(text: str, option: str, quantity: Any) -> "Vector":
 def _force(record: "Prototype", text: str | None, payload: float, source: Path) -> "Vector":
     """The load: given, or weight of the largest payload and the prototype's largest force, downwards."""
     from beamdesign.members import STANDARD_GRAVITY
-    from beamdesign.quantities import Force, SignedForce
     from beamdesign.records import InputError
 
     if text is None:
@@ -157,45 +139,35 @@ def _force(record: "Prototype", text: str | None, payload: float, source: Path) 
             raise InputError(source, [("payload.largest_force_N", reason)])
         return 0.0, 0.0, -down
     if "," in text:
-        return _three(text, "--force-N", SignedForce)
-    (down,) = figures_of("--force-N", text, Force, "a force in N, which acts downwards, or three as X,Y,Z", count=1)
+        return _three(text, "--force-N", "SignedForce")
+    (down,) = figures_of("--force-N", text, "Force", "a force in N, which acts downwards, or three as X,Y,Z", count=1)
     return 0.0, 0.0, -down
+
+
+_COMPLIANCE = """payload_without_servo=passive payload_with_servo=active tip_without_servo=tip_passive
+    tip_with_servo=tip_active"""
 
 
 def _fields(found: "ArmResult", force: "Vector", most: float, remedy: "TwistRemedy | None") -> dict[str, Any]:
     both = found.both
     return {
-        "stable": found.stable,
-        "reason": found.reason,
-        "outer_end_mass_kg": found.outer_end_mass_kg,
-        "figures": found.figures,
+        **picked(found, "stable reason outer_end_mass_kg figures sampled_stable sampled_load_Hz frequencies"),
         "planes": [
             {
-                "plane": plane.name,
-                "coupled_with_torsion": plane.coupled,
-                "stable": plane.stable,
+                **picked(plane, "plane=name coupled_with_torsion=coupled stable guaranteed"),
                 "stable_ranges_kg": plane.stability.stable_ranges,
                 "crossings": [
                     {"outer_end_mass_kg": c.value, "frequency_Hz": c.frequency_Hz if c.finite else None}
                     for c in plane.crossings
                 ],
-                "guaranteed": plane.guaranteed,
             }
             for plane in found.planes
         ],
-        "both_planes": None if both is None else {"stable": both.stable, "reason": both.reason, "pieces": both.pieces},
-        "sampled_stable": found.sampled_stable,
-        "sampled_load_Hz": found.sampled_load_Hz,
-        "compliance": {
-            "payload_without_servo": found.passive.tolist(),
-            "payload_with_servo": None if found.active is None else found.active.tolist(),
-            "tip_without_servo": found.tip_passive.tolist(),
-            "tip_with_servo": None if found.tip_active is None else found.tip_active.tolist(),
-        },
+        "both_planes": None if both is None else picked(both, "stable reason pieces"),
+        "compliance": picked(found, _COMPLIANCE),
         "force_N": force,
         "without_servo": _case(found.without),
         "with_servo": None if found.with_servo is None else _case(found.with_servo),
-        "frequencies": found.frequencies,
         "offset_for_goal_m": most,
         "twist_remedy": remedy,
     }
@@ -334,3 +306,66 @@ def say_travel(travel: "InnerTravel") -> None:
     touches = ": the tubes TOUCH" if travel.touches else ""
     y, z = (1e3 * value + 0.0 for value in travel.travel_m)
     say(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z{gap}{touches}")
+
+
+def write_folder(
+    record: "Prototype", found: "ArmResult", force: "Vector", places: Mapping[str, "BoxVerdict"], folder: Path
+) -> dict[str, Any]:
+    """Write them as one set, and say which file is which; `places` are the verdicts on any place of the payload."""
+    with fresh_folder(folder, ("certificate_*.toml",)) as fresh:
+        files = _written(record, found, force, places, fresh)
+    return {name: settled(paths, fresh, folder) for name, paths in files.items()}
+
+
+def _written(
+    record: "Prototype", found: "ArmResult", force: "Vector", places: Mapping[str, "BoxVerdict"], out: Path
+) -> dict[str, Any]:
+    from beamdesign.arm.both_planes import both_planes
+    from beamdesign.prototype import write_prototype
+    from beamdesign.report.arm_plot import compliance_curves, draw_arm
+    from beamdesign.report.canvas import save
+
+    texts = {f"certificate_{plane.name}": plane.text for plane in found.planes}
+    if found.both is not None and found.both.certificate:
+        texts["certificate_both"] = found.both.certificate
+    texts |= {f"certificate_anywhere_{name}": one.certificate for name, one in places.items() if one.certificate}
+    files: dict[str, Any] = {}
+    for name, text in texts.items():
+        files[name] = out / f"{name}.toml"
+        write_whole(files[name], text)
+    files |= {name: out / f"{name}.csv" for name in ("compliance", "remaining", "response")}
+    motions = ("x_m", "y_m", "z_m", "about_x_rad", "about_y_rad", "about_z_rad")
+    loads = ("force_x_N", "force_y_N", "force_z_N", "moment_x_N_m", "moment_y_N_m", "moment_z_N_m")
+    matrices = {
+        ("tip", "no"): found.tip_passive, ("tip", "yes"): found.tip_active,
+        ("payload", "no"): found.passive, ("payload", "yes"): found.active,
+    }  # fmt: skip
+    write_csv(
+        files["compliance"],
+        [
+            {"at": at, "servo": servo, "motion": motion} | dict(zip(loads, map(float, row), strict=True))
+            for (at, servo), matrix in matrices.items()
+            if matrix is not None
+            for motion, row in zip(motions, matrix, strict=True)
+        ],
+    )
+    cases = {"no": found.without} | ({"yes": found.with_servo} if found.with_servo is not None else {})
+    write_csv(
+        files["remaining"],
+        [
+            {"servo": servo, "cause": cause} | dict(zip(("x_m", "y_m", "z_m"), vector, strict=True))
+            for servo, case in cases.items()
+            for cause, vector in (
+                ("tip", case.tip_m),
+                ("turning", case.from_turning_m),
+                ("twist", case.from_twist_m),
+                ("all", case.error_m),
+            )
+        ],
+    )
+    curves = compliance_curves(both_planes(record), found)
+    write_csv(files["response"], curves.rows())
+    files["figures"] = save(draw_arm(record, found, force, curves), out / "arm")
+    files["prototype"] = out / "prototype.toml"
+    write_prototype(record, files["prototype"])
+    return files

@@ -1,15 +1,19 @@
 """`beamdesign certify`: stability and performance proved over a range of end masses, and proved again from text."""
 
+import hashlib
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.by_stage import beside, by_stage
-from beamdesign.cli.certificate_file import certificate_file, write_certificate
+from beamdesign.cli.command import Figure, Result, beside, by_stage, command, mass_range, out_file, with_controller
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import mass_range, refuse_implausible
-from beamdesign.cli.output import JsonOption, RangeOption, file_to_write, say, say_table, write_json
+from beamdesign.cli.output import RangeOption, default_file, say, say_table
+from beamdesign.files import read_bytes, write_whole
+from beamdesign.json_text import picked
+from beamdesign.records import InputError
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
@@ -18,55 +22,45 @@ if TYPE_CHECKING:
     from beamdesign.prototype import Goal, InStage, Prototype
 
 
+@command
 def certify(
     prototype: Annotated[
         Path | None, typer.Argument(autocompletion=toml_files, help="The prototype.toml to certify.")
     ] = None,
     outer_end_mass: RangeOption = None,
     bandwidth_Hz: Annotated[
-        float | None, typer.Option("--bandwidth-Hz", help="Claim the goal's compliance up to this frequency.")
+        float | None, Figure("Claim the goal's compliance up to this frequency.", "Frequency")
     ] = None,
-    peak_sensitivity: Annotated[
-        float | None, typer.Option("--peak-sensitivity", help="Claim that max |1/(1+L)| is at most this.")
-    ] = None,
+    peak_sensitivity: Annotated[float | None, Figure("Claim that max |1/(1+L)| is at most this.", "LoopGain")] = None,
     loop_gain: Annotated[
-        float | None,
-        typer.Option("--loop-gain", help="Claim that |L| is at most this from the goal's loop_gain_from_Hz up."),
+        float | None, Figure("Claim that |L| is at most this from the goal's loop_gain_from_Hz up.", "LoopGain")
     ] = None,
     controller_effort_A_per_V: Annotated[
-        float | None,
-        typer.Option("--controller-effort-A-per-V", help="Claim that |C/(1+L)| is at most this at every frequency."),
+        float | None, Figure("Claim that |C/(1+L)| is at most this at every frequency.", "LawGain")
     ] = None,
     decay_rate_per_s: Annotated[
-        float | None, typer.Option("--decay-rate-per-s", help="Claim that every pole decays faster than this.")
+        float | None, Figure("Claim that every pole decays faster than this.", "DecayRate")
     ] = None,
     gain_margin: Annotated[
-        float | None, typer.Option("--gain-margin", help="Claim stability with the gain times all from 1 to this.")
+        float | None, Figure("Claim stability with the gain times all from 1 to this.", "GainFactor")
     ] = None,
     robust: Annotated[
         float,
-        typer.Option(
-            metavar="SIGMAS",
-            help="Also prove it of the worst rigs so many standard deviations off, as `tune`.",
+        Figure(
+            "Also prove it of the worst rigs so many standard deviations off, as `tune`.", "Sigmas", metavar="SIGMAS"
         ),
     ] = 0.0,
     robust_box: Annotated[
         bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            callback=file_to_write,
-            help="File for the certificate; else STEM.certificate.toml in this folder.",
-        ),
+        Path | None, out_file("File for the certificate; else STEM.certificate.toml in this folder.")
     ] = None,
     replay: Annotated[
         Path | None,
         typer.Option(metavar="CERTIFICATE", help="Prove this certificate again; with PROTOTYPE, also that it is its."),
     ] = None,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Prove stability and performance over a payload range.
 
     For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
@@ -75,43 +69,35 @@ def certify(
     are off are sought on samples, and each is decided exactly as the nominal one is.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
     """
-    from beamdesign import quantities as q
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 
-    figures = {
-        "--bandwidth-Hz": (bandwidth_Hz, q.Frequency),
-        "--peak-sensitivity": (peak_sensitivity, q.LoopGain),
-        "--loop-gain": (loop_gain, q.LoopGain),
-        "--controller-effort-A-per-V": (controller_effort_A_per_V, q.LawGain),
-        "--decay-rate-per-s": (decay_rate_per_s, q.DecayRate),
-        "--gain-margin": (gain_margin, q.GainFactor),
-        "--robust": (robust or None, q.Sigmas),
+    claims = {
+        "--bandwidth-Hz": bandwidth_Hz,
+        "--peak-sensitivity": peak_sensitivity,
+        "--loop-gain": loop_gain,
+        "--controller-effort-A-per-V": controller_effort_A_per_V,
+        "--decay-rate-per-s": decay_rate_per_s,
+        "--gain-margin": gain_margin,
     }
     if replay is not None:
-        given: dict[str, Any] = {name: value for name, (value, _) in figures.items()}
-        given |= {"--outer-end-mass": outer_end_mass, "--out": out}
-        if meaningless := [
-            (name, "has no meaning with --replay") for name, value in given.items() if value is not None
-        ]:
-            raise InputError("certify", meaningless)
-        _replay(replay, None if prototype is None else read_prototype(prototype), json)
-        return
-    refuse_implausible("certify", figures)
+        others = {"--robust": robust or None, "--outer-end-mass": outer_end_mass, "--out": out}
+        given = [name for name, value in (*claims.items(), *others.items()) if value is not None]
+        if given:
+            raise InputError("certify", [(name, "has no meaning with --replay") for name in given])
+        return _replay(replay, None if prototype is None else read_prototype(prototype))
     if prototype is None:
         raise InputError("certify", [("PROTOTYPE", "missing; or give --replay CERTIFICATE")])
-    record = read_prototype(prototype)
-    if record.controller is None:
-        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     shape: Shape = "box" if robust_box else "ball"
-    claims, stem = {name: value for name, (value, _) in figures.items()}, prototype.stem
+    stem = prototype.stem
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
         return _proved(stage, _asked(stage.prototype, claims), (robust, shape), path)
 
-    by_stage(record, masses, proved, json)
+    return by_stage(record, masses, proved)
 
 
 def _proved(
@@ -128,7 +114,7 @@ def _proved(
     fields = _fields(certificate) | (_between(record, certificate, path) if record.effects else {})
     holds = certificate.holds
     if robust > 0:
-        from beamdesign.cli.robustness import certified_rigs
+        from beamdesign.cli.tune import certified_rigs
 
         every, told = certified_rigs(record, stage.outer_end_mass_kg, asked, robust, shape, path)
         holds, fields = holds and every, fields | told
@@ -151,24 +137,20 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
     return fields
 
 
-def _asked(record: "Prototype", figures: dict[str, float | None]) -> list["Asked"]:
+def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"]:
     """The claims made on the command line."""
     from beamdesign.proof.certificate import Asked
 
-    asked = []
-    if (bandwidth := figures["--bandwidth-Hz"]) is not None:
-        asked.append(Asked("compliance", record.goal.compliance_m_per_N, bandwidth))
-    if (peak := figures["--peak-sensitivity"]) is not None:
-        asked.append(Asked("peak_sensitivity", peak))
-    if (gain := figures["--loop-gain"]) is not None:
-        asked.append(Asked("loop_gain", gain, from_Hz=record.goal.loop_gain_from_Hz))
-    if (effort := figures["--controller-effort-A-per-V"]) is not None:
-        asked.append(Asked("controller_effort", effort))
-    if (rate := figures["--decay-rate-per-s"]) is not None:
-        asked.append(Asked("decay_rate", rate))
-    if (factor := figures["--gain-margin"]) is not None:
-        asked.append(Asked("gain_margin", factor))
-    return asked
+    goal = record.goal
+    kinds: dict[str, Callable[[float], Asked]] = {
+        "--bandwidth-Hz": lambda bandwidth: Asked("compliance", goal.compliance_m_per_N, bandwidth),
+        "--peak-sensitivity": lambda peak: Asked("peak_sensitivity", peak),
+        "--loop-gain": lambda gain: Asked("loop_gain", gain, from_Hz=goal.loop_gain_from_Hz),
+        "--controller-effort-A-per-V": lambda effort: Asked("controller_effort", effort),
+        "--decay-rate-per-s": lambda rate: Asked("decay_rate", rate),
+        "--gain-margin": lambda factor: Asked("gain_margin", factor),
+    }
+    return [kinds[option](value) for option, value in claims.items() if value is not None]
 
 
 def _say(record: "Prototype", certificate: "Certificate") -> None:
@@ -236,33 +218,20 @@ def _neighbours(certificate: "Certificate") -> dict[str, "Crossing | None"]:
     return {"below": below if below is not None and below.value >= 0 else None, "above": above}
 
 
+_WITNESS = (
+    "outer_end_mass_kg=witness_outer_end_mass_kg frequency_Hz=witness_frequency_Hz gain_factor=witness_gain_factor"
+)
+
+
 def _fields(certificate: "Certificate") -> dict[str, Any]:
     return {
-        "stable": certificate.stable,
-        "stable_ranges_kg": certificate.stable_ranges_kg,
+        **picked(certificate, "stable stable_ranges_kg method scope outer_end_mass_kg holds reason guaranteed"),
         "crossings": [_crossing(crossing) for crossing in certificate.crossings],
-        "method": certificate.method,
-        "scope": certificate.scope,
-        "outer_end_mass_kg": certificate.outer_end_mass_kg,
-        "holds": certificate.holds,
-        "reason": certificate.reason,
         "next_crossings": {side: _crossing(crossing) for side, crossing in _neighbours(certificate).items()},
-        "guaranteed": certificate.guaranteed,
         "claims": [
             {
-                "kind": claim.kind,
-                "limit": claim.limit,
-                "bandwidth_Hz": claim.bandwidth_Hz,
-                "from_Hz": claim.from_Hz,
-                "holds": claim.holds,
-                "reason": claim.reason,
-                "witness": None
-                if claim.witness is None
-                else {
-                    "outer_end_mass_kg": claim.witness_outer_end_mass_kg,
-                    "frequency_Hz": claim.witness_frequency_Hz,
-                    "gain_factor": claim.witness_gain_factor,
-                },
+                **picked(claim, "kind limit bandwidth_Hz from_Hz holds reason"),
+                "witness": None if claim.witness is None else picked(claim, _WITNESS),
             }
             for claim in certificate.claims
         ],
@@ -270,13 +239,11 @@ def _fields(certificate: "Certificate") -> dict[str, Any]:
 
 
 def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
-    if crossing is None:
-        return None
-    return {"outer_end_mass_kg": crossing.value, "frequency_Hz": crossing.frequency_Hz}
+    return None if crossing is None else picked(crossing, "outer_end_mass_kg=value frequency_Hz")
 
 
-def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
-    """Prove a certificate again from what it states; exit status 1 where that fails."""
+def _replay(path: Path, record: "Prototype | None") -> Result:
+    """Prove a certificate again from what it states."""
     from beamdesign.checker import Unreadable, check
     from beamdesign.proof.rig_tables import prototype_table
     from beamdesign.records import InputError
@@ -288,7 +255,55 @@ def _replay(path: Path, record: "Prototype | None", json: Path | None) -> None:
     for words in verdict.lines():
         say(words)
     say(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
-    fields = {"valid": verdict.valid, "reasons": verdict.failed, "checked": verdict.proved}
-    write_json(json, fields | {"not_checked": verdict.open, "about": verdict.about})
-    if not verdict.valid:
-        raise typer.Exit(1)
+    return Result(picked(verdict, "valid reasons=failed checked=proved not_checked=open about"), verdict.valid)
+
+
+_TELLING = ("name", "rig", "controller", "effects", "arm")
+"""Keys of a certificate that tell whose it is."""
+
+
+def certificate_file(out: Path | None, default: str) -> Path:
+    """Where a certificate is to go, asked before the work for it.
+
+    Raises:
+        InputError: where something stands there that is no certificate, or where no file can be written.
+    """
+    path = default_file(default) if out is None else out
+    if path.exists():
+        _stated(path, _standing(path))
+    return path
+
+
+def write_certificate(path: Path, text: str) -> None:
+    """Write a certificate; one of another prototype that stands there gets a name with its digest, which is said.
+
+    Raises:
+        InputError: where something stands there that is no certificate.
+    """
+    if path.exists() and (standing := _standing(path)) != text.encode():
+        older, new = _stated(path, standing), tomllib.loads(text)
+        if any(older.get(key) != new.get(key) for key in _TELLING):
+            aside = path.with_suffix(f".{hashlib.sha256(standing).hexdigest()[:8]}{path.suffix}")
+            write_whole(aside, standing)
+            say(f"the certificate of {older.get('name', 'another prototype')} that stood there is now {aside}")
+    write_whole(path, text)
+
+
+def _standing(path: Path) -> bytes:
+    try:
+        return read_bytes(path, _LARGEST)
+    except OSError as error:
+        raise InputError(path, [("(file)", f"{error.strerror}; name another file with --out")]) from error
+
+
+_LARGEST = 10**9  # bytes: whatever stands there is looked at
+
+
+def _stated(path: Path, standing: bytes) -> dict[str, Any]:
+    try:
+        table = tomllib.loads(standing.decode())
+    except (ValueError, RecursionError):
+        table = {}
+    if not str(table.get("kind", "")).startswith("beamdesign."):
+        raise InputError(path, [("(file)", "exists and is no certificate; name another file with --out")])
+    return table

@@ -1,23 +1,16 @@
 """`beamdesign code`: the controller as C code for a rate and a word length, proved as it is realised."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import mass_range, refuse_implausible
-from beamdesign.cli.output import (
-    JsonOption,
-    RangeOption,
-    default_folder,
-    folder_to_write,
-    progress,
-    say,
-    say_table,
-    write_json,
-)
+from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
+from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.prototype import Prototype
@@ -26,27 +19,28 @@ if TYPE_CHECKING:
     from beamdesign.specification.sampled_loop import SampledVerdict
 
 
+def _wrong_words(word_length: int | None, in_floats: bool, **others: Any) -> Iterator[tuple[str, str]]:
+    if word_length is not None and in_floats:
+        yield "--word-length", "floats have their own; leave out this or --float"
+    elif word_length is not None and not 8 <= word_length <= 32:
+        yield "--word-length", f"must be from 8 to 32 bits, is {word_length}"
+
+
+@partial(command, problems=_wrong_words)
 def code(
-    prototype: Annotated[
-        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
-    ],
-    rate_Hz: Annotated[float, typer.Option("--rate-Hz", help="Sampling rate.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for the C files; else NAME.code here."),
-    ] = None,
+    prototype: RigArgument,
+    rate_Hz: Annotated[float, Figure("Sampling rate.", "SamplingRate")],
+    out: Annotated[Path | None, out_folder("Folder for the C files; else NAME.code here.")] = None,
     word_length: Annotated[
         int | None, typer.Option(help="Bits of a fixed-point word with its sign, 8 to 32; else 32.")
     ] = None,
     in_floats: Annotated[bool, typer.Option("--float", help="In floats of 32 bits instead.")] = False,
     full_scale_V: Annotated[
-        float, typer.Option("--full-scale-V", help="Largest error (V); words are scaled so that it overflows nothing.")
+        float, Figure("Largest error (V); words are scaled so that it overflows nothing.", "FullScale")
     ] = 10.0,
     largest_current_A: Annotated[
         float | None,
-        typer.Option(
-            "--largest-current-A", help="Limit; else the valve's rated current, or the gain times the full scale."
-        ),
+        Figure("Limit; else the valve's rated current, or the gain times the full scale.", "LargestCurrent"),
     ] = None,
     outer_end_mass: RangeOption = None,
     any_computing_time: Annotated[
@@ -59,8 +53,7 @@ def code(
     compile_here: Annotated[
         bool, typer.Option("--compile", help="Compile it with the system's C compiler and run its self-test.")
     ] = False,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Write the controller as C99 as it is proved, an argument per reading.
 
     Sections in incremental form, coefficients and words of the length asked for, limits with anti-windup, a self-test
@@ -68,29 +61,9 @@ def code(
     what rate and rounding cost in margin is told. Exit status 1, and no code, if that loop is not proved stable over
     the range; a higher rate or a longer word may be.
     """
-    from beamdesign import quantities as q
-    from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
-    from beamdesign.rig.effects import problems
-    from beamdesign.rig.parameters import problem_without_controller
 
-    wrong = []
-    if word_length is not None and in_floats:
-        wrong.append(("--word-length", "floats have their own; leave out this or --float"))
-    elif word_length is not None and not 8 <= word_length <= 32:
-        wrong.append(("--word-length", f"must be from 8 to 32 bits, is {word_length}"))
-    figures = {
-        "--rate-Hz": (rate_Hz, q.SamplingRate),
-        "--full-scale-V": (full_scale_V, q.FullScale),
-        "--largest-current-A": (largest_current_A, q.LargestCurrent),
-    }
-    refuse_implausible("code", figures, wrong)
-    record = read_prototype(prototype)
-    faults = problems(record.effects)
-    if record.controller is None:
-        faults.append(problem_without_controller())
-    if faults:
-        raise InputError(prototype, faults)
+    record = ready_to_run(prototype)
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
@@ -117,18 +90,15 @@ def code(
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
     fields = json_fields(made, found, masses)
     if not (found.proved or found.reason):
-        write_json(json, fields | {"files": []})
         say(f"{record.name}: {_why_not(found)}")
-        raise typer.Exit(1)
+        return Result(fields | {"files": []}, yes=False)
     paths = write_code(made, record.name, found, masses, folder)
-    write_json(json, fields | {"files": paths})
     _say(record, made, found, masses)
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
         say("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
     for path in paths:
         say(str(path))
-    if compile_here:
-        _compile(folder)
+    return Result(fields | {"files": paths}, not compile_here or _compiles(folder))
 
 
 def _why_not(found: "Judgement") -> str:
@@ -148,7 +118,7 @@ def _cases(found: "Judgement") -> tuple[tuple[str, "SampledVerdict | None"], ...
     )
 
 
-def _compile(folder: Path) -> None:
+def _compiles(folder: Path) -> bool:
     """Compile in a folder of its own, so that nothing but sources is left in the one asked for."""
     import subprocess
     from shutil import copy
@@ -163,36 +133,20 @@ def _compile(folder: Path) -> None:
         program = compile_self_test(Path(scratch))
         passed = subprocess.run([str(program)], check=False).returncode == 0
     say("compiled; the self-test passes to the last bit" if passed else "compiled, but THE SELF-TEST FAILS here")
-    if not passed:
-        raise typer.Exit(1)
+    return passed
 
 
 def json_fields(made: "Realisation", found: "Judgement", masses_kg: tuple[float, float]) -> dict[str, Any]:
     """What a program may want to know of a realised controller."""
     return {
-        "rate_Hz": made.rate_Hz,
-        "word_length": made.word_length,
-        "signal_places": made.signal_places,
-        "current_places": made.current_places,
-        "full_scale_V": made.full_scale_V,
-        "largest_current_A": made.largest_current_A,
+        **picked(made, "rate_Hz word_length signal_places current_places full_scale_V largest_current_A sections"),
         "readings": [
             {"heard": one.heard, "unit": one.unit, "full_scale": scale, "places": places, "sections": len(one.sections)}
             for one, scale, places in zip(made.channels, made.full_scales, made.places, strict=True)
         ],
-        "sections": made.sections,
-        "coefficients": {
-            name: {"asked": one.asked, "integer": one.integer, "places": one.places, "error": one.error}
-            for name, one in made.coefficients.items()
-        },
+        "coefficients": {name: picked(one, "asked integer places error") for name, one in made.coefficients.items()},
         "outer_end_mass_kg": list(masses_kg),
-        "proved": found.proved,
-        "reason": found.reason,
-        "law": found.law,
-        "at_once": found.at_once,
-        "one_period_late": found.late,
-        "any_computing_time": found.any_time,
-        "masses": found.masses,
+        **picked(found, "proved reason law at_once one_period_late=late any_computing_time=any_time masses"),
     }
 
 

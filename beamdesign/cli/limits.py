@@ -3,13 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from beamdesign.cli.by_stage import by_stage
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import refuse_implausible
-from beamdesign.cli.output import JsonOption, folder_to_write, say, say_table
-from beamdesign.files import fresh_folder, settled
+from beamdesign.cli.command import Figure, Result, RigArgument, by_stage, command, out_folder, ready_to_run, write_drawn
+from beamdesign.cli.output import say, say_table
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
@@ -19,45 +15,29 @@ _LINEAR_HZ = (1.0, 10.0, 50.0)
 _AMPLITUDES_M = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3)
 
 
+@command
 def limits(
-    prototype: Annotated[
-        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
-    ],
+    prototype: RigArgument,
     payload: Annotated[
         float | None,
-        typer.Option(metavar="KG", help="Mass on the outer tip; the prototype's largest payload by default."),
+        Figure("Mass on the outer tip; the prototype's largest payload by default.", "MassOrNone", metavar="KG"),
     ] = None,
-    preload: Annotated[float, typer.Option(metavar="N", help="Constant force on the outer tip.")] = 0.0,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for the envelope as a figure.")
-    ] = None,
-    json: JsonOption = None,
-) -> None:
+    preload: Annotated[float, Figure("Constant force on the outer tip.", "SignedForce", metavar="N")] = 0.0,
+    out: Annotated[Path | None, out_folder("Folder for the envelope as a figure.")] = None,
+) -> Result:
     """State the limits of a rig and of its linear model.
 
     What the actuator can carry over frequency and which limit governs; what the sensor hides; up to what frequency and
     gain one bending mode per beam is enough; up to what load, force and air in the oil the linear amplitude holds; at
     what gains the nonlinear loop oscillates by itself, over amplitude. Exit status 1 where the loop is not stable.
     """
-    from beamdesign.prototype import read_prototype
-    from beamdesign.quantities import MassOrNone, SignedForce
-    from beamdesign.records import InputError
-    from beamdesign.rig.effects import problems
-    from beamdesign.rig.parameters import problem_without_controller
-
-    refuse_implausible("limits", {"--payload": (payload, MassOrNone), "--preload": (preload, SignedForce)})
-    rig = read_prototype(prototype)
-    wrong = problems(rig.effects)
-    if rig.controller is None:
-        wrong.append(problem_without_controller())
-    if wrong:
-        raise InputError(prototype, wrong)
+    rig = ready_to_run(prototype)
     mass = payload if payload is not None else (rig.outer_end_mass_kg or (0.0, 0.0))[1]
 
     def stated(stage: "InStage") -> tuple[dict[str, Any], bool]:
         return _stated(stage.prototype, mass, preload, out and out / stage.suffix[1:])
 
-    by_stage(rig, (mass, mass), stated, json)
+    return by_stage(rig, (mass, mass), stated)
 
 
 def _stated(rig: "Prototype", mass: float, preload: float, out: Path | None) -> tuple[dict[str, Any], bool]:
@@ -98,15 +78,7 @@ def _actuator(title: str, found: Any) -> dict[str, Any]:
     )
     for limit, key in found.missing.items():
         say(f"{limit}: not looked at, {key} is not given")
-    return {
-        "frequency_Hz": found.frequency_Hz.tolist(),
-        "load_N": found.load_N.tolist(),
-        "governing": list(found.governing),
-        "limits_N": {name: limit.tolist() for name, limit in found.limits_N.items()},
-        "displacement_m": found.displacement_m.tolist(),
-        "supply_power_W": found.supply_power_W.tolist(),
-        "missing": found.missing,
-    }
+    return picked(found, "frequency_Hz load_N governing limits_N displacement_m supply_power_W missing")
 
 
 def _say_sensor(reach: Any) -> None:
@@ -172,8 +144,7 @@ def _linear(rig: Any, mass: float) -> list[dict[str, Any]]:
                         "varied": varied,
                         "effects": sorted(there.effects),
                         "frequency_Hz": frequency,
-                        "limit": found.limit,
-                        "departure": found.departure,
+                        **picked(found, "limit departure"),
                         "reached": ended,
                     }
                 )
@@ -201,9 +172,7 @@ def _cycles(rig: Any, mass: float) -> list[dict[str, Any]]:
         results.append(
             {
                 "amplitude_m": amplitude,
-                "gain_A_per_V": cycle.gain_A_per_V,
-                "frequency_Hz": cycle.motion.frequency_Hz,
-                "stable": cycle.stable,
+                **picked(cycle, "gain_A_per_V frequency_Hz=motion.frequency_Hz stable"),
             }
         )
     rows = [
@@ -220,16 +189,11 @@ def _cycles(rig: Any, mass: float) -> list[dict[str, Any]]:
 
 
 def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Path]:
-    from beamdesign.report.canvas import new_figure, save
+    from beamdesign.report.canvas import new_figure
     from beamdesign.report.figures import plot_envelope
 
     figure = new_figure(170.0, 105.0)
     axes = plot_envelope(figure.add_subplot(), found, asked)
     if preload:
         axes.set_title(f"on top of {preload:g} N", fontsize=9)
-    with fresh_folder(out) as fresh:
-        pictures = save(figure, fresh / "envelope")
-    files = settled(pictures, fresh, out)
-    for path in files:
-        say(str(path))
-    return files
+    return write_drawn(out, "envelope", figure)

@@ -8,7 +8,7 @@ import io
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
@@ -154,7 +154,7 @@ def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     _say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
 
 
-def write_json(path: Path | None, fields: dict[str, Any]) -> None:
+def write_json(path: Path | None, fields: Mapping[str, Any]) -> None:
     """Write fields as JSON, whole or not at all, or to standard output; nothing without a path."""
     if path == STANDARD_OUTPUT:
         sys.stdout.write(json_text(fields))

@@ -6,30 +6,25 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.cli.command import Result, command, out_folder
+from beamdesign.cli.output import progress, say, say_table, write_json
 from beamdesign.files import fresh_folder, settled
 
 
+@command
 def paper(
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="DIR", callback=folder_to_write, help="Folder for paper.html, paper.json and figures."
-        ),
-    ],
+    out: Annotated[Path, out_folder("Folder for paper.html, paper.json and figures.")],
     figure: Annotated[
         int | None, typer.Option("--figure", metavar="N", help="Draw this figure of the paper alone, 8 to 16.")
     ] = None,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Recompute the numbers of Zalucky and Hardt (1984).
 
     Every number and the figures 8 to 16, the paper's beside the model's; where they disagree, why. What the paper says
     about each figure is checked; --figure N does that for one of them.
     """
     if figure is not None:
-        _one_figure(figure, out, json)
-        return
+        return _one_figure(figure, out)
     from beamdesign.paper.comparison import CHOICES, compare
     from beamdesign.paper.figure_claims import NUMBERS, figure_claims
     from beamdesign.paper.page import write_page
@@ -44,7 +39,6 @@ def paper(
             "figure_claims": checks,
         }
         write_json(fresh / "paper.json", fields)
-    write_json(json, fields)
 
     say("Two choices the paper leaves open:")
     for number, choice in enumerate(CHOICES, 1):
@@ -73,9 +67,10 @@ def paper(
     )
     _say_checks(checks)
     say(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
+    return Result(fields)
 
 
-def _one_figure(number: int, out: Path, json: Path | None) -> None:
+def _one_figure(number: int, out: Path) -> Result:
     from beamdesign.paper.drawings import NUMBERED, drawn
     from beamdesign.records import InputError
     from beamdesign.report.canvas import save
@@ -92,7 +87,7 @@ def _one_figure(number: int, out: Path, json: Path | None) -> None:
     _say_checks(drawing.checks)
     for path in files:
         say(str(path))
-    write_json(json, {"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
+    return Result({"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
 
 
 def _say_checks(checks: Sequence[Any]) -> None:

@@ -7,26 +7,22 @@ from typing import Annotated, Any
 
 import typer
 
+from beamdesign.cli.command import Result, command, out_folder, toml_file
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, folder_to_write, progress, say, say_table, write_json
+from beamdesign.cli.output import progress, say, say_table
 from beamdesign.files import fresh_folder, settled
+from beamdesign.json_text import picked
 
 
+@command
 def simulate(
-    prototype: Annotated[
-        Path,
-        typer.Argument(autocompletion=toml_files, help="The prototype.toml to simulate, with the effects it names."),
-    ],
+    prototype: Annotated[Path, toml_file("The prototype.toml to simulate, with the effects it names.")],
     scenario: Annotated[Path, typer.Option(autocompletion=toml_files, help="What is done to it: a scenario file.")],
     out: Annotated[
-        Path,
-        typer.Option(
-            callback=folder_to_write, help="Folder for one CSV file and one picture per record, and records.html."
-        ),
+        Path, out_folder("Folder for one CSV file and one picture per record, and records.html.", metavar=None)
     ],
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether to draw the records.")] = True,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Simulate time records of a prototype.
 
     A twin beam moves with its controller in the loop, an actuator bench without. A scheduled controller is sampled,
@@ -43,7 +39,7 @@ def simulate(
 
     rig = read_any_prototype(prototype)
     if isinstance(rig, BenchPrototype):
-        return _simulate_bench(rig, prototype, scenario, out, plots, json)
+        return _simulate_bench(rig, prototype, scenario, out, plots)
     wrong = problems(rig.effects)
     plan = read_scenario(scenario)
     wrong += [
@@ -73,20 +69,11 @@ def simulate(
     pictures = [_plotted(record, plan, rig) for record in found.records] if plots else []
     tables = {record.name: (record.columns, record.samples) for record in found.records}
     files = write_folder(rig, plan, tables, pictures, out)
-    write_json(
-        json,
-        {
-            "stable": found.stable,
-            "effects": list(rig.effects),
-            **files,
-            "each": [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)],
-        },
-    )
-    if not found.stable:
-        raise typer.Exit(1)
+    each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
+    return Result({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
 
 
-def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool, json: Path | None) -> None:
+def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> Result:
     from beamdesign.bench_simulation import BENCH_COLUMNS, simulate_bench
     from beamdesign.records import InputError
     from beamdesign.rig.bench_parameters import problems_on_rig
@@ -106,7 +93,7 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
         pictures = [PlottedRecord(name, columns, "done") for name, columns in tables.items()]
     files = write_folder(rig, plan, {name: (BENCH_COLUMNS, table) for name, table in found.items()}, pictures, out)
     # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
-    write_json(json, {"stable": True, "effects": list(rig.effects), **files})
+    return Result({"stable": True, "effects": list(rig.effects), **files})
 
 
 def _plotted(record: Any, plan: Any, rig: Any) -> Any:
@@ -128,11 +115,8 @@ def _fields(record: Any, path: Path) -> dict[str, Any]:
     at = record.oscillation
     changes = {"changes": [{"at_s": when, "stage": stage} for when, stage in record.changes]}
     return {
-        "name": record.name,
         "record": path,
-        "stable": record.stable,
-        "reason": record.reason,
-        "diverged_at_s": record.diverged_at_s,
+        **picked(record, "name stable reason diverged_at_s"),
         "oscillation_Hz": None if at is None else at.frequency_Hz,
         "oscillation_growth_per_s": None if at is None else at.growth_per_s,
         **(changes if "stage" in record.columns else {}),

@@ -1,17 +1,17 @@
 """`beamdesign size`: sections of least mass for a study, or the checks of a prototype's sections."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.command import Figure, Result, command
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import refuse_implausible
-from beamdesign.cli.output import JsonOption, progress, say, say_table, write_json
+from beamdesign.cli.output import progress, say, say_table
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.design.checks import Check
     from beamdesign.design.pair import CheckedPair
     from beamdesign.design.sizing import Sizing
 
@@ -19,6 +19,7 @@ DEFAULT_TIP_FORCE_N = 2000.0
 _STUDY_TABLES = ("load", "sections", "clearance", "safety")
 
 
+@command
 def size(
     study: Annotated[
         Path,
@@ -27,11 +28,9 @@ def size(
         ),
     ],
     tip_force_N: Annotated[
-        float | None,
-        typer.Option("--tip-force-N", help=f"Load to check a prototype for; {DEFAULT_TIP_FORCE_N:g} by default."),
+        float | None, Figure(f"Load to check a prototype for; {DEFAULT_TIP_FORCE_N:g} by default.", "Force")
     ] = None,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Find the lightest tubes for a study, or check a rig's.
 
     For a study, the pair of least mass that passes every structural check; for a prototype, its own sections checked.
@@ -44,15 +43,14 @@ def size(
         fields = _of_study(study, tip_force_N)
     else:
         fields = _of_prototype(study, tip_force_N)
-    write_json(json, fields)
-    if not fields["feasible"]:
-        raise typer.Exit(1)
+    return Result(fields, fields["feasible"])
 
 
 def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
     from beamdesign.design.sizing import size as find_sections
     from beamdesign.problem import read_problem
     from beamdesign.records import InputError
+    from beamdesign.study.tasks.of_problems import check_fields
 
     problem = read_problem(path)
     if tip_force_N is not None:
@@ -61,7 +59,7 @@ def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
         found = find_sections(problem, update)
     say(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
     _say_pairs(found)
-    _say_checks("checks of the chosen pair" if found.feasible else "checks of the nearest pair", found.checks)
+    say_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
     if found.free:
         free = found.free
         say(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
@@ -74,11 +72,10 @@ def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
     from beamdesign.design.sizing import check_prototype
     from beamdesign.problem import Clearance, Safety, Sections
     from beamdesign.prototype import read_prototype
-    from beamdesign.quantities import Force
+    from beamdesign.study.tasks.of_problems import check_fields
 
     prototype = read_prototype(path)
     force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
-    refuse_implausible("size", {"--tip-force-N": (force, Force)})
     pair = check_prototype(prototype, force, str(path))
     say(
         f"{prototype.name}: sections checked for a tip force of {force:g} N "
@@ -87,7 +84,7 @@ def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
         f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
         "a prototype states none of these"
     )
-    _say_checks("checks", pair.checks)
+    say_checks("checks", map(check_fields, pair.checks))
     say(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
     if not pair.feasible:
         say(f"fails: {'; '.join(check.name for check in pair.failing)}")
@@ -127,61 +124,41 @@ def _millimetres(tube: tuple[float, float]) -> str:
     return f"{1e3 * tube[0]:.4g} x {1e3 * tube[1]:.3g}"
 
 
-def _say_checks(title: str, checks: "tuple[Check, ...]") -> None:
+def say_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
+    """Print structural checks, given as the fields that the task `size` keeps of them."""
     rows = [
         (
-            check.name,
-            check.shown[0],
-            "at least" if check.at_least else "at most",
-            check.shown[1],
-            check.shown[2],
-            f"{100 * check.utilisation:.0f} %",
-            "" if check.satisfied else "FAILS",
+            check["name"],
+            check["value"],
+            "at least" if check["at_least"] else "at most",
+            check["limit"],
+            check["unit"],
+            "-" if check["utilisation"] is None else f"{100 * check['utilisation']:.0f} %",
+            "" if check["satisfied"] else "FAILS",
         )
         for check in checks
     ]
     say_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
 
 
-def _tube_fields(tube: tuple[float, float]) -> dict[str, float]:
-    return {"width_m": tube[0], "wall_m": tube[1]}
-
-
 def _pair_fields(pair: "CheckedPair") -> dict[str, Any]:
     return {
-        "outer": _tube_fields(pair.outer),
-        "inner": _tube_fields(pair.inner),
+        "outer": pair.outer._asdict(),
+        "inner": pair.inner._asdict(),
         "beam_mass_kg": pair.beam_mass_kg,
-        "checks": [
-            {
-                "name": check.name,
-                "value": float(check.value),
-                "limit": float(check.limit),
-                "utilisation": check.utilisation,
-                "unit": check.unit,
-                "at_least": check.at_least,
-                "satisfied": bool(check.satisfied),
-            }
-            for check in pair.checks
-        ],
+        "checks": [picked(check, "name value limit utilisation unit at_least satisfied") for check in pair.checks],
     }
 
 
 def _study_fields(found: "Sizing") -> dict[str, Any]:
     def compared(pair: "CheckedPair | None") -> Mapping[str, Any] | None:
-        return None if pair is None else _pair_fields(pair) | {"feasible": pair.feasible, "governing": pair.governing}
+        return None if pair is None else _pair_fields(pair) | picked(pair, "feasible governing")
 
     free, stock = found.free, found.stock
     return _pair_fields(found.chosen) | {
-        "governing": found.governing,
-        "feasible": found.feasible,
-        "reason": found.reason,
-        "choose": found.choose,
-        "kkt_residual": found.kkt_residual,
-        "shadow_prices": found.shadow_prices,
+        **picked(found, "governing feasible reason choose kkt_residual shadow_prices price_of_rounding_kg"),
         "active": list(free.active) if free else [],
-        "price_of_rounding_kg": found.price_of_rounding_kg,
-        "relaxations": [{"key": item.key, "asked": item.asked, "enough": item.enough} for item in found.relaxations],
+        "relaxations": [picked(item, "key asked enough") for item in found.relaxations],
         "free": compared(free.pair if free else None),
         "stock": compared(stock.pair if stock else None),
         "given": compared(found.given),

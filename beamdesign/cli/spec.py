@@ -3,49 +3,28 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import mass_range, refuse_implausible
-from beamdesign.cli.output import (
-    JsonOption,
-    RangeOption,
-    default_folder,
-    folder_to_write,
-    progress,
-    say,
-    say_table,
-    write_json,
-)
+from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
+from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
 
 if TYPE_CHECKING:
     from beamdesign.specification.specification import Specification
 
 
+@command
 def spec(
-    prototype: Annotated[
-        Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml, with a controller.")
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", callback=folder_to_write, help="Folder for the specification; else NAME.specification here."
-        ),
-    ] = None,
+    prototype: RigArgument,
+    out: Annotated[Path | None, out_folder("Folder for the specification; else NAME.specification here.")] = None,
     outer_end_mass: RangeOption = None,
     sampling_rate_Hz: Annotated[
-        float | None,
-        typer.Option("--sampling-rate-Hz", help="Of the difference equation; else at least 40 times the crossover."),
+        float | None, Figure("Of the difference equation; else at least 40 times the crossover.", "SamplingRate")
     ] = None,
     load_N: Annotated[
-        float | None,
-        typer.Option("--load-N", help="Load for the ratings; else the prototype's largest force or payload's weight."),
+        float | None, Figure("Load for the ratings; else the prototype's largest force or payload's weight.", "Force")
     ] = None,
     noise_share: Annotated[
-        float, typer.Option(help="Share of the motion that the goal allows, which sensor noise may cause.")
+        float, Figure("Share of the motion that the goal allows, which sensor noise may cause.", "Share")
     ] = 0.1,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Specify what to build and how to accept it.
 
     Sections, drawing (DXF and SVG), ratings, sensor, the controller as a circuit and as code, each proved again as it
@@ -54,24 +33,7 @@ def spec(
     payloads, and the rule by which they change. Exit status 1 if the loop is not stable over the range, with the
     reason.
     """
-    from beamdesign import quantities as q
-    from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
-    from beamdesign.rig.effects import problems
-    from beamdesign.rig.parameters import problem_without_controller
-
-    figures = {
-        "--sampling-rate-Hz": (sampling_rate_Hz, q.SamplingRate),
-        "--load-N": (load_N, q.Force),
-        "--noise-share": (noise_share, q.Share),
-    }
-    refuse_implausible("spec", figures)
-    record = read_prototype(prototype)
-    faults = problems(record.effects)
-    if record.controller is None:
-        faults.append(problem_without_controller())
-    if faults:
-        raise InputError(prototype, faults)
+    record = ready_to_run(prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.specification.folder import json_fields, write_specification
@@ -82,15 +44,16 @@ def spec(
         found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
         update(1.0, "writing")
         paths = write_specification(found, folder)
-    write_json(json, json_fields(found) | {"files": paths})
+    answer = Result(json_fields(found) | {"files": paths}, not found.reason)
     if found.reason:
         say(f"{record.name}: {found.reason}")
-        raise typer.Exit(1)
+        return answer
     _say(found)
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
         say("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
     for path in paths.values():
         say(str(path))
+    return answer
 
 
 def _say(found: "Specification") -> None:

@@ -1,23 +1,16 @@
 """`beamdesign stiffness`: a controller that gives the end of the link a commanded stiffness, proved for contact."""
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.by_stage import by_stage
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import figures_of, mass_range, refuse_implausible
-from beamdesign.cli.output import (
-    JsonOption,
-    RangeOption,
-    folder_to_write,
-    progress,
-    say,
-    say_table,
-    write_json,
-)
+from beamdesign.cli.command import Figure, Result, by_stage, command, figures_of, mass_range, out_folder, toml_file
+from beamdesign.cli.output import RangeOption, progress, say, say_table
 from beamdesign.files import write_set
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade
@@ -33,14 +26,21 @@ EVERY_WALL = ((0.0, 1e9), (0.0, 0.0))
 """Stiffness (N/m) and damping (N s/m) of the walls where nothing is said of them."""
 
 
+def _wrong_wishes(
+    contact: str, end_stiffness_N_per_m: float | None, keep_controller: bool, **others: Any
+) -> Iterator[tuple[str, str]]:
+    if contact not in CONTACTS:
+        yield "--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"
+    if end_stiffness_N_per_m is None and keep_controller:
+        yield "--keep-controller", "is for --end-stiffness-N-per-m; without it no other controller is made"
+
+
+@partial(command, problems=_wrong_wishes)
 def stiffness(
-    prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml of the rig.")],
+    prototype: Annotated[Path, toml_file("The prototype.toml of the rig.")],
     end_stiffness_N_per_m: Annotated[
         float | None,
-        typer.Option(
-            "--end-stiffness-N-per-m",
-            help="Static stiffness that the end is to have; without it the controller is judged as it is.",
-        ),
+        Figure("Static stiffness that the end is to have; without it the controller is judged as it is.", "Stiffness"),
     ] = None,
     outer_end_mass: RangeOption = None,
     wall_N_per_m: Annotated[
@@ -69,15 +69,9 @@ def stiffness(
         ),
     ] = RIGS,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=folder_to_write,
-            help="Folder for prototype.toml and its certificates; else none is written.",
-        ),
+        Path | None, out_folder("Folder for prototype.toml and its certificates; else none is written.")
     ] = None,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Give the end of the link a stiffness.
 
     From nearly none to that of the servo. The command moves by the force on the tip over the stiffness; the force is
@@ -87,18 +81,11 @@ def stiffness(
     for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Without a
     stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to be.
     """
-    from beamdesign import quantities as q
     from beamdesign.prototype import read_prototype
 
     record = read_prototype(prototype)
-    problems = []
-    if contact not in CONTACTS:
-        problems.append(("--contact", f"must be one of {', '.join(CONTACTS)}, is {contact!r}"))
-    if end_stiffness_N_per_m is None and keep_controller:
-        problems.append(("--keep-controller", "is for --end-stiffness-N-per-m; without it no other controller is made"))
-    refuse_implausible("stiffness", {"--end-stiffness-N-per-m": (end_stiffness_N_per_m, q.Stiffness)}, problems)
-    least, most = figures_of("--wall-N-per-m", wall_N_per_m, q.WallStiffness, "two figures as LO:HI", ":", 2)
-    damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, q.Damping, "two figures as LO:HI", ":", 2)
+    least, most = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
+    damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, "Damping", "two figures as LO:HI", ":", 2)
     walls = (least, most), (damping[0], damping[1])
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
@@ -107,9 +94,8 @@ def stiffness(
         def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
             return _judged(stage, prototype, walls, CONTACTS[contact], out and out / stage.suffix[1:])
 
-        by_stage(record, masses, judged, json)
-        return
-    give_stiffness(record, end_stiffness_N_per_m, masses, walls, CONTACTS[contact], servo, rigs, out, json)
+        return by_stage(record, masses, judged)
+    return give_stiffness(record, end_stiffness_N_per_m, masses, walls, CONTACTS[contact], servo, rigs, out)
 
 
 def give_stiffness(
@@ -121,16 +107,14 @@ def give_stiffness(
     servo: "Cascade | None" = None,
     rigs: int = RIGS,
     out: Path | None = None,
-    json: Path | None = None,
     spread: "RigSpread | None" = None,
-) -> None:
+) -> Result:
     """Design, prove, say and write; `walls` are their stiffness (N/m) and damping (N s/m).
 
     The rigs that the law has to suit are drawn from the tolerances, or evenly from within a spread.
 
     Raises:
         InputError: for a stiffness that is none, or effects.
-        Exit: with status 1 where no law meets what contact has to be.
     """
     from beamdesign.design.end_stiffness import softest_N_per_m
     from beamdesign.design.stiffness_search import design
@@ -148,8 +132,7 @@ def give_stiffness(
         found = design(record, end_stiffness, masses, wall, need, servo, rigs, update, spread)
     if found.best is None:
         say(found.reason)
-        write_json(json, {"controller": None, "met": None, "reason": found.reason})
-        raise typer.Exit(1)
+        return Result({"controller": None, "met": None, "reason": found.reason}, yes=False)
     best = found.best
     assert best.law is not None  # it was searched
     done = carried_out(record, best, masses, wall)
@@ -187,9 +170,8 @@ def give_stiffness(
         paths = write_set(out, texts)
     for kind, path in paths.items():
         say(f"{kind}: {path}")
-    write_json(
-        json, _fields(best, walls[0]) | {"met": found.met, "reason": found.reason, "drawn": others, **robust, **paths}
-    )
+    fields = _fields(best, walls[0]) | picked(found, "met reason")
+    return Result(fields | {"drawn": others, **robust, **paths})
 
 
 def _judged(
@@ -257,10 +239,13 @@ def _servo(record: "Prototype", source: Path) -> "Cascade":
     return servo
 
 
+_STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo_stiffness_N_per_m=servo_N_per_m
+    stiffness_band_Hz=band_Hz command_bandwidth_Hz=command_Hz command_at_rest peak_sensitivity stable
+    passive=passivity.holds wall_stable=contact.holds stiffest_wall_N_per_m
+    one_sided_wall_N_per_m=bouncing.stiffness_N_per_m"""
+
+
 def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
-    band = [
-        {"low_Hz": band.low_Hz, "high_Hz": band.high_Hz, "sample_Hz": band.sample_Hz} for band in best.passivity.bands
-    ]
 
     def environment(found: Any) -> dict[str, float] | None:
         names = {"mass_kg": "mass", "stiffness_N_per_m": "stiffness", "damping_N_s_per_m": "damping"}
@@ -269,20 +254,9 @@ def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
     return {
         "servo": None if best.law is None else best.law.servo.model_dump(),
         "force_filter_Hz": None if best.law is None else best.law.force_filter_Hz,
-        "end_stiffness_N_per_m": best.end_stiffness_N_per_m,
-        "static_stiffness_N_per_m": best.static_N_per_m,
-        "servo_stiffness_N_per_m": best.servo_N_per_m,
-        "stiffness_band_Hz": best.band_Hz,
-        "command_bandwidth_Hz": best.command_Hz,
-        "command_at_rest": best.command_at_rest,
-        "peak_sensitivity": best.peak_sensitivity,
-        "stable": best.stable,
-        "passive": best.passivity.holds,
-        "active_bands": band,
+        **picked(best, _STATED),
+        "active_bands": [picked(band, "low_Hz high_Hz sample_Hz") for band in best.passivity.bands],
         "destabilised_by": environment(best.troublemaker),
         "wall_N_per_m": list(walls),
-        "wall_stable": best.contact.holds,
         "wall_witness": environment(best.contact.witness),
-        "stiffest_wall_N_per_m": best.stiffest_wall_N_per_m,
-        "one_sided_wall_N_per_m": best.bouncing.stiffness_N_per_m,
     }

@@ -1,12 +1,294 @@
 """`beamdesign study`: sweeps over a study file, kept, resumed, shown and compared."""
 
+import sys
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
 import typer
 
-from beamdesign.cli.study_diff import diff
-from beamdesign.cli.study_run import run
-from beamdesign.cli.study_show import show
-from beamdesign.cli.study_status import status
-from beamdesign.cli.study_why import why
+from beamdesign.cli.command import Result, command, out_folder
+from beamdesign.cli.output import progress, say, say_table, say_wide
+from beamdesign.cli.size import say_checks
+from beamdesign.json_text import picked
+
+if TYPE_CHECKING:
+    from beamdesign.study.sampling import Plan
+    from beamdesign.study.sweep_run import SweepRun
+    from beamdesign.study.workers import Workers
+
+
+INTERRUPTED = 130
+"""Exit status of a run that was interrupted, as shells have it."""
+
+CASE_SECONDS = 3600
+"""After which a case is given up, if nothing else is said."""
+
+_SHOWN_REASONS = 5
+
+
+@command
+def run(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="The sweep file, such as studies/sweeps/materials.toml.")
+    ],
+    out: Annotated[Path | None, out_folder("Folder for the results; else NAME.study here.")] = None,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Processes of this machine.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to compute on instead.")
+    ] = None,
+    cases: Annotated[
+        int | None, typer.Option(min=1, help="No more cases than so many: spread over a grid, or fewer samples.")
+    ] = None,
+    case_seconds: Annotated[
+        int, typer.Option(min=1, max=1_000_000, help="A case that takes longer is given up, and stays as a failed row.")
+    ] = CASE_SECONDS,
+    again: Annotated[bool, typer.Option("--again", help="Compute the cases again that failed.")] = False,
+) -> Result:
+    """Carry out a sweep.
+
+    One row per case; a case that fails stays as a row with its reason. Results are kept by inputs and code, so that a
+    second run computes nothing, and one that was interrupted or killed goes on where it stopped. Exit status 1 if no
+    case has a result.
+    """
+    from beamdesign.records import InputError
+    from beamdesign.report.study_plot import draw
+    from beamdesign.study.conclusion import in_words
+    from beamdesign.study.store import in_words as unsound_words
+    from beamdesign.study.sweep_run import default_folder, plan, run_sweep
+
+    if scheduler is not None and workers != 1:
+        raise InputError("study run", [("--workers", "has no meaning with --scheduler")])
+    if scheduler is not None and case_seconds != CASE_SECONDS:
+        reason = "has no meaning with --scheduler: a case that a cluster computes can be ended only there"
+        raise InputError("study run", [("--case-seconds", reason)])
+    laid = plan(file, cases)
+    folder = out or default_folder(file)
+    try:
+        with progress(laid.sweep.name) as update, _where(workers, scheduler, case_seconds) as compute:
+            found = run_sweep(laid, folder, compute, update, again, draw)
+    except KeyboardInterrupt:
+        _interrupted(folder, laid)
+        raise typer.Exit(INTERRUPTED) from None
+    unsound = unsound_words(found.unsound, "computed again")
+    _say_run(found, laid)
+    for line in (*unsound, *in_words(found.conclusion, laid.sweep), *map(str, found.files)):
+        say(line)
+    fields = {"name": laid.sweep.name, "cases": len(found.records), "unsound": unsound}
+    return Result(
+        fields | picked(found, "counts computed folder tables files conclusion"), bool(found.counts.get("done"))
+    )
+
+
+def _where(workers: int, scheduler: str | None, case_seconds: int) -> "AbstractContextManager[Workers]":
+    from beamdesign.study import workers as room
+
+    return room.processes(workers, case_seconds) if scheduler is None else room.cluster(scheduler)
+
+
+def _interrupted(folder: Path, laid: "Plan") -> None:
+    from beamdesign.study.sweep_run import finished
+
+    print(
+        f"interrupted; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: the same command goes on"
+        " from there",
+        file=sys.stderr,
+    )
+
+
+def _say_run(found: "SweepRun", laid: "Plan") -> None:
+    counts = ", ".join(f"{count} {status}" for status, count in found.counts.items())
+    kept = len(found.records) - found.computed
+    say(f"{laid.sweep.name}: {len(found.records)} cases: {counts}; {found.computed} computed, {kept} kept from before")
+    amiss = [record for record in found.records if record["status"] in ("refused", "failed")]
+    rows = [(_varied(record), record["status"], record["reason"]) for record in amiss[:_SHOWN_REASONS]]
+    if rows:
+        more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
+        say_table(f"without a result{more}", ("case", "status", "reason"), rows)
+
+
+def _varied(record: dict[str, Any]) -> str:
+    from beamdesign.study.conclusion import cell
+
+    return ", ".join(f"{key} = {cell(value)}" for key, value in record["varied"].items()) or "base"
+
+
+@command
+def status(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The sweep file.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the results; else NAME.study here.")
+    ] = None,
+    cases: Annotated[int | None, typer.Option(min=1, help="As given to `study run`.")] = None,
+) -> Result:
+    """Tell what of a sweep is finished.
+
+    Results of other inputs or of another version of the code stay in the folder and are told as such; they are not
+    used. Exit status 1 while cases remain, and where every case is refused.
+    """
+    from beamdesign.study.sweep_run import default_folder, plan, sweep_status
+
+    laid = plan(file, cases)
+    found = sweep_status(laid, out or default_folder(file))
+    counts = ", ".join(f"{count} {status}" for status, count in found.counts.items()) or "none finished"
+    remaining = "an unknown number" if found.remaining is None else str(found.remaining)
+    say(f"{laid.sweep.name}: {counts}; {remaining} to go")
+    if found.impossible:
+        say("  every case is refused: `study run` does not begin with them")
+    for line in found.unsound:
+        say(f"  {line}")
+    if found.seconds_left is not None:
+        say(f"  about {found.seconds_left:.0f} s of computing are left, divided by the number of workers")
+    if found.stale or found.foreign:
+        say(f"  also there: {found.stale} of another version of the code, {found.foreign} of other inputs; not used")
+    if found.reasons:
+        say_table("without a result", ("status", "reason", "cases"), found.reasons)
+    fields = {"name": laid.sweep.name, "folder": out or default_folder(file), **found.__dict__}
+    return Result(fields, found.remaining == 0 and not found.impossible)
+
+
+@command
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the results.")],
+    columns: Annotated[
+        str | None, typer.Option(help="Columns to show, separated by commas; parts of names do. Else what varies.")
+    ] = None,
+    sort: Annotated[str | None, typer.Option(help="Column to sort by; -NAME for the largest first.")] = None,
+    first: Annotated[int, typer.Option(min=1, help="No more rows than so many.")] = 50,
+) -> Result:
+    """Show the table of a sweep.
+
+    Rows are numbered as in table.csv; `beamdesign study why DIR/NUMBER` tells what governs one.
+    """
+    from beamdesign.study.conclusion import chosen, ordered, rows, worth_showing
+    from beamdesign.study.store import in_words, read_index, rows_of
+
+    name = read_index(folder)["name"]
+    kept = rows_of(folder)
+    table, unsound = rows(kept.records), in_words(kept.unsound)
+    for line in unsound:
+        say(line)
+    if not table:
+        say(f"{name}: no case is finished")
+        return Result({"name": name, "columns": [], "rows": [], "unsound": unsound}, yes=False)
+    names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
+    table = ordered(table, sort)
+    shown = [[row[column] for column in names] for row in table[:first]]
+    out = say_wide(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown, columns is not None)
+    hidden = [column for column in table[0] if column not in names or column in out]
+    if columns is None and hidden:
+        say(f"also there: {', '.join(hidden)}")
+    return Result({"name": name, "columns": list(table[0]), "rows": table, "unsound": unsound})
+
+
+_MOST = 40
+
+
+@command
+def diff(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another, of the same or a changed sweep.")],
+) -> Result:
+    """Compare two result folders, case by case.
+
+    Cases belong together by the values of their varied keys. Exit status 1 if anything differs.
+    """
+    from beamdesign.study.store import difference
+
+    found = difference(first, second)
+    for line in found.unsound:
+        say(line)
+    if found.same:
+        say(f"no difference in {len(found.cases)} cases{_code(found.code_changed)}")
+    else:
+        say(f"{len(found.changed)} of {len(found.cases)} common cases have other results{_code(found.code_changed)}")
+        if found.inputs:
+            rows = [(key, _shown(before), _shown(after)) for key, (before, after) in found.inputs.items()]
+            say_wide("inputs that changed in every case", ("key", first.name, second.name), rows)
+        _say_cases(found, first, second)
+        for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
+            if only:
+                say(f"only in {name}: {len(only)} cases, such as {_varied_keys(only[0])}")
+    return Result({**found.__dict__, "same": found.same}, found.same)
+
+
+def _code(changed: bool) -> str:
+    return "; another version of the code computed the second" if changed else ""
+
+
+def _say_cases(found: Any, first: Path, second: Path) -> None:
+    from beamdesign.study.store import relative
+
+    rows = []
+    for case in found.cases:
+        own = {key: change for key, change in case.inputs.items() if key not in found.inputs}
+        for key, change in (*own.items(), *case.outputs.items()):
+            share = relative(change)
+            rows.append(
+                (
+                    _varied_keys(case.varied),
+                    f"input {key}" if key in own else key,
+                    _shown(change[0]),
+                    _shown(change[1]),
+                    "" if share is None else f"{100 * share:+.3g} %",
+                )
+            )
+    if rows:
+        more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
+        say_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
+
+
+def _varied_keys(varied: dict[str, Any]) -> str:
+    return ", ".join(f"{key.rpartition('.')[2]} = {_shown(value)}" for key, value in varied.items()) or "base"
+
+
+def _shown(value: Any) -> str:
+    from beamdesign.study.conclusion import cell
+
+    value = cell(value)
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+@command
+def why(
+    case: Annotated[
+        str, typer.Argument(metavar="CASE", help="DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.")
+    ],
+) -> Result:
+    """Tell why a case came out as it did.
+
+    The structural checks with their utilisation, what binds, the shadow prices, and for a no what to relax; of loops
+    the claims, the starts that failed and the scope of the proof. Exit status 1 if the case itself has no result.
+    """
+    from beamdesign.report.statements import price_words
+    from beamdesign.study.governing import case_of, governing
+
+    found = governing(case_of(case))
+    record, details = found.record, found.record["details"]
+    varied = ", ".join(f"{key} = {value}" for key, value in record["varied"].items()) or "base"
+    say(f"{record['task']} of {varied}: {record['status']}{': ' + record['reason'] if record['reason'] else ''}")
+    if found.checks:
+        say_checks("structural checks, the most used first", found.checks)
+        say(f"binding: {'; '.join(found.binding) or 'none'}")
+    if found.requirements:
+        say(f"active at the lightest free sizes: {'; '.join(found.requirements)}")
+    for sentence in price_words(found.shadow_prices) if found.shadow_prices else ():
+        say(f"  {sentence}")
+    for item in found.relaxations:
+        say(f"  enough alone: {item['key']} from {item['asked']:g} to {item['enough']:.6g}")
+    for name in ("scope", "failures", "attempts"):
+        for line in details.get(name, ()):
+            say(f"  {line}")
+    for claim in details.get("claims", ()):
+        say(f"  {'proved' if claim['holds'] else 'REFUTED'}: {claim['claim']} {claim['reason']}".rstrip())
+    if "traceback" in details:
+        say(details["traceback"].rstrip())
+    if not details:
+        say("  the task keeps no more than its outputs:")
+        for name, value in record["outputs"].items():
+            say(f"  {name}: {value}")
+    return Result({**found.__dict__, "outputs": record["outputs"]}, record["status"] == "done")
+
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -14,5 +296,5 @@ study = typer.Typer(
     pretty_exceptions_enable=False,
     help="Sweep, sample or optimise over any key. Nothing is computed twice, and a killed run goes on.",
 )
-for command in (run, status, show, diff, why):
-    study.command(command.__name__)(command)
+for part in (run, status, show, diff, why):
+    study.command(part.__name__)(part)

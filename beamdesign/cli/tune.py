@@ -1,45 +1,37 @@
 """`beamdesign tune`: controller and inner end mass with the largest guaranteed bandwidth."""
 
-from math import inf
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.by_stage import of_all
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import mass_range, refuse_implausible
-from beamdesign.cli.output import (
-    JsonOption,
-    RangeOption,
-    folder_to_write,
-    progress,
-    say,
-    say_table,
-    write_json,
-)
+from beamdesign.cli.certify import write_certificate
+from beamdesign.cli.command import Figure, Result, command, mass_range, of_all, out_folder, toml_file
+from beamdesign.cli.output import RangeOption, progress, say, say_table
 from beamdesign.files import write_set
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Sensed
     from beamdesign.design.rig_spread import RigSpread, Shape
     from beamdesign.design.tuning import Tuning
-    from beamdesign.proof.certificate import Certificate
+    from beamdesign.proof.certificate import Asked, Certificate
     from beamdesign.prototype import Goal, InStage, Prototype
+
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
 """Of the package itself; a kind that is registered beside them is taken as well where it has seeds."""
 
 
+@command
 def tune(
-    prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml to tune.")],
+    prototype: Annotated[Path, toml_file("The prototype.toml to tune.")],
     outer_end_mass: RangeOption = None,
     controller: Annotated[str, typer.Option(help="Kind of controller: " + " or ".join(KINDS) + ".")] = "lag",
-    largest_inner_end_mass_kg: Annotated[
-        float, typer.Option("--largest-inner-end-mass-kg", help="Most mass that may be added inside.")
-    ] = 6.0,
+    largest_inner_end_mass_kg: Annotated[float, Figure("Most mass that may be added inside.", "MassOrNone")] = 6.0,
     peak_sensitivity: Annotated[
-        float | None, typer.Option(help="Limit of the peak sensitivity; else the prototype's goal.")
+        float | None, Figure("Limit of the peak sensitivity; else the prototype's goal.", "PeakSensitivity")
     ] = None,
     sections: Annotated[
         int, typer.Option(min=1, max=3, help="Second-order sections of a structured controller, behind its lag.")
@@ -56,45 +48,39 @@ def tune(
     ] = None,
     loop_gain: Annotated[
         float | None,
-        typer.Option(
-            "--loop-gain",
-            help="Limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.",
+        Figure(
+            "Limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.",
+            "LoopGain",
+            or_infinite=True,
         ),
     ] = None,
     loop_gain_from_Hz: Annotated[
-        float | None, typer.Option("--loop-gain-from-Hz", help="From where on it holds; else the goal's, 250 Hz.")
+        float | None, Figure("From where on it holds; else the goal's, 250 Hz.", "Frequency")
     ] = None,
     controller_effort_A_per_V: Annotated[
         float | None,
-        typer.Option(
-            "--controller-effort-A-per-V",
-            help="Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.",
+        Figure(
+            "Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.", "LawGain", or_infinite=True
         ),
     ] = None,
     robust: Annotated[
         float,
-        typer.Option(
+        Figure(
+            "Also guarantee it for the worst rigs so many standard deviations of [tolerance] off.",
+            "Sigmas",
             metavar="SIGMAS",
-            help="Also guarantee it for the worst rigs so many standard deviations of [tolerance] off.",
         ),
     ] = 0.0,
     robust_box: Annotated[
         bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
     ] = False,
     end_stiffness_N_per_m: Annotated[
-        float | None,
-        typer.Option("--end-stiffness-N-per-m", help="Of a compliant end; `beamdesign stiffness` has more options."),
+        float | None, Figure("Of a compliant end; `beamdesign stiffness` has more options.", "Stiffness")
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=folder_to_write,
-            help="Folder for prototype.toml and certificate.toml; else neither is written.",
-        ),
+        Path | None, out_folder("Folder for prototype.toml and certificate.toml; else neither is written.")
     ] = None,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Tune for the largest bandwidth over a payload range.
 
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
@@ -107,8 +93,6 @@ def tune(
     controller is. With --robust the same is proved of the worst rigs that the tolerances allow, one by one. Exit
     status 1 if no design can be proved.
     """
-    from beamdesign import quantities as q
-    from beamdesign.cli.robustness import told_of_rigs, with_stated_tolerances
     from beamdesign.design import tuning
     from beamdesign.design.rig_spread import rig_spread
     from beamdesign.design.schedule import tune_laws
@@ -124,19 +108,6 @@ def tune(
     known = dict.fromkeys((*KINDS, *tuning.tunable()))
     if controller not in known:
         raise InputError("--controller", [(controller, f"expected one of {', '.join(known)}")])
-    figures = {
-        "--largest-inner-end-mass-kg": (largest_inner_end_mass_kg, q.MassOrNone),
-        "--peak-sensitivity": (peak_sensitivity, q.PeakSensitivity),
-        "--loop-gain": (None if loop_gain == inf else loop_gain, q.LoopGain),
-        "--loop-gain-from-Hz": (loop_gain_from_Hz, q.Frequency),
-        "--controller-effort-A-per-V": (
-            None if controller_effort_A_per_V == inf else controller_effort_A_per_V,
-            q.LawGain,
-        ),
-        "--robust": (robust, q.Sigmas),
-        "--end-stiffness-N-per-m": (end_stiffness_N_per_m, q.Stiffness),
-    }
-    refuse_implausible("tune", figures)
     if peak_sensitivity is not None:
         record = record.but(goal=record.goal.but(peak_sensitivity=peak_sensitivity))
     sensors = _sensors(controller, added_sensor or [])
@@ -152,15 +123,14 @@ def tune(
         record = with_stated_tolerances(record)
         spread = rig_spread(record.but(controller=None, guarantee=None), masses[1], *shape)
     if controller == "compliance" or end_stiffness_N_per_m is not None:
-        _compliant(record, controller, end_stiffness_N_per_m, masses, spread, out, json)
-        return
+        return _compliant(record, controller, end_stiffness_N_per_m, masses, spread, out)
     with progress("tuning") as update:
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
         found = tune_laws(*asked)
     if found.reason:
         say(found.reason)
-        write_json(json, {"controller": None, "inner_end_mass_kg": None, "guaranteed": None, "reason": found.reason})
-        raise typer.Exit(1)
+        nothing = dict.fromkeys(("controller", "inner_end_mass_kg", "guaranteed"))
+        return Result(nothing | {"reason": found.reason}, yes=False)
     guaranteed, each = certified_laws(found)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
     answers = []
@@ -189,9 +159,7 @@ def tune(
     paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
     for name, path in paths.items():
         say(f"{name}: {path}")
-    write_json(json, answer | paths)
-    if changes is not None and not changes.stable:
-        raise typer.Exit(1)
+    return Result(answer | paths, changes is None or bool(changes.stable))
 
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
@@ -216,14 +184,10 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
         "guaranteed": {
-            "bandwidth_Hz": best.bandwidth_Hz,
-            "peak_sensitivity": best.peak_sensitivity,
+            **picked(best, "bandwidth_Hz peak_sensitivity"),
             "outer_end_mass_kg": list(masses),
-            "loop_gain": goal.loop_gain,
-            "loop_gain_from_Hz": goal.loop_gain_from_Hz,
-            "controller_effort_A_per_V": goal.controller_effort_A_per_V,
-            "method": certificate.method,
-            "scope": certificate.scope,
+            **picked(goal, "loop_gain loop_gain_from_Hz controller_effort_A_per_V"),
+            **picked(certificate, "method scope"),
         },
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
@@ -236,8 +200,8 @@ def _compliant(
     end_stiffness: float | None,
     masses: tuple[float, float],
     spread: "RigSpread | None",
-    *files: Path | None,
-) -> None:
+    out: Path | None,
+) -> Result:
     """The controller that gives the end a stiffness, with the inner end mass as it is."""
     from beamdesign.cli.stiffness import give_stiffness
     from beamdesign.records import InputError
@@ -246,8 +210,7 @@ def _compliant(
         raise InputError("--end-stiffness-N-per-m", [(f"{end_stiffness:g}", "is for --controller compliance")])
     if end_stiffness is None:
         raise InputError("--controller", [("compliance", "needs --end-stiffness-N-per-m")])
-    out, json = files
-    give_stiffness(record, end_stiffness, masses, out=out, json=json, spread=spread)
+    return give_stiffness(record, end_stiffness, masses, out=out, spread=spread)
 
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
@@ -270,3 +233,112 @@ def _kept(goal: "Goal") -> list[tuple[str, str]]:
     if goal.controller_effort_A_per_V is not None:
         rows.append(("guaranteed |C/(1+L)|", f"at most {goal.controller_effort_A_per_V:g} A/V"))
     return rows
+
+
+DRAWS = 32
+"""Rigs that are drawn at random, each decided in exact arithmetic."""
+
+
+def with_stated_tolerances(record: "Prototype") -> "Prototype":
+    """The prototype as it is where it states tolerances, else with typical ones, and a word on it."""
+    from beamdesign.gap.examination.caution import with_tolerances
+
+    found, cautions = with_tolerances(record)
+    for caution in cautions:
+        say(caution.text)
+    return found
+
+
+_DRAWN = "drawn=count drawn_bandwidth_kept=bandwidth_kept drawn_all_kept=kept least_share_bandwidth_kept=least_share"
+
+
+def told_of_rigs(
+    stage: "InStage", law: "Tuning", shape: tuple[float, "Shape"], texts: dict[str, tuple[str, str]]
+) -> dict[str, Any]:
+    """Prove the worst rigs, draw others, say what they keep; what the JSON file says of it.
+
+    Certificates are added to `texts`, name of the file and content by kind.
+    """
+    from beamdesign.design.rig_spread import rig_spread
+    from beamdesign.design.robust_tuning import rigs_of
+    from beamdesign.study.robust_proof import CONFIDENCE, draw_rigs, prove_rigs
+
+    best, masses, end = law.best, stage.outer_end_mass_kg, stage.suffix
+    assert best is not None
+    spread = rig_spread(stage.prototype, masses[1], *shape)
+    found = rigs_of(spread, law.worst)
+    certificates = prove_rigs(found.rigs, best, masses)
+    if refuted := [certificate.reason for certificate in certificates if not certificate.holds]:
+        raise AssertionError(f"a rig that was proved is refuted: {refuted[0]}")
+    for k, certificate in enumerate(certificates, start=1):
+        texts[f"certificate_rig_{k}{end.replace('.', '_')}"] = (f"certificate{end}.rig-{k}.toml", certificate.text)
+    _say_rigs(spread, found.factors)
+    say(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
+    draws = draw_rigs(spread, best, masses, DRAWS)
+    say(
+        f"sampled: {reach_in_words(spread)}; of {draws.count} rigs drawn from the tolerances {draws.bandwidth_kept}"
+        f" keep the bandwidth (at least {100 * draws.least_share:.0f} % of all, at {100 * CONFIDENCE:.0f} %"
+        f" confidence), {draws.kept} every limit; the draws are decided in exact arithmetic, the rigs between are not"
+    )
+    return {
+        **picked(spread, "sigmas shape"),
+        "deviations": dict(spread.deviations),
+        "rigs": list(found.factors),
+        **picked(draws, _DRAWN),
+        "confidence": CONFIDENCE,
+    }
+
+
+def _say_rigs(spread: "RigSpread", factors: Sequence[dict[str, float]]) -> None:
+    """What the figures of each rig are off by."""
+    names = [name for name in spread.deviations if any(one.get(name, 1.0) != 1.0 for one in factors)]
+    rows = [(name, *(f"{100 * (one.get(name, 1.0) - 1):+.1f}" for one in factors)) for name in names]
+    say_table("worst rigs: figures off by, %", ("figure", *(str(k + 1) for k in range(len(factors)))), rows)
+
+
+def certified_rigs(
+    record: "Prototype",
+    masses: tuple[float, float],
+    asked: Sequence["Asked"],
+    sigmas: float,
+    shape: "Shape",
+    path: Path,
+) -> tuple[bool, dict[str, Any]]:
+    """Certify the worst rigs of a prototype and say what each guarantees; whether all keep what was asked, and which.
+
+    Certificates go beside that of the nominal rig.
+    """
+    from beamdesign.design.rig_spread import rig_spread
+    from beamdesign.design.robust_tuning import worst_of
+    from beamdesign.proof.certifying import certify
+
+    spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)
+    found = worst_of(spread, masses)
+    _say_rigs(spread, found.factors)
+    every, rows = True, []
+    for k, rig in enumerate(found.rigs, start=1):
+        certificate = certify(rig, *masses, asked)
+        write_certificate(path.with_suffix(f".rig-{k}.toml"), certificate.text)
+        every = every and certificate.holds
+        reached = certificate.guaranteed
+        rows.append(
+            (
+                str(k),
+                "no" if reached is None else "yes",
+                "" if reached is None else f"{reached.bandwidth_Hz:.4g}",
+                "" if reached is None else f"{reached.peak_sensitivity:.4g}",
+                certificate.reason,
+            )
+        )
+    say_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
+    say(f"{reach_in_words(spread)}; the rigs between are not proved")
+    return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": list(found.factors), "holds": every}}
+
+
+def reach_in_words(spread: "RigSpread") -> str:
+    """How far the rigs are off that the design was tuned for."""
+    if spread.shape == "box":
+        return (
+            f"the worst rigs of a box of {spread.sigmas:g} standard deviations of every figure were sought on samples"
+        )
+    return f"the worst rigs {spread.sigmas:g} standard deviations off in all were sought on samples"

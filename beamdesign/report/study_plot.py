@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.spelling import in_plot
-from beamdesign.study.document_keys import value_at
-from beamdesign.study.sweep_file import PICTURES, Picture, Sweep
+from beamdesign.study.sweep_file import PICTURES, Picture, Sweep, value_at
 
 Row = Mapping[str, Any]
 

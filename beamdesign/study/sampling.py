@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.study.case import Case, case
-from beamdesign.study.document_keys import with_value
-from beamdesign.study.sweep_file import SAMPLED, Sweep, Vary
+from beamdesign.study.sweep_file import SAMPLED, Sweep, Vary, with_value
 
 _OPTIONS = "options"
 

@@ -14,10 +14,10 @@ from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_
 from beamdesign.json_text import json_text
 from beamdesign.records import InputError, Problem
 from beamdesign.study import store, workers
-from beamdesign.study.case import Case
+from beamdesign.study.case import Case, code_digest, in_words
+from beamdesign.study.conclusion import write_tables
 from beamdesign.study.sampling import Plan, case_at, points
-from beamdesign.study.sweep_file import Sweep, read_sweep
-from beamdesign.study.table import write_tables
+from beamdesign.study.sweep_file import Sweep, read_sweep, task_of
 
 Progress = Callable[[float, str], None]
 
@@ -265,3 +265,74 @@ def _first(problems: Iterable[Problem]) -> list[Problem]:
     each = list(dict.fromkeys(problems))
     more = [Problem("further", f"{len(each) - _SHOWN} reasons of the same cases")] if len(each) > _SHOWN else []
     return each[:_SHOWN] + more
+
+
+@dataclass(frozen=True)
+class SweepStatus:
+    """Where a sweep stands.
+
+    Attributes:
+        counts: finished rows by status.
+        remaining: rows to go; None where the method finds its cases as it goes and is not through.
+        seconds_left: computing time of those, from the mean of the finished ones; None where that is not known.
+        reasons: status, reason and number of the rows without a result, the most frequent first.
+        stale: results in the folder of another version of the code.
+        foreign: results of this version that are no rows of this sweep.
+        unsound: words on results that do not hold; they are not used.
+        impossible: whether no case of the sweep has inputs that are accepted.
+    """
+
+    counts: dict[str, int]
+    remaining: int | None
+    seconds_left: float | None
+    reasons: tuple[tuple[str, str, int], ...]
+    stale: int
+    foreign: int
+    unsound: tuple[str, ...]
+    impossible: bool
+
+
+def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
+    """Compare a plan with what is kept in a folder, which need not exist.
+
+    Cases whose inputs are known to be refused count as finished.
+
+    Raises:
+        InputError: where what is in the folder cannot be read.
+    """
+    cases = {one.address: one for one in laid.cases}
+    everything = store.gathered(folder, store.addresses(folder), cases)
+    code = code_digest(task_of(laid.sweep).place)
+    current = {record["address"]: record for record in everything.records if record["code_sha256"] == code}
+    addresses, complete = list(cases), True
+    if laid.sweep.study.method in ADAPTIVE:
+        index = store.read_index(folder) if everything.records else {}
+        asked = index.get("rows", [])
+        addresses = [address for address in asked if address in current]
+        complete = index.get("complete", False) and len(addresses) == len(asked)
+    rows = [current[address] for address in addresses if address in current]
+    refused = [one for address, one in cases.items() if one.problems and address not in current]
+    remaining = len(addresses) - len(rows) - len(refused) if complete else None
+    seconds = [record["seconds"] for record in rows]
+    left = remaining * sum(seconds) / len(seconds) if remaining and seconds else None
+    results = [(row["status"], row["reason"]) for row in rows] + [
+        ("refused", in_words(one.problems)) for one in refused
+    ]
+    amiss = Counter(result for result in results if result[0] != "done")
+    return SweepStatus(
+        dict(Counter(status for status, _ in results)),
+        remaining,
+        left,
+        tuple((status, reason, count) for (status, reason), count in amiss.most_common()),
+        len(everything.records) - len(current),
+        len(set(current) - set(addresses)),
+        tuple(store.in_words(everything.unsound)),
+        bool(cases) and all(one.problems for one in cases.values()),
+    )
+
+
+def finished(laid: Plan, folder: Path) -> int:
+    """How many cases of a sweep have a file in a folder; none is opened."""
+    there = store.addresses(folder)
+    rows = {one.address for one in laid.cases} or set(store.read_index(folder)["rows"] if there else ())
+    return len(rows.intersection(there))

@@ -16,8 +16,7 @@ from multiprocessing.connection import Connection, wait
 from types import FrameType
 from typing import Any
 
-from beamdesign.study.case import Case, compute, kept
-from beamdesign.study.code_digest import code_digest, engines
+from beamdesign.study.case import Case, code_digest, compute, engines, kept
 from beamdesign.study.tasks import TASKS
 
 Outcome = tuple[int, dict[str, Any]]

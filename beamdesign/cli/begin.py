@@ -1,13 +1,62 @@
-"""`beamdesign explain`: what a key of a file means, and pages on the parts of the tool."""
+"""`beamdesign new` and `explain`: commented files to start from, and what a key of a file means."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from beamdesign.cli.completion import words
-from beamdesign.cli.output import JsonOption, say, write_json
+from beamdesign.cli.command import Result, command
+from beamdesign.cli.completion import templates, words
+from beamdesign.cli.output import path_to_write, say, say_table
 
 
+@command
+def new(
+    template: Annotated[
+        str | None, typer.Argument(help="What to start; without it all are listed.", autocompletion=templates)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            callback=path_to_write,
+            help="The new file (folder, for a data set); else named after the template.",
+        ),
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
+) -> Result:
+    """Start a study, a rig or a data set from a template.
+
+    The file is commented, runs as it stands, and the command to run it with is printed. Nothing that exists is
+    overwritten.
+    """
+    import difflib
+    import shlex
+
+    from beamdesign.records import InputError
+    from beamdesign.templates import TEMPLATES, start, target
+
+    if template is None or listed:
+        rows = [(name, each.purpose) for name, each in TEMPLATES.items()]
+        say_table("templates", ("name", "what it starts"), rows)
+        say("beamdesign new NAME --out FILE")
+        return Result({"templates": [{"name": name, "purpose": purpose} for name, purpose in rows]})
+    if template not in TEMPLATES:
+        close = difflib.get_close_matches(template, TEMPLATES, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(TEMPLATES)}"
+        raise InputError("new", [(template or "''", f"no such template; {hint}")])
+    paths = start(template, out)
+    it = target(template, out)
+    following = [step.format(it=shlex.quote(str(it)), name=shlex.quote(it.stem)) for step in TEMPLATES[template].next]
+    for path in paths:
+        say(f"written: {path}")
+    say(f"next:    {following[0]}")
+    for step in following[1:]:
+        say(f"         {step}")
+    return Result({"template": template, "files": paths, "next": following})
+
+
+@command
 def explain(
     key: Annotated[
         str | None,
@@ -18,8 +67,7 @@ def explain(
         ),
     ] = None,
     reference: Annotated[bool, typer.Option("--reference", help="Print all keys as Markdown.")] = False,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Explain a key, a table or an effect of any file, or a topic.
 
     Meaning, unit, bounds, default, and the files it may stand in, from the records that the files are read as. Of a
@@ -34,12 +82,11 @@ def explain(
 
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
-        write_json(json, everything | {"topics": topics()})
         if reference:
             say(told.reference_markdown())
         else:
             _list()
-        return
+        return Result(everything | {"topics": topics()})
     if reference:
         raise InputError("explain", [("--reference", "prints all keys; leave KEY away")])
     wanted = key.strip("[]")
@@ -60,7 +107,7 @@ def explain(
     if text is not None:
         say(f"\n{text}".rstrip() if some else text.rstrip())
     found = {"keys": [asdict(each) for each in some], "effects": [asdict(e) for e in every if e], "page": text}
-    write_json(json, {"key": key} | found)
+    return Result({"key": key} | found)
 
 
 def _list() -> None:

@@ -1,4 +1,4 @@
-"""`beamdesign certify-box`: stability proved over a box of tolerances, end masses and delay."""
+"""`beamdesign certify-box` and `certify-switching`: proofs over tolerances, and while the payload changes."""
 
 from math import inf
 from pathlib import Path
@@ -6,18 +6,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.by_stage import beside, by_stage
-from beamdesign.cli.certificate_file import certificate_file, write_certificate
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.figures import mass_range, refuse_implausible
-from beamdesign.cli.output import (
-    JsonOption,
-    RangeOption,
-    file_to_write,
-    progress,
-    say,
-    say_table,
+from beamdesign.cli.certify import certificate_file, write_certificate
+from beamdesign.cli.command import (
+    Figure,
+    Result,
+    beside,
+    by_stage,
+    command,
+    mass_range,
+    out_file,
+    toml_file,
+    with_controller,
 )
+from beamdesign.cli.output import RangeOption, progress, say, say_table
+from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.proof.box import Box, BoxVerdict
@@ -25,27 +27,24 @@ if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
 
 
+@command
 def certify_box(
-    prototype: Annotated[Path, typer.Argument(autocompletion=toml_files, help="The prototype.toml to certify.")],
+    prototype: Annotated[Path, toml_file("The prototype.toml to certify.")],
     outer_end_mass: RangeOption = None,
-    sigmas: Annotated[float, typer.Option(help="Standard deviations to either side of every figure.")] = 3.0,
+    sigmas: Annotated[float, Figure("Standard deviations to either side of every figure.", "Sigmas")] = 3.0,
     only: Annotated[
         list[str] | None, typer.Option(metavar="FIGURE", help="Let this figure vary; may be repeated. Default: all.")
     ] = None,
-    delay_s: Annotated[
-        float, typer.Option("--delay-s", help="Allow every pure delay in the loop up to this, s.")
-    ] = 0.0,
+    delay_s: Annotated[float, Figure("Allow every pure delay in the loop up to this, s.", "Delay")] = 0.0,
     scaling: Annotated[bool, typer.Option(help="Find the largest scaling of the tolerances that is stable.")] = False,
     budget: Annotated[
         int, typer.Option(min=1, max=1_000_000, help="Most pieces of frequency and parameters to look at.")
     ] = 4000,
-    seconds: Annotated[float, typer.Option(help="Most time for the search of one box.")] = inf,
+    seconds: Annotated[float, Figure("Most time for the search of one box.", "TimeLimit")] = inf,
     out: Annotated[
-        Path | None,
-        typer.Option(callback=file_to_write, help="File for the certificate; else STEM.box.toml in this folder."),
+        Path | None, out_file("File for the certificate; else STEM.box.toml in this folder.", metavar=None)
     ] = None,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Prove stability for all tolerances at once.
 
     Figures, end masses and a delay vary together; the proof is written down.
@@ -53,17 +52,7 @@ def certify_box(
     Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
     """
-    from beamdesign import quantities as q
-    from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
-
-    refuse_implausible(
-        "certify-box",
-        {"--sigmas": (sigmas, q.Sigmas), "--delay-s": (delay_s, q.Delay), "--seconds": (seconds, q.TimeLimit)},
-    )
-    record = read_prototype(prototype)
-    if record.controller is None:
-        raise InputError(prototype, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.proof.tolerance_box import tolerance_box
@@ -73,12 +62,12 @@ def certify_box(
         asked = None if outer_end_mass is None else stage.outer_end_mass_kg
         delays = (0.0, delay_s) if delay_s else None
         box = tolerance_box(stage.prototype, sigmas, only or None, asked, delay_s=delays)
-        return _proved(stage.prototype, box, budget, seconds, sigmas if scaling else None, path)
+        return _proved_box(stage.prototype, box, budget, seconds, sigmas if scaling else None, path)
 
-    by_stage(record, masses, proved, json)
+    return by_stage(record, masses, proved)
 
 
-def _proved(
+def _proved_box(
     record: "Prototype", box: "Box", budget: int, seconds: float, scaled_sigmas: float | None, path: Path
 ) -> tuple[dict[str, Any], bool]:
     """Prove, say and write of one law; what is known of it, and whether the whole box is stable."""
@@ -90,17 +79,17 @@ def _proved(
         verdict = prove(record, box, budget, seconds)
         update(0.5, "" if scaled_sigmas is None else "scaling the tolerances")
         found = None if scaled_sigmas is None else largest_scaling(record, box, budget=budget)
-    _say(record, box, verdict)
+    _say_box(record, box, verdict)
     if found is not None:
         say(f"scaling of the tolerances ({scaled_sigmas:g} standard deviations are 1): {found.reason}")
     if verdict.certificate:
         write_certificate(path, verdict.certificate)
         say(f"certificate: {path}")
-    fields = _fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
+    fields = _box_fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
     return fields, verdict.stable is True
 
 
-def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
+def _say_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
     from beamdesign.proof.rational import nearest
     from beamdesign.proof.tolerance_box import figure_key
 
@@ -123,7 +112,7 @@ def _say(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
     say(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
 
 
-def _fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
+def _box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
     from beamdesign.proof.rational import nearest
     from beamdesign.proof.tolerance_box import figure_key, in_units
 
@@ -132,8 +121,7 @@ def _fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dic
 
     shares = [None] * 3 if verdict.volumes is None else [nearest(share) for share in verdict.volumes]
     return {
-        "stable": verdict.stable,
-        "reason": verdict.reason,
+        **picked(verdict, "stable reason pieces looked_at"),
         "box": {
             key: [nearest(low) / factor, nearest(high) / factor]
             for name, (low, high) in box.ranges.items()
@@ -143,15 +131,55 @@ def _fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dic
         "unstable_fraction": shares[1],
         "undecided_fraction": shares[2],
         "unstable_point": point(verdict.unstable_point),
-        "pieces": verdict.pieces,
-        "looked_at": verdict.looked_at,
         "largest_scaling": None
         if scaling is None
-        else {
-            "proved": scaling.proved,
-            "refuted": scaling.refuted,
-            "limit": scaling.limit,
-            "unstable_point": point(scaling.unstable_point),
-            "reason": scaling.reason,
-        },
+        else picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
     }
+
+
+@command
+def certify_switching(
+    prototype: Annotated[Path, toml_file("The prototype.toml, with its controller.")],
+    outer_end_mass: RangeOption = None,
+    rate: Annotated[
+        float | None,
+        Figure("Prove stability up to this rate of change; else find the largest.", "MassRate", metavar="KG_PER_S"),
+    ] = None,
+    out: Annotated[Path | None, out_file("File for the certificate; else STEM.stages.toml in this folder.")] = None,
+) -> Result:
+    """Prove stability while the payload changes in motion.
+
+    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov
+    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
+    reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload that
+    joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
+    schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
+    """
+    from beamdesign.proof.stage_family import stage_families
+    from beamdesign.records import InputError
+
+    record = with_controller(prototype)
+    try:
+        families = stage_families(record)
+    except ValueError as error:
+        raise InputError(prototype, [("controller.stage", str(error))]) from error
+    low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
+    if not low < high:
+        reason = f"{low:g}:{high:g} holds one mass, which cannot change"
+        raise InputError("certify-switching", [("--outer-end-mass", reason)])
+    schedule = record.schedule
+    path = certificate_file(out, f"{prototype.stem}.stages.toml")
+
+    from beamdesign.proof.lyapunov import describe, switching, switching_fields
+    from beamdesign.proof.stage_tables import stages_certificate
+
+    with progress("Lyapunov functions") as update:
+        found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
+    lines = describe(found)
+    several = f"{len(families)} stages, " if schedule else ""
+    say(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
+    for line in lines:
+        say(f"  {line}")
+    write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
+    say(f"certificate: {path}")
+    return Result(switching_fields(found) | {"certificate": path}, found.stable)

@@ -1,0 +1,257 @@
+"""What every command shares: its options, the way from them to an answer, and the exit status of that."""
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+from typer.models import OptionInfo
+
+from beamdesign.cli.completion import toml_files
+from beamdesign.cli.output import JsonOption, file_to_write, folder_to_write, say, write_csv, write_json
+from beamdesign.files import fresh_folder, settled
+
+if TYPE_CHECKING:
+    from beamdesign.prototype import InStage, Prototype
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command has found.
+
+    Attributes:
+        fields: of the JSON file.
+        yes: whether the answer is yes; the exit status is 1 where it is no.
+    """
+
+    fields: Mapping[str, Any]
+    yes: bool = True
+
+
+class Figure(OptionInfo):
+    """An option for a figure, which goes by the name of its parameter.
+
+    Args:
+        help: what it means.
+        quantity: of `beamdesign.quantities`; what lies outside of its range is refused.
+        or_infinite: whether `inf` is taken as well.
+        metavar: in place of its type.
+    """
+
+    def __init__(self, help: str, quantity: str, or_infinite: bool = False, metavar: str | None = None):
+        super().__init__(default=..., help=help, metavar=metavar)
+        self.quantity, self.or_infinite = quantity, or_infinite
+
+
+def command(
+    work: Callable[..., Result], problems: Callable[..., Iterable[tuple[str, str]]] | None = None
+) -> Callable[..., None]:
+    """A command from a function that says what it finds: with `--json`, checked figures, and an exit status.
+
+    Args:
+        work: the function, of the options alone.
+        problems: what is wrong with the options beside implausible figures, key and reason; given all of them.
+
+    Raises:
+        InputError: where options are wrong, with everything that is.
+        typer.Exit: with status 1 where the answer is no.
+    """
+    figures = {}
+    for name, hint in get_type_hints(work, include_extras=True).items():
+        for mark in (mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Figure)):
+            mark.param_decls = (f"--{name.replace('_', '-')}",)  # with its capitals, which typer would make small
+            figures[name] = mark
+
+    @wraps(work)
+    def carried_out(json: Path | None = None, **given: Any) -> None:
+        wrong = [
+            problem
+            for name, mark in figures.items()
+            if given[name] is not None and not (mark.or_infinite and given[name] == inf)
+            for problem in implausible(mark.param_decls[0], given[name], mark.quantity)
+        ]
+        wrong += problems(**given) if problems else ()
+        if wrong:
+            from beamdesign.records import InputError
+
+            raise InputError(work.__name__.replace("_", "-"), wrong)
+        result = work(**given)
+        write_json(json, result.fields)
+        if not result.yes:
+            raise typer.Exit(1)
+
+    own = inspect.signature(work).parameters.values()
+    last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=JsonOption)
+    carried_out.__signature__ = inspect.Signature([*own, last])  # type: ignore[attr-defined]
+    carried_out.__annotations__ = work.__annotations__ | {"json": JsonOption, "return": None}
+    return carried_out
+
+
+def implausible(option: str, value: float, quantity: str) -> list[tuple[str, str]]:
+    """Why the figure of an option is refused; nothing where it lies in the range of its quantity."""
+    from beamdesign import quantities
+
+    plausible = quantities.range_of(getattr(quantities, quantity))
+    return [] if value in plausible else [(option, plausible.refusal(f"{value:g}", option.replace("-", "_")))]
+
+
+def toml_file(help: str, metavar: str | None = None) -> Any:
+    """An argument that is a TOML file."""
+    return typer.Argument(autocompletion=toml_files, metavar=metavar, help=help)
+
+
+def out_folder(help: str, metavar: str | None = "DIR") -> Any:
+    """The option `--out` for a folder."""
+    return typer.Option("--out", metavar=metavar, callback=folder_to_write, help=help)
+
+
+def out_file(help: str, metavar: str | None = "FILE") -> Any:
+    """The option `--out` for a file."""
+    return typer.Option("--out", metavar=metavar, callback=file_to_write, help=help)
+
+
+RigArgument = Annotated[Path, toml_file("The prototype.toml, with a controller.")]
+StudyArgument = Annotated[Path, toml_file("The study file with the design problem.")]
+
+
+def figures_of(
+    option: str, text: str, quantity: str, expected: str, separator: str = ",", count: int | None = None
+) -> tuple[float, ...]:
+    """The figures of an option that takes several as one word, all of one quantity.
+
+    Args:
+        option: its name.
+        text: as it was given.
+        quantity: of `beamdesign.quantities`.
+        expected: what the option takes, in words.
+        separator: between figures; those of a range, ":", ascend.
+        count: how many; None for any number of them.
+
+    Raises:
+        InputError: where they are not as many figures, implausible or, in a range, descending.
+    """
+    from beamdesign.records import InputError
+
+    try:
+        values = tuple(float(part) for part in text.split(separator))
+    except ValueError:
+        values = ()
+    if not values or count not in (None, len(values)):
+        raise InputError(option, [(text, f"expected {expected}")])
+    if wrong := [problem for value in values for problem in implausible(option, value, quantity)]:
+        raise InputError(option, wrong[:1])
+    if separator == ":" and values[0] > values[-1]:
+        raise InputError(option, [(text, f"empty range: {values[0]:g} is above {values[-1]:g}")])
+    return values
+
+
+def mass_range(text: str | None, default: tuple[float, float] | None, source: str | Path) -> tuple[float, float]:
+    """The range of outer end masses in kg, from LO:HI or else from the prototype's payload.
+
+    Raises:
+        InputError: where neither gives a range of plausible masses.
+    """
+    from beamdesign.records import InputError
+
+    if text is None:
+        if default is None:
+            reason = "missing; give it there or as --outer-end-mass LO:HI"
+            raise InputError(source, [("payload.outer_end_mass_kg", reason)])
+        return default
+    expected = "two masses in kg as LO:HI, such as 0:6.8"
+    low, high = figures_of("--outer-end-mass", text, "MassOrNone", expected, ":", 2)
+    return low, high
+
+
+def with_controller(path: Path) -> "Prototype":
+    """Read a prototype that has a controller.
+
+    Raises:
+        InputError: where it has none.
+    """
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+
+    record = read_prototype(path)
+    if record.controller is None:
+        raise InputError(path, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
+    return record
+
+
+def ready_to_run(path: Path) -> "Prototype":
+    """Read a prototype that has a controller and effects of the library alone.
+
+    Raises:
+        InputError: with everything that is in the way.
+    """
+    from beamdesign.prototype import read_prototype
+    from beamdesign.records import InputError
+    from beamdesign.rig.effects import problems
+    from beamdesign.rig.parameters import problem_without_controller
+
+    record = read_prototype(path)
+    wrong = problems(record.effects)
+    if record.controller is None:
+        wrong.append(problem_without_controller())
+    if wrong:
+        raise InputError(path, wrong)
+    return record
+
+
+def write_drawn(out: Path, name: str, figure: Any, rows: Sequence[dict[str, Any]] = ()) -> list[Path]:
+    """Write a figure, and the table that it is drawn from, as NAME in a folder, and say which files there are."""
+    from beamdesign.report.canvas import save
+
+    with fresh_folder(out) as fresh:
+        files = [fresh / f"{name}.csv"] if rows else []
+        for path in files:
+            write_csv(path, rows)
+        files += save(figure, fresh / name)
+    files = settled(files, fresh, out)
+    for path in files:
+        say(str(path))
+    return files
+
+
+def by_stage(
+    record: "Prototype",
+    masses_kg: tuple[float, float],
+    work: "Callable[[InStage], tuple[dict[str, Any], bool]]",
+) -> Result:
+    """Do the work of a command stage by stage, and give its answer; a controller of one law is its only stage.
+
+    The answer is that of the stage that governs: the first whose answer is no, else that of the least guaranteed
+    bandwidth. Of several stages those of all stand in it under `stages`.
+
+    Args:
+        record: with its controller.
+        masses_kg: payloads (least, most), of which each stage gets its own.
+        work: gives fields of the answer, and whether it is yes.
+
+    Raises:
+        InputError: where some payloads are for no stage.
+    """
+    found = [work(stage) for stage in record.stages(masses_kg)]
+    if record.schedule is not None:
+        say("each stage by itself, while the payload stays in its range; of changes: beamdesign certify-switching")
+    return Result(of_all(record, found), all(yes for _, yes in found))
+
+
+def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> dict[str, Any]:
+    """The answer of the stage that governs; of several stages with those of all under `stages`."""
+
+    def reached(fields: dict[str, Any]) -> float:
+        guaranteed = fields.get("guaranteed")
+        return guaranteed["bandwidth_Hz"] if isinstance(guaranteed, dict) else getattr(guaranteed, "bandwidth_Hz", 0.0)
+
+    answer, _ = min(found, key=lambda one: (one[1], reached(one[0])))
+    return answer if record.schedule is None else answer | {"stages": [fields for fields, _ in found]}
+
+
+def beside(path: Path | None, stage: "InStage") -> Path | None:
+    """Where a stage's file goes: the path itself where there is one law, else with the stage's number in its name."""
+    return path and path.with_suffix(stage.suffix + path.suffix)

@@ -1,0 +1,264 @@
+"""`beamdesign run`, `codesign`, `front` and `remedies`: from a design problem to proved designs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from beamdesign.cli.command import (
+    Figure,
+    Result,
+    StudyArgument,
+    command,
+    figures_of,
+    mass_range,
+    out_folder,
+    toml_file,
+    write_drawn,
+)
+from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
+from beamdesign.files import write_set
+from beamdesign.json_text import picked
+
+if TYPE_CHECKING:
+    from beamdesign.design.codesign import Codesign
+
+
+@command
+def run(
+    study: Annotated[Path, toml_file("The study file, such as studies/prototype.toml.")],
+    out: Annotated[Path, out_folder("Folder for the results; made if need be.")],
+) -> Result:
+    """Carry a study to a certified prototype.
+
+    Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
+    certificate, a report and a specification. Exit status 1 if there is no design, with the reason.
+    """
+    from beamdesign.problem import read_problem
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text
+    from beamdesign.report.result_folder import write_result_folder
+    from beamdesign.study.design_run import run_design
+
+    problem = read_problem(study)
+    with progress("designing") as update:
+        result = run_design(problem, update)
+        if result.prototype is not None:
+            update(0.95, "drawing the report")
+            folder = write_result_folder(result, out)
+    if result.prototype is None:
+        say(f"no design: {result.reason}")
+        nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
+        return Result(nothing | {"reason": result.reason}, yes=False)
+    payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
+    moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
+    rows = [
+        ("outer beam", f"{result.sizing.outer.width_m * 1e3:.4g} x {result.sizing.outer.wall_m * 1e3:.3g} mm"),
+        ("inner beam", f"{result.sizing.inner.width_m * 1e3:.4g} x {result.sizing.inner.wall_m * 1e3:.3g} mm"),
+        ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
+        ("governing check", result.sizing.governing),
+    ]
+    for one in reached:
+        rows += [
+            ("guaranteed bandwidth", at_least(one.bandwidth_Hz, "Hz")),
+            ("guaranteed peak sensitivity", at_most(one.peak_sensitivity, "1")),
+            ("for every outer end mass", mass_range_text(one.outer_end_mass_kg)),
+        ]
+    say_table(f"{problem.name}: designed and certified", ("", ""), rows)
+    for path in folder.values():
+        say(str(path))
+    return Result(
+        {
+            "prototype": folder["prototype"],
+            "certificate": folder[f"certificate{end}"],
+            "mass_kg": moving,
+            "beam_mass_kg": result.sizing.beam_mass_kg,
+            "inner_end_mass_kg": payload.inner_end_mass_kg,
+            "report": folder[f"report{end}"],
+            "specification": folder[f"specification{end}"],
+            "guaranteed": reached[0].model_dump(),
+            **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
+        },
+    )
+
+
+@command
+def codesign(
+    study: StudyArgument,
+    bandwidth_Hz: Annotated[float, Figure("Bandwidth to guarantee, Hz.", "Bandwidth")],
+    outer_end_mass: RangeOption = None,
+    out: Annotated[
+        Path | None, out_folder("Folder for prototype.toml and certificate.toml; else STEM-codesign.")
+    ] = None,
+) -> Result:
+    """Find the lightest link that guarantees a bandwidth.
+
+    Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
+    their full length and the inner end mass. The result is proved for every mass of the payload range, not sampled.
+    Exit status 1 if no design can be proved.
+    """
+    from beamdesign.design import codesign as room
+    from beamdesign.problem import read_problem
+    from beamdesign.records import to_toml
+    from beamdesign.report.quantity import at_least, at_most, mass_range_text
+    from beamdesign.study.design_run import CERTIFICATE_NAME, certified
+
+    problem = read_problem(study)
+    masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
+    with progress("co-design") as update:
+        found = room.codesign(problem, masses, bandwidth_Hz, progress=update)
+    point = found.point
+    if point is None:
+        say(found.reason)
+        fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
+        return Result(dict.fromkeys(fields) | picked(found, "reason attempts"), yes=False)
+    certificate, guaranteed = certified(point.prototype, point.proved, masses)
+    folder = out or default_folder(f"{study.stem}-codesign")
+    paths = write_set(
+        folder,
+        {"prototype": ("prototype.toml", to_toml(guaranteed)), "certificate": (CERTIFICATE_NAME, certificate.text)},
+    )
+    rows = [
+        ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
+        ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),
+        ("of which inner end mass", f"{point.inner_end_mass_kg:.3f} kg"),
+        ("outer beam", f"{point.outer.width_m * 1e3:.2f} x {point.outer.wall_m * 1e3:.3f} mm"),
+        ("inner beam", f"{point.inner.width_m * 1e3:.2f} x {point.inner.wall_m * 1e3:.3f} mm"),
+        *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
+        ("governing structural check", point.governing),
+        ("guaranteed bandwidth", at_least(point.proved.bandwidth_Hz, "Hz")),
+        ("guaranteed peak sensitivity", at_most(point.proved.peak_sensitivity, "1")),
+        ("for every outer end mass", mass_range_text(masses)),
+    ]
+    say_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
+    say(f"prototype: {paths['prototype']}")
+    return Result(
+        {
+            **paths,
+            **picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing"),
+            "outer": point.outer._asdict(),
+            "inner": point.inner._asdict(),
+            "controller": point.proved.controller.model_dump(),
+            "checks": [picked(check, "name value limit utilisation") for check in point.checks],
+            "guaranteed": picked(point.proved, "bandwidth_Hz peak_sensitivity") | {"outer_end_mass_kg": masses},
+            "attempts": found.attempts,
+        }
+    )
+
+
+def _front_row(design: "Codesign") -> dict[str, Any]:
+    from beamdesign.study.tasks import TUBES
+
+    point = design.point
+    row: dict[str, Any] = {
+        "bandwidth_asked_Hz": design.bandwidth_Hz,
+        "outer_end_mass_low_kg": design.outer_end_mass_kg[0],
+        "outer_end_mass_high_kg": design.outer_end_mass_kg[1],
+        "proved": point is not None,
+        "reason": design.reason,
+    }
+    if point is not None:
+        row |= picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg")
+        row |= picked(point.proved, "bandwidth_Hz peak_sensitivity") | picked(point, TUBES)
+        row |= point.proved.controller.model_dump(exclude={"kind"}) | {"governing": point.governing}
+    return row
+
+
+@command
+def front(
+    study: StudyArgument,
+    out: Annotated[Path, out_folder("Folder for front.csv and the picture.")],
+    bandwidths_Hz: Annotated[str, typer.Option("--bandwidths-Hz", help="Bandwidths to guarantee.")] = "3,4,5,6,8",
+    payloads_kg: Annotated[
+        str | None, typer.Option("--payloads-kg", help="Upper ends of the payload range; else the study's.")
+    ] = None,
+) -> Result:
+    """Draw moving mass against bandwidth and payload range.
+
+    Every point is a proved design; points that failed stay in the table with their reason. Exit
+    status 1 if there is no proved point at all.
+    """
+    from beamdesign.design.front import pareto_front
+    from beamdesign.problem import read_problem
+    from beamdesign.report.canvas import new_figure
+    from beamdesign.report.trade import plot_front
+
+    problem = read_problem(study)
+    masses = problem.payload.outer_end_mass_kg
+    assert masses is not None  # validated
+    expected = "positive figures separated by commas, such as 3,5,8"
+    bandwidths = figures_of("--bandwidths-Hz", bandwidths_Hz, "Bandwidth", expected)
+    ends: Sequence[float] = [masses[1]]
+    if payloads_kg is not None:
+        ends = figures_of("--payloads-kg", payloads_kg, "Mass", expected)
+    with progress("front") as update:
+        found = pareto_front(problem, bandwidths, [(min(masses[0], end), end) for end in ends], update)
+    rows = [_front_row(design) for design in found.designs]
+    figure = new_figure()
+    plot_front(figure.add_subplot(), found)
+    say_table(
+        f"{problem.name}: lightest proved designs",
+        ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
+        [
+            (
+                row["bandwidth_asked_Hz"],
+                row["outer_end_mass_high_kg"],
+                row.get("moving_mass_kg", "-"),
+                row.get("inner_end_mass_kg", "-"),
+                row["reason"],
+            )
+            for row in rows
+        ],
+    )
+    write_drawn(out, "front", figure, rows)
+    efficient = [_front_row(design) for design in found.efficient]
+    return Result({"points": rows, "efficient": efficient}, bool(found.proved))
+
+
+@command
+def remedies(
+    study: Annotated[Path, toml_file("The study file; its given sections are the ones to remedy.")],
+    out: Annotated[Path, out_folder("Folder for remedies.csv and the picture.")],
+    outer_end_mass: RangeOption = None,
+    added_mass_kg: Annotated[float, Figure("Most moving mass that a remedy may add.", "MassOrNone")] = 4.5,
+) -> Result:
+    """Compare the paper's four remedies for payload.
+
+    They are a stiffer outer beam, a heavier or softer inner beam, more phase, and a lag scheduled on the
+    payload. Each is optimised for the same payload range and limits, and proved in the same way.
+    """
+    from beamdesign.design import remedies as room
+    from beamdesign.problem import read_problem
+    from beamdesign.records import InputError
+    from beamdesign.report.canvas import new_figure
+    from beamdesign.report.trade import plot_remedies
+    from beamdesign.study.tasks import REMEDY
+
+    problem = read_problem(study)
+    masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
+    for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
+        if beam.width_m is None:
+            raise InputError(study, [(name, "the remedies start from given sections: width_m and wall_m are needed")])
+    with progress("remedies") as update:
+        found = room.remedies(problem, masses, added_mass_kg, update)
+    rows = [
+        {
+            "remedy": remedy.name,
+            **picked(remedy, REMEDY),
+            "controllers": "; ".join(
+                f"{c.gain_A_per_V:.6g} A/V, {c.pole_Hz:.6g}/{c.zero_Hz:.6g} Hz" for c in remedy.controllers
+            ),
+            "parts_kg": "; ".join(f"{low:g} to {high:g}" for low, high in remedy.parts_kg),
+            "reason": remedy.reason,
+        }
+        for remedy in found
+    ]
+    figure = new_figure(height_mm=80)
+    plot_remedies(figure.add_subplot(), found)
+    say_table(
+        f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
+        ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
+        [(row["remedy"], row["bandwidth_Hz"], row["added_mass_kg"], row["controllers"], row["reason"]) for row in rows],
+    )
+    write_drawn(out, "remedies", figure, rows)
+    return Result({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})
