@@ -1,7 +1,39 @@
 """Design of actively straightened robot links: sections, controller and end mass, with proofs that they hold.
 
-The verbs of the command line as functions on one record, the `Prototype`. Importing this package loads none of their
-engines; each comes with the first use of its name.
+Functions on two records do what the commands do: a `DesignProblem` is a study file, a `Prototype` is one rig. Figures
+are in SI, payloads are a range of mass on the outer tip in kg, and what a function gives is a record that says why
+where the answer is no. In the order in which one needs them:
+
+1. `read_prototype` and `read_problem` read the files; `InputError` names everything that is wrong with one at once.
+
+   >>> import beamdesign
+   >>> rig = beamdesign.read_prototype("studies/prototypes/paper_remedy.toml")
+   >>> rig.payload.outer_end_mass_kg
+   (0.0, 6.8)
+
+2. `size` finds the lightest tubes of a problem, `tune` controller and inner end mass for the largest guaranteed
+   bandwidth of a rig, `codesign` all of them together, and `run_design` goes from a problem to a certified prototype.
+
+   >>> found = beamdesign.size(beamdesign.read_problem("studies/prototype.toml"))
+   >>> f"{found.beam_mass_kg:.4g} kg, governed by {found.governing}"
+   '9.518 kg, governed by inner strength, servo on'
+
+3. `certify` proves stability and performance for every payload of a range, `check` proves a certificate again from its
+   text alone, and `critical_gain` is where a loop begins to oscillate.
+
+   >>> beamdesign.certify(rig, 2.0, 6.8).stable
+   True
+   >>> [f"{low:.4g} to {high:.4g} kg" for low, high in beamdesign.certify(rig, 0.0, 6.8).stable_ranges_kg]
+   ['1.968 to 6.8 kg']
+   >>> f"{1e3 * beamdesign.critical_gain(rig, 6.8).gain_A_per_V:.4g} mA/V"
+   '199.1 mA/V'
+
+4. `state_space` hands a closed loop to python-control; `specify` works out what to build and how to accept it.
+5. `read_dataset` reads what came back from the rig; `diagnose` tells where it differs from its prototype, why, and how
+   far the difference closes.
+6. `write_prototype` writes a rig to its file, which every command takes.
+
+Importing this package loads none of their engines; each comes with the first use of its name.
 """
 
 from importlib import import_module
@@ -13,11 +45,14 @@ if TYPE_CHECKING:
     from beamdesign.design.codesign import codesign
     from beamdesign.design.sizing import size
     from beamdesign.design.tuning import tune
+    from beamdesign.gap.data.dataset import read_dataset
+    from beamdesign.gap.diagnose import diagnose
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
     from beamdesign.proof.certifying import certify
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
+    from beamdesign.specification.specification import specify
     from beamdesign.study.design_run import run_design
 
 _ROOMS = {
@@ -27,6 +62,9 @@ _ROOMS = {
     "certify": "beamdesign.proof.certifying",
     "codesign": "beamdesign.design.codesign",
     "critical_gain": "beamdesign.loop",
+    "diagnose": "beamdesign.gap.diagnose",
+    "read_dataset": "beamdesign.gap.data.dataset",
+    "specify": "beamdesign.specification.specification",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
     "check": "beamdesign.checker",
@@ -45,10 +83,13 @@ __all__ = [
     "check",
     "codesign",
     "critical_gain",
+    "diagnose",
+    "read_dataset",
     "read_problem",
     "read_prototype",
     "run_design",
     "size",
+    "specify",
     "state_space",
     "tune",
     "write_prototype",

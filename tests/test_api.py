@@ -1,5 +1,6 @@
 """The Python interface: a handful of names, light to import, the verbs as functions on a prototype."""
 
+import doctest
 import inspect
 import pkgutil
 import subprocess
@@ -44,6 +45,14 @@ def test_every_public_name_is_documented_and_stays_what_it_is(name):
     assert not inspect.ismodule(first)
     assert first.__name__ == name
     assert len(inspect.getdoc(first) or "") > 20
+
+
+def test_the_tour_names_every_public_name_and_its_examples_run(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert [name for name in beamdesign.__all__ if f"`{name}`" not in beamdesign.__doc__] == []
+    done = doctest.testmod(beamdesign)
+    assert done.attempted > 5
+    assert done.failed == 0
 
 
 def test_public_names_are_listed_once_and_in_order():
