@@ -1,6 +1,13 @@
-"""The published rig and loops that many tests start from."""
+"""The published rig and loops that many tests start from, and results that are made once for several files."""
+
+import os
+import shutil
+from collections.abc import Callable
+from fcntl import LOCK_EX, flock
+from pathlib import Path
 
 import pytest
+import slow_sensor
 
 from beamdesign.controllers import Lag
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
@@ -31,3 +38,29 @@ def remedy(paper: Prototype) -> Prototype:
         controller=Lag(gain_A_per_V=0.15, pole_Hz=1.75, zero_Hz=26.0),
         payload=Payload(inner_end_mass_kg=4.5, outer_end_mass_kg=(0.0, 6.8)),
     )
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """Gives a folder by its name; the first process of the run that asks for it makes it, others wait and read it."""
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+    def folder(name: str, make: Callable[[Path], None]) -> Path:
+        target, done = shared / name, shared / f"{name}.done"
+        with open(shared / f"{name}.lock", "w") as lock:
+            flock(lock, LOCK_EX)
+            if not done.exists():
+                shutil.rmtree(target, ignore_errors=True)  # of a process that has failed
+                target.mkdir()
+                make(target)
+                done.touch()
+        return target
+
+    return folder
+
+
+@pytest.fixture(scope="session")
+def diagnosed_slow_sensor(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
+    """What `slow_sensor.diagnose` makes; only to be read."""
+    return made_once("diagnosed_slow_sensor", slow_sensor.diagnose)

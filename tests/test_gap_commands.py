@@ -7,37 +7,24 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from slow_sensor import SLOW_SENSOR, shortened
 from typer.testing import CliRunner
 
 import beamdesign.gap.fitting.search as searching
+from beamdesign import InputError, Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.gap.data.dataset import Dataset, read_dataset
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.gap.fitting.kept_fits import digest, kept_fits
 from beamdesign.gap.predict import predict_set
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
 
-SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"
 PUT_IN_HZ = 250.0
 """As `studies/gaps/make_slow_sensor.py` says."""
-ROWS = 1601
-
-
-def shortened(target: Path, rows: int = ROWS) -> Path:
-    """The shipped data set with the first rows of each record."""
-    shutil.copytree(SLOW_SENSOR, target)
-    for path in (target / "records").iterdir():
-        with open(path, encoding="utf-8") as file:
-            kept = list(islice(file, rows + 1))
-        path.write_text("".join(kept))
-    return target
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:
@@ -46,16 +33,10 @@ def columns(path: Path) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict]:
+def diagnosed(diagnosed_slow_sensor: Path) -> tuple[Path, Path, dict]:
     """Data set, result folder and JSON fields of one whole run."""
-    base = tmp_path_factory.mktemp("gap")
-    data = shortened(base / "slow_sensor")
-    out = base / "out"
-    args = ["gap", "diagnose", str(data), "--out", str(out), "--workers", "1", "--redesign", "--json"]
-    found = CliRunner().invoke(app, [*args, str(base / "answer.json")])
-    assert found.exit_code == 0, found.output
-    assert "caused by sensor_lag" in found.output
-    return data, out, json.loads((base / "answer.json").read_text())
+    base = diagnosed_slow_sensor
+    return base / "slow_sensor", base / "out", json.loads((base / "answer.json").read_text())
 
 
 def test_the_lag_that_was_put_in_is_found(diagnosed: tuple[Path, Path, dict]) -> None:

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from itertools import islice
 from pathlib import Path
 
 import matplotlib.font_manager  # noqa: F401  makes its cache, where there is none; a kernel would say so on stderr
@@ -13,9 +12,7 @@ import pytest
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
-from beamdesign.control_models import state_space
-from beamdesign.proof.certifying import certify
-from beamdesign.prototype import read_prototype
+from beamdesign import certify, read_prototype, state_space
 from beamdesign.study.case import kept
 from beamdesign.study.store import keep
 from beamdesign.study.sweep_run import plan, run_sweep
@@ -197,18 +194,9 @@ def test_trade_curves(execute, tmp_path: Path) -> None:
     assert held == [False, True, True, False]
 
 
-def shortened(target: Path, rows: int = 1601) -> Path:
-    """The shipped data set with the first rows of each record."""
-    shutil.copytree(PROJECT / "studies" / "gaps" / "slow_sensor", target)
-    for record in (target / "records").iterdir():
-        with open(record, encoding="utf-8") as file:
-            first = list(islice(file, rows + 1))
-        record.write_text("".join(first), encoding="utf-8")
-    return target
-
-
-def test_diagnosing_a_gap(execute, tmp_path: Path) -> None:
-    data, found = shortened(tmp_path / "slow_sensor"), tmp_path / "found"
+def test_diagnosing_a_gap(execute, diagnosed_slow_sensor: Path, tmp_path: Path) -> None:
+    data, found = diagnosed_slow_sensor / "slow_sensor", tmp_path / "found"
+    shutil.copytree(diagnosed_slow_sensor / "out" / "fits", found / "fits")  # of the same data: it goes on from there
     said, book = execute("3_diagnosing_a_gap", PROJECT=path(PROJECT), DATA=path(data), FOUND=path(found))
     assert_ran(book, figures=3)
     assert "lies in the sensor" in said["witnesses"]

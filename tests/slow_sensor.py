@@ -1,0 +1,30 @@
+"""The shipped data set of a slow sensor with fewer rows, and its diagnosis, which takes half a minute."""
+
+import shutil
+from itertools import islice
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from beamdesign.cli import app
+
+SLOW_SENSOR = Path(__file__).parents[1] / "studies" / "gaps" / "slow_sensor"
+
+
+def shortened(target: Path, rows: int = 1601) -> Path:
+    """The shipped data set with the first rows of each record."""
+    shutil.copytree(SLOW_SENSOR, target)
+    for path in (target / "records").iterdir():
+        with open(path, encoding="utf-8") as file:
+            kept = list(islice(file, rows + 1))
+        path.write_text("".join(kept), encoding="utf-8")
+    return target
+
+
+def diagnose(base: Path) -> None:
+    """Run the whole command, redesign and all: data in `slow_sensor`, results in `out`, JSON in `answer.json`."""
+    data, answer = shortened(base / "slow_sensor"), base / "answer.json"
+    args = ["gap", "diagnose", str(data), "--out", str(base / "out"), "--workers", "1", "--redesign", "--json"]
+    found = CliRunner().invoke(app, [*args, str(answer)])
+    assert found.exit_code == 0, found.output
+    assert "caused by sensor_lag" in found.output
