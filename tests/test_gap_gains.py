@@ -15,7 +15,7 @@ from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import fit
 from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.response_evidence import response_evidence, scatter
+from beamdesign.gap.fitting.response_evidence import ResponseEvidence, scatter
 from beamdesign.gap.fitting.starts import starts
 from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
 from beamdesign.gap.gains.next_gain import separations
@@ -148,7 +148,7 @@ def test_derivatives_are_those_of_the_prediction(believed: Prototype, names: tup
     z = 0.1 * np.cos(np.arange(len(placement.unknowns)))
     quiet = PROPORTIONAL.but(gain_A_per_V=0.005)
     flat = FrequencyResponse("flat", LINES, np.full(40, 1e-6 + 0j), True, 1.0, 0.0, 0.0, quiet)
-    for piece in (taken(believed, SETTINGS[3], frequency_Hz=100.0), response_evidence(flat, believed)):
+    for piece in (taken(believed, SETTINGS[3], frequency_Hz=100.0), ResponseEvidence(flat, believed)):
         residual, slopes = piece.linearised(placement, z)
         assert residual == pytest.approx(piece.residual(placement, z), abs=1e-12)
         for k in range(len(z)):
@@ -204,18 +204,18 @@ def response(
 @pytest.mark.parametrize("setting", [SETTINGS[0], (LAG, 6.8, 4.4)])
 def test_responses_are_those_of_the_exact_loop(believed: Prototype, setting):
     exactly = response(believed, 400.0, setting)
-    piece = response_evidence(exactly, believed)
+    piece = ResponseEvidence(exactly, believed)
     placement = together("sensor_lag").placement(believed)
     nominal = np.zeros(len(placement.unknowns))
     assert np.abs(piece.predicted(placement, nominal) / exactly.response - 1).max() < 1e-9
     assert np.abs(piece.residual(placement, nominal)).max() < 1e-6
-    amount = response_evidence(replace(exactly, response=np.abs(exactly.response), has_phase=False), believed)
+    amount = ResponseEvidence(replace(exactly, response=np.abs(exactly.response), has_phase=False), believed)
     assert np.abs(amount.residual(placement, nominal)).max() < 1e-6
     assert len(amount.residual(placement, nominal)) == len(LINES)
 
 
 def test_an_unstable_loop_has_no_response(believed: Prototype):
-    piece = response_evidence(response(believed, 400.0, SETTINGS[0]), believed)
+    piece = ResponseEvidence(response(believed, 400.0, SETTINGS[0]), believed)
     placement = NOTHING.placement(believed)
     loud = replace(piece, measured=replace(piece.measured, controller=PROPORTIONAL.but(gain_A_per_V=0.03)))
     assert loud.residual(placement, np.zeros(len(placement.unknowns))) is None
@@ -228,7 +228,7 @@ def test_noise_of_a_response_is_read_off_its_lines_and_leaves_the_misfit_that_is
     for seed in range(12):
         noisy = response(believed, 400.0, SETTINGS[1], 0.03, seed)
         found.append(float(np.median(scatter(noisy))))
-        piece = response_evidence(noisy, believed)
+        piece = ResponseEvidence(noisy, believed)
         misfits.append(float(np.sum(piece.residual(placement, nominal) ** 2)) / piece.expected)
     assert np.mean(found) == pytest.approx(0.03, rel=0.3)
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.35)

@@ -9,7 +9,7 @@ from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.fitting.fit import Evidence
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
 from beamdesign.gap.fitting.replay import Replay, replay, simulated, simulated_with_slopes, steps
-from beamdesign.gap.fitting.response_evidence import response_evidence
+from beamdesign.gap.fitting.response_evidence import ResponseEvidence
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.gap.fitting.weighting import SHARE, Weighting, weighting
 
@@ -19,7 +19,7 @@ ROUGH = 0.1
 
 
 @dataclass(frozen=True)
-class RecordEvidence:
+class RecordEvidence(Evidence):
     """A time record in units of misfit.
 
     Attributes:
@@ -31,7 +31,7 @@ class RecordEvidence:
     job: Replay
     weight: Weighting
     measured: np.ndarray = field(repr=False)
-    _steps: dict[object, int] = field(default_factory=dict, repr=False, compare=False)
+    _steps: dict[object, int] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
 
     @property
     def name(self) -> str:
@@ -81,10 +81,9 @@ class RecordEvidence:
         """(N, C) channels of the model."""
         return simulated(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
 
-    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+    def misfit(self, predicted: np.ndarray) -> np.ndarray:
         """(M,) measured less predicted, weighed."""
-        found = self.predicted(placement, z)
-        return None if found is None else self.weight(self.measured - found)
+        return self.weight(self.measured - predicted)
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
@@ -92,7 +91,7 @@ class RecordEvidence:
         if found is None:
             return None
         predicted, slopes = found
-        return self.weight(self.measured - predicted), -self.weight(slopes)
+        return self.misfit(predicted), -self.weight(slopes)
 
     def _substeps(self, placement: Placement, z: np.ndarray) -> int:
         # Counted anew only for another structure, or where the unknowns have gone a long way from where they were.
@@ -109,7 +108,7 @@ def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
     records, which these laws are fitted to, they count as no better than that loop is where such laws are at work.
     """
     rough = ROUGH if data.records else 0.0
-    responses = tuple(response_evidence(taken, data.prototype, max(SHARE, rough)) for taken in data.responses)
+    responses = tuple(ResponseEvidence(taken, data.prototype, share=max(SHARE, rough)) for taken in data.responses)
     gains = tuple(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains)
     return (*record_evidence(data), *responses, *gains)
 

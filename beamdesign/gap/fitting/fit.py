@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,7 +17,7 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 
 
 class Evidence(Protocol):
-    """A piece of what was measured, in units of misfit."""
+    """A piece of what was measured, in units of misfit: a kind says what its model predicts and how that is weighed."""
 
     @property
     def name(self) -> str:
@@ -34,22 +34,31 @@ class Evidence(Protocol):
         """Misfit that noise alone leaves."""
         ...
 
-    @property
-    def floor(self) -> float:
-        """Mean square of the displacement's noise over that of the displacement; 0 for what is no record of it."""
+    def predicted(self, placement: Placement, z: np.ndarray) -> Any:
+        """What the model makes of it; None where it cannot say (its loop diverges)."""
         ...
 
-    def error(self, residual: np.ndarray) -> float:
-        """Mean square of the displacement's error over that of the displacement; 0 for what is no record of it."""
-        ...
-
-    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(M,) measured less predicted; None where the model cannot say (its loop diverges)."""
+    def misfit(self, predicted: Any) -> np.ndarray:
+        """(M,) measured less predicted, weighed."""
         ...
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual, and (M, K) its derivative by z."""
         ...
+
+    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(M,) measured less predicted, weighed; None where the model cannot say."""
+        found = self.predicted(placement, z)
+        return None if found is None else self.misfit(found)
+
+    @property
+    def floor(self) -> float:
+        """Mean square of the displacement's noise over that of the displacement; 0 for what is no record of it."""
+        return 0.0
+
+    def error(self, residual: np.ndarray) -> float:
+        """Mean square of the displacement's error over that of the displacement; 0 for what is no record of it."""
+        return 0.0
 
 
 @dataclass(frozen=True)
@@ -146,7 +155,7 @@ def fit(
         before, last = cost, z
         while damping <= _MOST_DAMPING:
             trial = _step(z, slope, curvature, damping, low, high)
-            value = _value(evidence, placement, trial, cost)
+            value = misfit_at(evidence, placement, trial, cost)
             if value < cost:
                 z, cost = trial, value
                 damping = max(damping / 10, _LEAST_DAMPING)
@@ -207,8 +216,8 @@ def _cost(shares: Sequence[Share], z: np.ndarray) -> float:
     return float(sum(s.c for s in shares) + z @ z)
 
 
-def _value(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, enough: float) -> float:
-    """The cost at z, or infinity as soon as it is known to be more than enough."""
+def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
+    """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
     total = float(z @ z)
     for piece in evidence:
         r = piece.residual(placement, z)
@@ -218,8 +227,3 @@ def _value(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, en
         if total >= enough:
             return np.inf
     return total
-
-
-def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
-    """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
-    return _value(evidence, placement, z, enough)

@@ -15,12 +15,12 @@ from functools import cache
 
 import numpy as np
 
-from beamdesign.gap.data.dataset import Dataset, TimeRecord
+from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import RecordEvidence, evidence_of
 from beamdesign.gap.fitting.fit import Evidence
 from beamdesign.gap.fitting.replay import Replay
 from beamdesign.gap.fitting.unknowns import Placement, Unknown
-from beamdesign.gap.fitting.weighting import Weighting, banded, blurred
+from beamdesign.gap.fitting.weighting import banded, blurred
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 
 HEARD = 0.3
@@ -32,65 +32,25 @@ _MEMBERS = 4
 
 
 @dataclass(frozen=True)
-class FollowedRecord:
-    """A time record that the model follows, as evidence.
+class FollowedRecord(RecordEvidence):
+    """A time record that the model follows: what was measured stands in its command.
 
     Attributes:
         taken: the record as it was taken.
-        own: the same with what was measured in its command.
         secant: half length of those that stand for derivatives, in prior standard deviations.
     """
 
     taken: RecordEvidence
-    own: RecordEvidence
     secant: float = 0.5
-
-    @property
-    def name(self) -> str:
-        """Of the record."""
-        return self.taken.name
 
     @property
     def condition(self) -> object:
         """Under which it was taken."""
         return self.taken.condition
 
-    @property
-    def expected(self) -> float:
-        """Misfit that noise leaves, and what cannot be predicted."""
-        return self.own.expected
-
-    @property
-    def weight(self) -> Weighting:
-        """Of its channels."""
-        return self.own.weight
-
-    @property
-    def measured(self) -> np.ndarray:
-        """(N, C) those channels."""
-        return self.own.measured
-
-    @property
-    def record(self) -> TimeRecord:
-        """As measured."""
-        return self.taken.record
-
-    @property
-    def floor(self) -> float:
-        """As of the record as it was taken."""
-        return self.own.floor
-
-    def error(self, residual: np.ndarray) -> float:
-        """Mean square of the displacement's error over that of the displacement, at the frequencies that count."""
-        return self.own.error(residual)
-
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N, C) channels of the model."""
-        return self.own.predicted(_following(placement), z)
-
-    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(M,) measured less predicted, weighed."""
-        return self.own.residual(_following(placement), z)
+        return super().predicted(_following(placement), z)
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z.
@@ -100,7 +60,7 @@ class FollowedRecord:
         sides, so that what is unpredictable here is not in all of them.
         """
         if PLAY not in placement.assembly.kinds.effects:
-            return self.own.linearised(_following(placement), z)
+            return super().linearised(_following(placement), z)
         here = self.residual(placement, z)
         if here is None:
             return None
@@ -119,9 +79,7 @@ class FollowedRecord:
     def blurred(self, placement: Placement, z: np.ndarray) -> "FollowedRecord | None":
         """The record with what a model cannot predict of it counted as noise; None where the model's loop diverges."""
         power = spread(self, placement, z)
-        if power is None:
-            return None
-        return replace(self, own=replace(self.own, weight=blurred(self.taken.weight, power)))
+        return None if power is None else replace(self, weight=blurred(self.taken.weight, power))
 
 
 def _secant(unknown: Unknown, z: float, step: float) -> tuple[float, float]:
@@ -136,7 +94,7 @@ def followed(taken: RecordEvidence) -> FollowedRecord:
     record, rig = taken.record, taken.job.prototype
     inputs = record.inputs.copy()
     inputs[:, 1] -= (1 - HEARD) * rig.sensor.gain_V_per_m * record.measured["displacement_m"]
-    return FollowedRecord(taken, _driven(taken, inputs))
+    return FollowedRecord(_driven(taken, inputs), taken.weight, taken.measured, taken)
 
 
 def followed_evidence(data: Dataset) -> tuple[Evidence, ...]:
@@ -149,23 +107,23 @@ def spread(piece: FollowedRecord, placement: Placement, z: np.ndarray) -> np.nda
 
     It is that of one motion from their mean; None where the model's loop diverges.
     """
-    weight, rig = piece.taken.weight, piece.own.job.prototype
+    weight, rig = piece.taken.weight, piece.job.prototype
     noise_V = rig.sensor.gain_V_per_m * weight.noise_std[weight.channels.index("displacement_m")]
     random = np.random.default_rng(0)
     motions = []
     for _ in range(_MEMBERS):
-        inputs = piece.own.record.inputs.copy()
+        inputs = piece.record.inputs.copy()
         inputs[:, 1] += noise_V * random.standard_normal(len(inputs))
-        found = _driven(piece.own, inputs).predicted(_following(placement), z)
+        found = replace(piece, job=_driven(piece, inputs), _steps={}).predicted(placement, z)
         if found is None:
             return None
         motions.append(weight.lines(found))
     return banded(np.var(motions, axis=0, ddof=1), weight.frequencies_Hz)
 
 
-def _driven(piece: RecordEvidence, inputs: np.ndarray) -> RecordEvidence:
-    job = Replay(replace(piece.job.record, inputs=inputs), piece.job.prototype)
-    return RecordEvidence(job, piece.weight, piece.measured)
+def _driven(piece: RecordEvidence, inputs: np.ndarray) -> Replay:
+    """A record with other inputs, ready to be simulated."""
+    return Replay(replace(piece.record, inputs=inputs), piece.job.prototype)
 
 
 def _following(placement: Placement) -> Placement:

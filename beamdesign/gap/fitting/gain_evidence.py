@@ -14,9 +14,8 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from beamdesign.gap.data.dataset import MeasuredGain
-from beamdesign.gap.fitting.linear_model import LinearModel, linear_model
+from beamdesign.gap.fitting.linear_model import LinearEvidence, LinearModel
 from beamdesign.gap.fitting.unknowns import Placement
-from beamdesign.prototype import Prototype
 
 _TIME = 1e3  # rad/s: typical of the loop, so that figures are about one
 _SLOWEST, _FASTEST = 1e-3, 1e3  # in that unit; slower is drift, faster no rig
@@ -170,25 +169,19 @@ FREQUENCY_STD = 0.02
 
 
 @dataclass(frozen=True)
-class GainEvidence:
+class GainEvidence(LinearEvidence):
     """A critical gain in units of misfit: the logarithm of measured over predicted, over its relative error.
 
     Where the frequency of the oscillation was noted, it is a second such figure.
 
     Attributes:
-        measured: the gain.
-        prototype: that was believed.
-        load: constant force on the outer tip under which it was measured, N.
         rough: relative error of the linear loop itself, beside that of the measurement.
         offset: added to the logarithm of the model's gain, where it is to be judged from another starting point.
     """
 
     measured: MeasuredGain
-    prototype: Prototype
-    load: float = 0.0
     rough: float = 0.0
     offset: float = 0.0
-    _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False)
     _last: dict[object, Onset | None] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -216,16 +209,6 @@ class GainEvidence:
         stds = np.hypot([self.measured.relative_std, FREQUENCY_STD], self.rough)
         return np.asarray(stds[: 1 if self.measured.frequency_Hz is None else 2])
 
-    def model(self, placement: Placement) -> LinearModel:
-        """The linear loop of this setting."""
-        key = (placement.assembly.kinds, placement.unknowns)
-        if key not in self._models:
-            taken = self.measured
-            self._models[key] = linear_model(
-                placement, self.prototype, taken.controller, taken.outer_end_mass, taken.inner_end_mass, self.load
-            )
-        return self._models[key]
-
     def predicted(self, placement: Placement, z: np.ndarray) -> Onset | None:
         """Gain and frequency of the model; None where it oscillates at no gain."""
         # A fit asks for the derivatives where it has just asked for the figures.
@@ -235,20 +218,6 @@ class GainEvidence:
             self._last[key] = onset(self.model(placement), z, self.measured.raised_from)
         return self._last[key]
 
-    @property
-    def floor(self) -> float:
-        """No record, so no displacement."""
-        return 0.0
-
-    def error(self, residual: np.ndarray) -> float:
-        """No record, so no displacement."""
-        return 0.0
-
-    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(1,) or (2,) measured less predicted."""
-        at = self.predicted(placement, z)
-        return None if at is None else self._misfit(at)
-
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
         at = self.predicted(placement, z)
@@ -256,9 +225,10 @@ class GainEvidence:
             return None
         gain, frequency = onset_slopes(self.model(placement), z, at)
         rows = np.array([-gain, -frequency][: len(self.units)])
-        return self._misfit(at), rows / self.units[:, None]
+        return self.misfit(at), rows / self.units[:, None]
 
-    def _misfit(self, at: Onset) -> np.ndarray:
+    def misfit(self, at: Onset) -> np.ndarray:
+        """(1,) or (2,) measured less predicted."""
         taken = self.measured
         figures = [log(taken.gain / at.gain) - self.offset]
         if taken.frequency_Hz is not None:

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
+from beamdesign.gap.fitting.fit import Evidence, Fit, fit, misfit_at
 from beamdesign.gap.fitting.followed import PLAY, FollowedRecord, followed_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis, singles, together
 from beamdesign.gap.fitting.search import Progress, Search
-from beamdesign.gap.fitting.starts import starts
+from beamdesign.gap.fitting.starts import fit_from_starts, starts
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
@@ -73,7 +73,7 @@ def hammering(
     if loose.reason or null.reason:
         return None
     others = [h for h in singles(rig) if h != LOOSE]
-    found_all = [loose, *(_other(h, rig, seen, null) for h in others)]
+    found_all = [loose, *(fit_from_starts(h, rig, seen, null.values, most=1) for h in others)]
     if beside is not None:
         found_all += [_alone(h, rig, seen, loose) for h in (LOOSE, base.hypothesis)]
     elif loose.misfit > _NEEDS_MORE * expected:
@@ -169,14 +169,6 @@ def _strides(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) 
                         break
                     z, cost = trial, value
     return z, cost
-
-
-def _other(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence], null: Fit) -> Fit:
-    placement = hypothesis.placement(rig)
-    begun = starts(placement, null.values, evidence, (), 1)
-    if not begun:
-        return Fit(hypothesis, placement.unknowns, reason="the model's loop is unstable wherever a fit was begun")
-    return fit(hypothesis, placement, evidence, begun[0], ITERATIONS)
 
 
 def _alone(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence], both: Fit) -> Fit:

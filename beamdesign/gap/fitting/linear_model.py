@@ -13,10 +13,12 @@ Where the two directions of the valve differ (unequal sides), there is one such 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from beamdesign.controllers import Controller
+from beamdesign.gap.data.dataset import FrequencyResponse, MeasuredGain
+from beamdesign.gap.fitting.fit import Evidence
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Assembly, Structure, assemble
@@ -49,15 +51,19 @@ class LinearModel:
     _rest: list[np.ndarray] = field(default_factory=list, repr=False, compare=False)
 
     @cached_property
+    def _rows(self) -> list[int]:
+        """Of the parameters of `assembly` in the placement's order."""
+        index = {name: k for k, name in enumerate(self.placement.assembly.parameters)}
+        return [index[name] for name in self.assembly.parameters]
+
+    @cached_property
     def weight(self) -> np.ndarray:
         """(n,) typical magnitude of each state."""
         return scales(self.assembly)
 
     def parameters(self, z: np.ndarray, gain: float | None = None) -> np.ndarray:
         """Parameters of `assembly` at z, with another controller gain (A/V) where one is given."""
-        whole = self.placement.parameters(self.base, z)
-        index = {name: k for k, name in enumerate(self.placement.assembly.parameters)}
-        p = whole[[index[name] for name in self.assembly.parameters]]
+        p = self.placement.parameters(self.base, z)[self._rows]
         own = self.assembly.parameters
         if "seal_friction.coulomb_N" in own:
             p[own.index("seal_friction.coulomb_N")] = 0.0
@@ -91,24 +97,22 @@ class LinearModel:
         return both
 
     def at(self, p: np.ndarray, x: np.ndarray) -> Linearisation:
-        """The linear loop at a point."""
-        return linearise(self.assembly, x, np.array([self.load, 0.0, 0.0]), p)
+        """The linear loop at a point; at several at once, (P, K) and (n, K), its matrices stand side by side."""
+        inputs = np.zeros((3, *x.shape[1:]))
+        inputs[0] = self.load
+        return linearise(self.assembly, x, inputs, p)
 
     def rates_at_gains(self, p: np.ndarray, x: np.ndarray, gains: Sequence[float]) -> list[np.ndarray]:
         """(n, n) matrices A of the linear loop at a point for several controller gains (A/V)."""
         count = len(gains)
         columns = np.repeat(p[:, None], count, axis=1)
         columns[self.assembly.parameters.index("gain")] = gains
-        loads = np.zeros((3, count))
-        loads[0] = self.load
-        return np.split(linearise(self.assembly, np.repeat(x[:, None], count, axis=1), loads, columns).a, count, axis=1)
+        return np.split(self.at(columns, np.repeat(x[:, None], count, axis=1)).a, count, axis=1)
 
     def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
         """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
         names, here = self.assembly.parameters, self.parameters(z, gain)
-        whole = self.placement.parameters(self.base, z)
-        index = {name: k for k, name in enumerate(self.placement.assembly.parameters)}
-        by_z = self.placement.slopes(whole, z)[[index[name] for name in names]]
+        by_z = self.placement.slopes(self.placement.parameters(self.base, z), z)[self._rows]
         for still in ("gain", "seal_friction.coulomb_N"):
             if still in names:
                 by_z[names.index(still)] = 0.0
@@ -117,9 +121,7 @@ class LinearModel:
         # All at once: one column per unknown and side.
         columns = np.concatenate(list(here[:, None] + sides * by_z), axis=1)
         points = np.concatenate(list(x[:, None] + sides * moved), axis=1)
-        loads = np.zeros((3, columns.shape[1]))
-        loads[0] = self.load
-        ends = linearise(self.assembly, points, loads, columns)
+        ends = self.at(columns, points)
         count = len(z)
 
         def differences(matrices: np.ndarray) -> np.ndarray:
@@ -145,26 +147,42 @@ MOVING = {"unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "
 
 
 def linear_model(
-    placement: Placement,
-    prototype: Prototype,
-    controller: Controller,
-    outer_end_mass: float,
-    inner_end_mass: float,
-    load: float = 0.0,
+    placement: Placement, prototype: Prototype, taken: MeasuredGain | FrequencyResponse, load: float = 0.0
 ) -> LinearModel:
     """The linear loop of a setting.
 
     Args:
         placement: unknowns of a hypothesis.
         prototype: that was believed.
-        controller: in the loop.
-        outer_end_mass: payload, kg.
-        inner_end_mass: kg, added to the inner tip.
+        taken: in that setting: its controller and end masses count.
         load: constant force on the outer tip, N.
     """
-    placement = placement.under(controller.equations)
+    placement = placement.under(taken.controller.equations)
     kinds = placement.assembly.kinds
-    rig = prototype.but(controller=controller, effects={name: {} for name in kinds.effects})
-    base = np.array(list(parameters_of(rig, outer_end_mass, inner_end_mass).values()))
+    rig = prototype.but(controller=taken.controller, effects={name: {} for name in kinds.effects})
+    base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
     kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
     return LinearModel(placement, base, assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig)), load)
+
+
+@dataclass(frozen=True)
+class LinearEvidence(Evidence):
+    """What is measured of a loop and predicted by its linear model.
+
+    Attributes:
+        measured: the figure or figures, with controller and end masses.
+        prototype: that was believed.
+        load: constant force on the outer tip under which it was measured, N.
+    """
+
+    measured: Any
+    prototype: Prototype
+    load: float = 0.0
+    _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
+
+    def model(self, placement: Placement) -> LinearModel:
+        """The linear loop of this setting."""
+        key = (placement.assembly.kinds, placement.unknowns)
+        if key not in self._models:
+            self._models[key] = linear_model(placement, self.prototype, self.measured, self.load)
+        return self._models[key]

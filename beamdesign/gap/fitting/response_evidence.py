@@ -1,14 +1,14 @@
 """Frequency responses as evidence."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from beamdesign.gap.data.dataset import FrequencyResponse
-from beamdesign.gap.fitting.linear_model import LinearModel, linear_model
+from beamdesign.gap.fitting.linear_model import LinearEvidence
 from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE
-from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import INPUTS, OUTPUTS
 from beamdesign.rig.equilibrium import Linearisation
 
@@ -20,7 +20,7 @@ _QUARTER, _MEDIAN = 0.3186, 0.6745  # quantiles of the size of a standard normal
 
 
 @dataclass(frozen=True)
-class ResponseEvidence:
+class ResponseEvidence(LinearEvidence):
     """A frequency response in units of misfit.
 
     A line's residual is the logarithm of measured over predicted: that of the magnitude and, where the phase was
@@ -32,19 +32,35 @@ class ResponseEvidence:
     Where the two directions of the valve differ a sine meets both alike, so the mean of both loops stands for them.
 
     Attributes:
-        measured: the response.
-        prototype: that was believed.
-        unit: (N,) relative error of each line that counts as one unit.
-        scale: of all lines, for their number.
-        expected: misfit that noise alone leaves.
+        share: relative error of a model that counts as one unit.
     """
 
     measured: FrequencyResponse
-    prototype: Prototype
-    unit: np.ndarray = field(repr=False)
-    scale: float
-    expected: float
-    _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False)
+    share: float = SHARE
+
+    @cached_property
+    def _noise(self) -> np.ndarray:
+        return scatter(self.measured)
+
+    @cached_property
+    def _unit(self) -> np.ndarray:
+        """(N,) relative error of each line that counts as one unit."""
+        return np.sqrt(self.share**2 + self._noise**2)
+
+    @cached_property
+    def _count(self) -> int:
+        return len(self._noise) * (2 if self.measured.has_phase else 1)
+
+    @property
+    def _scale(self) -> float:
+        """Of all lines, for their number."""
+        return min(1.0, float(np.sqrt(INDEPENDENT / self._count)))
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves."""
+        each = self._count / len(self._noise) * self._scale**2
+        return each * float(np.sum((self._noise / self._unit) ** 2))
 
     @property
     def name(self) -> str:
@@ -60,36 +76,12 @@ class ResponseEvidence:
     @property
     def units(self) -> np.ndarray:
         """(M,) relative error that is one unit, of every row of the residual."""
-        return np.tile(self.unit / self.scale, 2 if self.measured.has_phase else 1)
-
-    def model(self, placement: Placement) -> LinearModel:
-        """The linear loop of this setting."""
-        key = (placement.assembly.kinds, placement.unknowns)
-        if key not in self._models:
-            taken = self.measured
-            self._models[key] = linear_model(
-                placement, self.prototype, taken.controller, taken.outer_end_mass, taken.inner_end_mass
-            )
-        return self._models[key]
+        return np.tile(self._unit / self._scale, 2 if self.measured.has_phase else 1)
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N,) complex response of the model, m/N; None where its loop is unstable."""
         found = self._solved(placement, z)
         return None if found is None else found[0]
-
-    @property
-    def floor(self) -> float:
-        """No record, so no displacement."""
-        return 0.0
-
-    def error(self, residual: np.ndarray) -> float:
-        """No record, so no displacement."""
-        return 0.0
-
-    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(N,) or, with phase, (2 N,) measured less predicted, weighed."""
-        found = self.predicted(placement, z)
-        return None if found is None else self._misfit(found)
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
@@ -105,7 +97,7 @@ class ResponseEvidence:
             moved = np.einsum("ni,ij,nj->n", left, by.a, right) + left @ by.b[:, _FORCE]
             columns.append((moved + right @ by.c[_SEEN] + by.d[_SEEN, _FORCE]) / response)
         relative = np.array(columns).reshape(len(z), len(response)).T
-        return self._misfit(response), -self._weighed(relative)
+        return self.misfit(response), -self._weighed(relative)
 
     def _solved(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Response (N,), states (N, n) per newton and their adjoints (N, n) at every line."""
@@ -121,35 +113,19 @@ class ResponseEvidence:
         rates = 2j * np.pi * self.measured.frequencies_Hz
         resolvent = rates[:, None, None] * np.eye(len(loop.a)) - loop.a
         right = np.linalg.solve(resolvent, np.tile(loop.b[:, _FORCE, None], (len(rates), 1, 1)))[..., 0]
-        left = np.linalg.solve(resolvent.transpose(0, 2, 1), np.tile(loop.c[_SEEN, :, None], (len(rates), 1, 1)))[
-            ..., 0
-        ]
+        seen = np.tile(loop.c[_SEEN, :, None], (len(rates), 1, 1))
+        left = np.linalg.solve(resolvent.transpose(0, 2, 1), seen)[..., 0]
         return right @ loop.c[_SEEN] + loop.d[_SEEN, _FORCE], right, left
 
-    def _misfit(self, predicted: np.ndarray) -> np.ndarray:
+    def misfit(self, predicted: np.ndarray) -> np.ndarray:
+        """(N,) or, with phase, (2 N,) measured less predicted, weighed."""
         ratio = self.measured.response / (predicted if self.measured.has_phase else np.abs(predicted))
         return self._weighed(np.log(ratio.astype(complex))[:, None])[:, 0]
 
     def _weighed(self, relative: np.ndarray) -> np.ndarray:
         """Complex (N, K) relative changes as rows of units: magnitudes, then phases where they were measured."""
-        shaped = relative * (self.scale / self.unit)[:, None]
+        shaped = relative * (self._scale / self._unit)[:, None]
         return np.concatenate([shaped.real, shaped.imag]) if self.measured.has_phase else shaped.real
-
-
-def response_evidence(measured: FrequencyResponse, prototype: Prototype, share: float = SHARE) -> ResponseEvidence:
-    """Weigh a frequency response.
-
-    Args:
-        measured: the response.
-        prototype: that was believed.
-        share: relative error of a model that counts as one unit.
-    """
-    noise = scatter(measured)
-    unit = np.sqrt(share**2 + noise**2)
-    count = len(unit) * (2 if measured.has_phase else 1)
-    scale = min(1.0, float(np.sqrt(INDEPENDENT / count)))
-    expected = count / len(unit) * scale**2 * float(np.sum((noise / unit) ** 2))
-    return ResponseEvidence(measured, prototype, unit, scale, expected)
 
 
 def scatter(measured: FrequencyResponse) -> np.ndarray:

@@ -13,11 +13,11 @@ import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import evidence_of
-from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit
+from beamdesign.gap.fitting.fit import Evidence, Fit
 from beamdesign.gap.fitting.followed import followed_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.gap.fitting.kept_fits import KeptFits
-from beamdesign.gap.fitting.starts import resonances, starts
+from beamdesign.gap.fitting.starts import fit_from_starts, resonances
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.rig.effects import library
@@ -108,15 +108,11 @@ def _fitted_here(task: Task) -> Fit:
 
 def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
     """The best of fits from the most promising starts."""
-    placement = task.hypothesis.placement(prototype)
-    evidence = [evidence[k] for k in task.on] or evidence
-    peaks = resonances(evidence, prototype, task.known) if not task.on else ()
-    begun = starts(placement, task.known, evidence, peaks, 1 if task.on else 2, task.hints)
-    if not begun:
-        reason = "the model's loop is unstable wherever a fit was begun"
-        return Fit(task.hypothesis, placement.unknowns, reason=reason)
-    iterations = _QUICK if task.on else ITERATIONS
-    return min((fit(task.hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
+    if task.on:
+        some = [evidence[k] for k in task.on]
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+    peaks = resonances(evidence, prototype, task.known)
+    return fit_from_starts(task.hypothesis, prototype, evidence, task.known, peaks, hints=task.hints)
 
 
 _BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))

@@ -14,9 +14,8 @@ from scipy.optimize import brentq
 from scipy.stats import qmc
 
 from beamdesign.gap.fitting.evidence import RecordEvidence
-from beamdesign.gap.fitting.fit import Evidence, misfit_at
-from beamdesign.gap.fitting.followed import FollowedRecord
-from beamdesign.gap.fitting.hypothesis import NOTHING
+from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.gap.fitting.unknowns import HEED_SUPPLY, SUPPLY, Placement, Unknown
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects.entrained_air import POLYTROPIC, bulk_ratio
@@ -125,6 +124,25 @@ def starts(
     return [*found, *_matched(placement, bent, new, known, evidence)]
 
 
+def fit_from_starts(
+    hypothesis: Hypothesis,
+    prototype: Prototype,
+    evidence: Sequence[Evidence],
+    known: Mapping[str, float],
+    peaks: Sequence[float] = (),
+    most: int = 2,
+    hints: Mapping[str, float] = MappingProxyType({}),
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """The best of fits from the most promising `starts`."""
+    placement = hypothesis.placement(prototype)
+    begun = starts(placement, known, evidence, peaks, most, hints)
+    if not begun:
+        reason = "the model's loop is unstable wherever a fit was begun"
+        return Fit(hypothesis, placement.unknowns, reason=reason)
+    return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
+
+
 def _matched(
     placement: Placement, base: np.ndarray, new: Sequence[int], known: Mapping[str, float], evidence: Sequence[Evidence]
 ) -> list[np.ndarray]:
@@ -188,10 +206,7 @@ def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mappin
     z = np.array([_at(u, known) for u in placement.unknowns])
     frequencies, power = [], []
     for piece in evidence:
-        if (
-            isinstance(piece, RecordEvidence | FollowedRecord)
-            and (residual := piece.residual(placement, z)) is not None
-        ):
+        if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
             lines = residual.reshape(2, -1, len(piece.weight.channels))
             frequencies.append(piece.weight.frequencies_Hz)
             power.append(np.sum(lines**2, axis=(0, 2)))

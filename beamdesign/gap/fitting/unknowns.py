@@ -5,7 +5,6 @@ exp(s z), with s its tolerance; a parameter of an effect likewise about its defa
 zero. So a z of 3 is three standard deviations off, whatever its unit.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from math import exp, isclose, log
@@ -104,25 +103,15 @@ HEED_SUPPLY = ("entrained_air", "entrained_air_with_stroke")
 """Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
 
 
-def of_effects(
-    names: tuple[str, ...], prototype: Prototype, given: Mapping[str, Mapping[str, float]] | None = None
-) -> tuple[Unknown, ...]:
-    """The parameters of effects.
-
-    Args:
-        names: of effects of the library.
-        prototype: believed.
-        given: figures that stand for the defaults.
-    """
-    found = []
-    if set(names) & set(HEED_SUPPLY):
-        found.append(Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect"))
-    for name in names:
-        for q in library()[name].parameters:
-            nominal = float((given or {}).get(name, {}).get(q.name, q.default))
-            linear = q.low <= 0
-            found.append(Unknown(f"{name}.{q.name}", nominal, q.spread, linear, q.low, q.high, "effect"))
-    return tuple(found)
+def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, ...]:
+    """The parameters of effects of the library, by their names."""
+    supply = Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect")
+    own = (
+        Unknown(f"{name}.{q.name}", float(q.default), q.spread, q.low <= 0, q.low, q.high, "effect")
+        for name in names
+        for q in library()[name].parameters
+    )
+    return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)
 
 
 def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
@@ -171,9 +160,10 @@ class Placement:
     def under(self, law: Law | None) -> "Placement":
         """The same unknowns in the equations with another law, such as that of one record."""
         kinds = self.assembly.kinds
-        return self if law == kinds.controller else _placed(replace(kinds, controller=law), self.unknowns)
+        return self if law == kinds.controller else place(replace(kinds, controller=law), self.unknowns)
 
 
+@cache
 def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
     """Find the parameters of a structure that unknowns move."""
     assembly = assemble(kinds)
@@ -186,11 +176,6 @@ def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
             if unknown.name in (f"{beam}_stiffness", f"{beam}_mass"):
                 rows[index[f"{beam}_damping"], k] = 0.5
     return Placement(assembly, unknowns, rows)
-
-
-@cache
-def _placed(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
-    return place(kinds, unknowns)
 
 
 def _some_law(prototype: Prototype) -> Controller:

@@ -16,6 +16,7 @@ SHARE = 0.02
 """Relative error of a model, line by line, that counts as one unit."""
 INDEPENDENT = 40.0
 LOWEST_HZ, HIGHEST_HZ = 0.2, 400.0
+TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _FADE = 0.05  # of the record, at its end
 _HALF_BAND = 2 ** (1 / 6)
 
@@ -55,6 +56,18 @@ class Weighting:
         return np.asarray(np.fft.rfft(faded, axis=0)[self.kept])
 
 
+def faded(count: int) -> np.ndarray:
+    """(N,) taper that fades a record out at its end; it begins at rest."""
+    taper, last = np.ones(count), max(2, round(_FADE * count))
+    taper[-last:] = 0.5 * (1 + np.cos(np.pi * np.arange(last) / last))
+    return taper
+
+
+def white(power: np.ndarray) -> float:
+    """Mean power of white noise, from lines at which there is nothing else: robust against a few where there is."""
+    return float(np.median(power)) / float(np.log(2))  # the median of an exponential distribution
+
+
 def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHARE) -> Weighting:
     """Weigh a record.
 
@@ -67,26 +80,17 @@ def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHAR
     """
     count = len(record.times)
     frequencies = np.fft.rfftfreq(count, record.step)
-    fade = np.ones(count)
-    last = max(2, round(_FADE * count))
-    fade[-last:] = 0.5 * (1 + np.cos(np.pi * np.arange(last) / last))
+    taper = faded(count)
     kept = (frequencies > LOWEST_HZ) & (frequencies < HIGHEST_HZ)
-    low = np.searchsorted(frequencies, frequencies / _HALF_BAND)
-    high = np.maximum(np.searchsorted(frequencies, frequencies * _HALF_BAND, side="right"), low + 1)
-    top = frequencies > 0.8 * frequencies[-1]
-    scales, noises, expected = [], [], 0.0
-    lines = int(kept.sum())
-    per_line = INDEPENDENT / (2 * lines)
-    for name in channels:
-        power = np.abs(np.fft.rfft(record.measured[name] * fade)) ** 2
-        noise = float(np.median(power[top])) / np.log(2)  # the median of an exponential distribution
-        total = np.concatenate([[0.0], np.cumsum(power)])
-        around = (total[high] - total[low]) / (high - low)
-        unit = noise + share**2 * around + 1e-300
-        scales.append(np.sqrt(2 * per_line / unit[kept]))
-        noises.append(np.sqrt(noise / count))
-        expected += float(np.sum(2 * per_line * noise / unit[kept]))
-    return Weighting(channels, np.array(scales), frequencies[kept], np.array(noises), fade, kept, expected)
+    top = frequencies > TOP * frequencies[-1]
+    signals = np.column_stack([record.measured[name] for name in channels])
+    power = np.abs(np.fft.rfft(signals * taper[:, None], axis=0)) ** 2
+    noise = np.array([white(column) for column in power[top].T])
+    unit = (noise + share**2 * banded(power, frequencies) + 1e-300)[kept].T
+    each = INDEPENDENT / int(kept.sum())
+    expected = float(sum(np.sum(each * n / line) for n, line in zip(noise, unit, strict=True)))
+    scale, noise_std = np.sqrt(each / unit), np.sqrt(noise / count)
+    return Weighting(channels, scale, frequencies[kept], noise_std, taper, kept, expected)
 
 
 def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
@@ -96,11 +100,11 @@ def blurred(weight: Weighting, power: np.ndarray) -> Weighting:
         weight: as it is.
         power: (F, C) of the lines of `Weighting.lines`, that nothing can predict.
     """
-    per_line = INDEPENDENT / (2 * len(weight.frequencies_Hz))
-    whole = 2 * per_line / weight.scale**2 + power.T
+    each = INDEPENDENT / len(weight.frequencies_Hz)
+    whole = each / weight.scale**2 + power.T
     noise = (weight.noise_std**2)[:, None] * len(weight.fade) + power.T
-    expected = float(np.sum(2 * per_line * noise / whole))
-    return replace(weight, scale=np.sqrt(2 * per_line / whole), expected=expected)
+    expected = float(np.sum(each * noise / whole))
+    return replace(weight, scale=np.sqrt(each / whole), expected=expected)
 
 
 def banded(power: np.ndarray, frequencies_Hz: np.ndarray) -> np.ndarray:
@@ -109,9 +113,3 @@ def banded(power: np.ndarray, frequencies_Hz: np.ndarray) -> np.ndarray:
     high = np.searchsorted(frequencies_Hz, frequencies_Hz * _HALF_BAND, side="right")
     total = np.concatenate([np.zeros((1, power.shape[1])), np.cumsum(power, axis=0)])
     return np.asarray((total[high] - total[low]) / (high - low)[:, None])
-
-
-def floor(record: TimeRecord, weight: Weighting, channel: str = "displacement_m") -> float:
-    """Noise of a channel over its rms."""
-    rms = float(np.std(record.measured[channel]))
-    return float(weight.noise_std[weight.channels.index(channel)]) / rms if rms > 0 else np.inf

@@ -11,7 +11,7 @@ from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.gap.diagnosis import NextExperiment
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
-from beamdesign.gap.fitting.response_evidence import response_evidence
+from beamdesign.gap.fitting.response_evidence import ResponseEvidence
 from beamdesign.gap.gains.search import Figure
 
 _LOAD_SHARE = 0.3  # of what the piston can hold at the supply
@@ -158,10 +158,10 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
             continue
         quiet = law.but(gain_A_per_V=float(f"{_OPEN_LOOP_MARGIN * bare.measured.gain:.3g}"))
         flat = FrequencyResponse("next", _LINES, np.ones(len(_LINES), complex), True, 1.0, 0.0, 0.0, quiet)
-        response = response_evidence(flat, data.prototype).predicted(placement, assumed.z)
+        response = ResponseEvidence(flat, data.prototype).predicted(placement, assumed.z)
         if response is None:
             continue
-        piece = response_evidence(replace(flat, response=response), data.prototype)
+        piece = ResponseEvidence(replace(flat, response=response), data.prototype)
         yield Experiment(
             f"Measure the frequency response of the tip to a force, with phase, from 1 to 300 Hz under {_words(law)} at"
             f" {1e3 * quiet.gain_A_per_V:.3g} mA/V (half its critical gain).",

@@ -9,7 +9,7 @@ from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.fit import ITERATIONS, Fit, fit
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, singles
-from beamdesign.gap.fitting.response_evidence import ResponseEvidence, response_evidence
+from beamdesign.gap.fitting.response_evidence import ResponseEvidence
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.fitting.starts import starts
 from beamdesign.prototype import Prototype
@@ -26,7 +26,7 @@ _HOPEFUL = 4.0  # in the logarithm of the probability
 
 def figures_of(data: Dataset) -> tuple[Figure, ...]:
     """Critical gains and frequency responses of a data set."""
-    responses = tuple(response_evidence(taken, data.prototype) for taken in data.responses)
+    responses = tuple(ResponseEvidence(taken, data.prototype) for taken in data.responses)
     return (*(GainEvidence(taken, data.prototype) for taken in data.gains), *responses)
 
 
