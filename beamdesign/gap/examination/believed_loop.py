@@ -8,12 +8,12 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.gap.fitting.weighting import faded
 from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
 from beamdesign.rig.electronics import state_space
 
 CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
-_FADE = 0.05  # of a record, at its end
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,8 @@ class BelievedLoop:
         count = len(inputs)
         padded = 2 * count
         shares = self.responses(np.fft.rfftfreq(padded, step_s))
-        spectra = np.fft.rfft(inputs * _faded(count)[:, None], padded, axis=0)
+        spectra = np.fft.rfft(inputs * faded(count)[:, None], padded, axis=0)
         return np.fft.irfft(shares * spectra[:, None, :], padded, axis=0)[:count]
-
-
-def _faded(count: int) -> np.ndarray:
-    fade, last = np.ones(count), max(2, round(_FADE * count))
-    fade[-last:] = 0.5 * (1 + np.cos(np.pi * np.arange(last) / last))
-    return fade
 
 
 def believed_loop(

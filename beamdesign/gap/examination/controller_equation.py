@@ -15,9 +15,9 @@ from scipy.signal import cont2discrete, fftconvolve
 
 from beamdesign.controllers import Controller, Lag
 from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.gap.fitting.weighting import TOP, white
 from beamdesign.rig.electronics import HEARD, state_space
 
-_TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _LONGEST_LAG_S = 0.02
 _KNEES = (3.0, 6.0, 12.0, 40.0)
 _SATURATION_LEVELS = 24
@@ -114,9 +114,9 @@ def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]
         return np.inf, 0.0
     difference = measured - predicted
     power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2
-    white = float(np.median(power[round(_TOP * len(power)) :])) / np.log(2) / len(difference)
+    noise = white(power[round(TOP * len(power)) :]) / len(difference)
     total = float(np.var(difference))
-    return float(np.sqrt(max(total - white, 0.0))) / rms, float(np.sqrt(white)) / rms
+    return float(np.sqrt(max(total - noise, 0.0))) / rms, float(np.sqrt(noise)) / rms
 
 
 def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | None:

@@ -6,19 +6,29 @@ records are looked at in `sound_records`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import pi
 from pathlib import Path
 
 import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.gap.examination import sound_records
 from beamdesign.gap.examination.believed_loop import believed_loop
 from beamdesign.gap.examination.caution import Caution, with_tolerances
 from beamdesign.gap.examination.controller_equation import ControllerFit, controller_fit
 from beamdesign.gap.examination.controller_words import contradictions, lost_by_recorder
 from beamdesign.gap.examination.readings import Reading, as_it_stands, other_readings, other_units
-from beamdesign.gap.examination.sound_records import HIGH_HZ, LOW_HZ
+from beamdesign.gap.examination.sound_records import (
+    HIGH_HZ,
+    LOW_HZ,
+    first,
+    law,
+    masses,
+    remarks,
+    signals,
+    suitability,
+    twins,
+)
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
@@ -30,7 +40,6 @@ _UNITS = {
 }  # fmt: skip
 _FAR = np.log(3.0)
 _NEAR = np.log(2.0)
-_COARSE = np.log(12.0)
 _FEWEST = 3
 _GAIN_FAR = 10.0
 
@@ -177,51 +186,34 @@ def examine(data: Dataset) -> Examination:
     """
     prototype, missing = with_tolerances(data.prototype)
     data = replace(data, prototype=prototype)
-    warnings = list(missing)
-    records = _usable(data.records, sound_records.signals, warnings)
-    records = _usable(records, lambda r: sound_records.law(r, data.prototype), warnings)
-    warnings += _refuse_misread(data, records)
-    records = _usable(records, lambda r: sound_records.suitability(r, data.prototype), warnings)
-    found = sound_records.twins(records)
-    warnings += found
-    records = _without(records, found)
-    held = {r.name: controller_fit(r, data.prototype.sensor.gain_V_per_m) for r in records}
+    warnings, gain = list(missing), prototype.sensor.gain_V_per_m
+
+    def usable() -> tuple[TimeRecord, ...]:
+        out = {caution.record for caution in warnings if caution.left_out}
+        return tuple(record for record in data.records if record.name not in out)
+
+    # Each check sees what those before it have left.
+    warnings += signals(usable())
+    warnings += first(law, usable(), prototype)
+    warnings += _misread(usable(), data)
+    warnings += first(suitability, usable(), prototype)
+    warnings += twins(usable())
+    held = {r.name: controller_fit(r, gain) for r in usable()}
     fits = {name: fit for name, fit in held.items() if fit is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
-    records = _without(records, warnings)
-    stuck = [caution.record for caution in warnings if caution.name == "stuck"]
-    found = contradictions([r for r in records if r.name in fits and r.name not in stuck], fits, data.prototype)
-    warnings += found
-    records = _without(records, found)
-    found = sound_records.masses(records, data.prototype)
-    warnings += found
-    records = _without(records, found)
-    for record in records:
-        warnings += sound_records.remarks(record, data.prototype)
-    check_responses(data.responses, data.prototype)
-    warnings += check_gains(data.gains, data.prototype, data.folder)
+    stuck = {caution.record for caution in warnings if caution.name == "stuck"}
+    warnings += contradictions([r for r in usable() if r.name in fits.keys() - stuck], fits, prototype)
+    pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in usable()))
+    warnings += first(partial(masses, pairs=pairs), usable(), prototype)
+    warnings += first(remarks, usable(), prototype)
+    check_responses(data.responses, prototype)
+    warnings += check_gains(data.gains, prototype, data.folder)
+    records = usable()
     if data.records and not records and not (data.responses or data.gains):
         raise InputError(data.folder, [Problem(w.record or "record", w.text) for w in warnings if w.left_out])
     warnings = _half_gone(data.records, warnings)
     kept = {r.name: fits[r.name] for r in records if r.name in fits}
-    return Examination(replace(data, records=tuple(records)), tuple(warnings), kept)
-
-
-def _usable(
-    records: Sequence[TimeRecord], check: "sound_records.Check", warnings: list[Caution]
-) -> tuple[TimeRecord, ...]:
-    kept = []
-    for record in records:
-        found = check(record)
-        warnings += found
-        if not any(caution.left_out for caution in found):
-            kept.append(record)
-    return tuple(kept)
-
-
-def _without(records: Sequence[TimeRecord], found: Sequence[Caution]) -> tuple[TimeRecord, ...]:
-    out = {caution.record for caution in found if caution.left_out}
-    return tuple(record for record in records if record.name not in out)
+    return Examination(replace(data, records=records), tuple(warnings), kept)
 
 
 def _half_gone(records: Sequence[TimeRecord], warnings: Sequence[Caution]) -> list[Caution]:
@@ -233,7 +225,7 @@ def _half_gone(records: Sequence[TimeRecord], warnings: Sequence[Caution]) -> li
     return [*warnings, Caution("few_records", "", text, limits_confidence=True)]
 
 
-def _refuse_misread(data: Dataset, records: Sequence[TimeRecord]) -> list[Caution]:
+def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:
     """Refuse a set of which a column, read otherwise, would make sense; warn where a rig might do that too."""
     refused: dict[str, tuple[Reading, ...]] = {}
     doubtful: dict[str, tuple[Reading, ...]] = {}

@@ -7,8 +7,10 @@ as it stands, and does once one column is read otherwise, is one whose column wa
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import partial
+from itertools import combinations, product
 from math import log
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,6 +57,15 @@ class View:
             return self.record.inputs[:, COLUMNS.index(name)]
         return self.record.measured[name]
 
+    @property
+    def driven(self) -> list[str]:
+        """Columns that hold more than one value."""
+        return [name for name in COLUMNS if np.any(self.column(name) != self.column(name)[0])]
+
+    def of(self, **changes: Any) -> "View":
+        """The same with other fields of the record."""
+        return replace(self, record=replace(self.record, **changes))
+
     def having(self, **columns: np.ndarray) -> "View":
         """The same with some columns replaced."""
         inputs = self.record.inputs.copy()
@@ -64,7 +75,7 @@ class View:
                 inputs[:, COLUMNS.index(name)] = values
             else:
                 measured[name] = values
-        return replace(self, record=replace(self.record, inputs=inputs, measured=measured))
+        return self.of(inputs=inputs, measured=measured)
 
 
 @dataclass(frozen=True)
@@ -94,8 +105,7 @@ class Reading:
         return self.factor == 1.0 or not 1 / _COARSE < abs(self.factor) < _COARSE
 
 
-@dataclass(frozen=True)
-class _Likeness:
+class _Likeness(NamedTuple):
     """Logarithm of measured over predicted rms, and their correlation."""
 
     scale: float
@@ -136,10 +146,7 @@ def _loop(view: View) -> tuple[_Likeness, _Likeness] | None:
 def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
     """Whether a record may be taken as it stands: it roughly obeys its controller, and roughly does as believed."""
     view = View(record, prototype)
-    equation, loop = _equation(view), _loop(view)
-    if loop is None:
-        return equation.within(_FAR, _UNLIKE)
-    return equation.within(_FAR, _UNLIKE) and all(part.within(_FAR, _UNLIKE) for part in loop)
+    return all(part.within(_FAR, _UNLIKE) for part in (_equation(view), *(_loop(view) or ())))
 
 
 def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
@@ -155,8 +162,7 @@ def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]
             continue
         unit, factor = min(_MORE_UNITS[name].items(), key=lambda item: abs(scale - log(item[1])))
         if abs(scale - log(factor)) < _FAR:
-            words = f"values are in {unit}, by their scale: {_factor_words(factor)}"
-            found.append(Reading(name, words, factor))
+            found.append(_in_unit(name, unit, factor))
     return tuple(found)
 
 
@@ -211,21 +217,22 @@ def _factor_words(factor: float) -> str:
     return f"divide by {factor:g}" if factor >= 1 else f"multiply by {1 / factor:.6g}"
 
 
+def _in_unit(name: str, unit: str, factor: float) -> Reading:
+    return Reading(name, f"values are in {unit}, by their scale: {_factor_words(factor)}", factor)
+
+
 def _single(view: View) -> Iterator[_Candidate]:
-    gain = view.prototype.sensor.gain_V_per_m
-    driven = [name for name in COLUMNS if np.any(view.column(name) != view.column(name)[0])]
+    driven = view.driven
     for name in driven:
         for unit, factor in _UNITS[name].items():
-            reading = Reading(name, f"values are in {unit}, by their scale: {_factor_words(factor)}", factor)
-            yield reading, _scaled(view, {name: factor})
+            yield _in_unit(name, unit, factor), _scaled(view, {name: factor})
         yield Reading(name, "its sign is the other way round"), _scaled(view, {name: -1.0})
     words = "values are the sensor's volts, by their scale: divide by sensor.gain_V_per_m"
-    yield Reading("displacement_m", words), _scaled(view, {"displacement_m": gain})
+    yield Reading("displacement_m", words), _scaled(view, {"displacement_m": view.prototype.sensor.gain_V_per_m})
     for a, b in combinations(COLUMNS, 2):
-        if a not in driven and b not in driven:
-            continue
-        reading = Reading(a, f"it and {b} stand in each other's place")
-        yield reading, lambda a=a, b=b: view.having(**{a: view.column(b), b: view.column(a)})  # type: ignore[misc]
+        if a in driven or b in driven:
+            swapped = {a: view.column(b), b: view.column(a)}
+            yield Reading(a, f"it and {b} stand in each other's place"), partial(view.having, **swapped)
     yield from _of_settings(view)
 
 
@@ -233,33 +240,27 @@ def _of_settings(view: View) -> Iterator[_Candidate]:
     """Times, and figures outside the columns."""
     record, prototype = view.record, view.prototype
     for unit, factor in _TIMES.items():
-        reading = Reading("t_s", f"times are in {unit}, by the speed of the motion: {_factor_words(factor)}")
-        yield reading, lambda f=factor: replace(view, record=replace(record, times=record.times / f))  # type: ignore[misc]
+        words = f"times are in {unit}, by the speed of the motion: {_factor_words(factor)}"
+        yield Reading("t_s", words), partial(view.of, times=record.times / factor)
     if (gain := record.controller.gain_A_per_V / 1e3) > 0:  # the least floats have no thousandth
-        law = record.controller.but(gain_A_per_V=gain)
         words = "the gain is in mA/V, by its scale: divide by 1000"
-        yield Reading("controller.gain_A_per_V", words), lambda: replace(view, record=replace(record, controller=law))
+        law = record.controller.but(gain_A_per_V=gain)
+        yield Reading("controller.gain_A_per_V", words), partial(view.of, controller=law)
     for unit, factor in _SENSOR_GAINS.items():
         sensor = prototype.sensor.but(gain_V_per_m=prototype.sensor.gain_V_per_m / factor)
         reading = Reading("sensor.gain_V_per_m", f"the prototype's gain is in {unit}, by its scale")
-        yield reading, lambda s=sensor: replace(view, prototype=prototype.but(sensor=s))  # type: ignore[misc]
+        yield reading, partial(replace, view, prototype=prototype.but(sensor=sensor))
     if max(record.outer_end_mass, record.inner_end_mass) > 100:
-        lighter = replace(
-            record, outer_end_mass=record.outer_end_mass / 1e3, inner_end_mass=record.inner_end_mass / 1e3
-        )
+        masses = {"outer_end_mass": record.outer_end_mass / 1e3, "inner_end_mass": record.inner_end_mass / 1e3}
         reading = Reading("outer_end_mass_kg, inner_end_mass_kg", "the masses are in grams, by their scale")
-        yield reading, lambda: replace(view, record=lighter)
+        yield reading, partial(view.of, **masses)
 
 
 def _double(view: View) -> Iterator[_Candidate]:
     """Two columns at once, in units that go together."""
-    moving = [name for name in COLUMNS if np.any(view.column(name) != view.column(name)[0])]
-    for a, b in combinations(moving, 2):
-        for (unit_a, factor_a), (unit_b, factor_b) in ((p, q) for p in _UNITS[a].items() for q in _UNITS[b].items()):
-            reading = Reading(
-                f"{a}, {b}",
-                f"values are in {unit_a} and {unit_b}, by their scale: {_factor_words(factor_a)} and "
-                f"{_factor_words(factor_b)}",
-            )
-            yield reading, _scaled(view, {a: factor_a, b: factor_b})
+    for a, b in combinations(view.driven, 2):
+        for (unit_a, factor_a), (unit_b, factor_b) in product(_UNITS[a].items(), _UNITS[b].items()):
+            units = f"values are in {unit_a} and {unit_b}, by their scale"
+            words = f"{units}: {_factor_words(factor_a)} and {_factor_words(factor_b)}"
+            yield Reading(f"{a}, {b}", words), _scaled(view, {a: factor_a, b: factor_b})
         yield Reading(f"{a}, {b}", "both signs are the other way round"), _scaled(view, {a: -1.0, b: -1.0})

@@ -3,24 +3,24 @@
 What a recorder does to a signal is seen in the signal alone: clipping, outliers, sticking, coarse steps, noise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 
 import numpy as np
 
 from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.gap.examination.believed_loop import BelievedLoop, believed_loop, loop_of
+from beamdesign.gap.examination.believed_loop import believed_loop, loop_of
 from beamdesign.gap.examination.caution import Caution
 from beamdesign.gap.examination.controller_equation import demanded, mismatch
 from beamdesign.gap.examination.controller_words import described
+from beamdesign.gap.fitting.weighting import TOP, white
 from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype
 
 _PLATEAU = 4  # samples at the very same value
 _CUT = 8  # samples on plateaus altogether: fewer may be chance, and spoil nothing
 _STUCK = 6
-_TOP = 0.8  # of the Nyquist frequency: above it there is only noise
 _MANY = 12
 _KINK = 3.0  # by how many of its finest steps, or of its noise, a signal runs into a plateau
 _JUMP = 8.0  # in the noise of the signal
@@ -59,11 +59,9 @@ def finest_step(signal: np.ndarray) -> float:
 
 def noise_std(signal: np.ndarray) -> float:
     """White noise of a signal, from the top of its spectrum, or that of rounding where this is more."""
-    centred = signal - signal.mean()
-    power = np.abs(np.fft.rfft(centred * np.hanning(len(signal)))) ** 2
-    top = power[round(_TOP * (len(power) - 1)) :]
-    white = float(np.median(top)) / np.log(2) / float(np.sum(np.hanning(len(signal)) ** 2))
-    return float(np.sqrt(white))
+    window = np.hanning(len(signal))
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    return float(np.sqrt(white(power[round(TOP * (len(power) - 1)) :]) / float(np.sum(window**2))))
 
 
 def share_between(signals: np.ndarray, step_s: float, low_Hz: float, high_Hz: float) -> float:
@@ -161,7 +159,11 @@ def holes(signal: np.ndarray) -> int:
     return int(np.sum((signal[1:-1] == 0) & far & (bend > _SPIKE * usual) & (usual > 0)))
 
 
-Check = Callable[[TimeRecord], list[Caution]]
+Finding = tuple[str, bool, str]
+"""Name of a caution, whether there is cause for it, and its words."""
+Check = Callable[[TimeRecord, Prototype], Iterator[Finding]]
+_LEFT_IN = ("stuck", "not_at_rest")
+_HARMLESS = ("short", "no_content")  # to the confidence in the other records
 
 LOW_HZ, HIGH_HZ = 0.5, 300.0
 """Band in which a record must say something."""
@@ -175,40 +177,47 @@ _RESTLESS = 8.0  # in standard deviations of the noise
 _MOVED = 0.1  # of the rms
 _NOTHING = 1e-30  # in any unit
 _STIFFER = 30.0  # than believed no rig is
+_MISFIT = 0.6  # of the displacement
 _HEAVIEST = 50.0  # times the outer beam's own mass
 
 
-def signals(record: TimeRecord) -> list[Caution]:
+def first(check: Check, records: Sequence[TimeRecord], prototype: Prototype) -> list[Caution]:
+    """The first finding of a check that has cause, of every record."""
+    found = ((record, next((f for f in check(record, prototype) if f[1]), None)) for record in records)
+    return [said(record, finding[0], finding[2]) for record, finding in found if finding is not None]
+
+
+def said(record: TimeRecord, name: str, text: str) -> Caution:
+    """A caution about a record, which decides by its name whether the record is left out."""
+    return Caution(name, record.name, text, name not in _LEFT_IN, name not in _HARMLESS)
+
+
+def signals(records: Sequence[TimeRecord]) -> list[Caution]:
     """What the signals show on their own."""
-    found = []
+    return [said(record, name, text) for record in records for name, text in _of_signals(record)]
+
+
+def _of_signals(record: TimeRecord) -> Iterator[tuple[str, str]]:
     if len(record.times) < _FEWEST_SAMPLES:
-        return [_out(record, "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}", False)]
+        yield "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}"
+        return
     for name, signal in record.measured.items():
         if float(np.ptp(signal)) < _NOTHING:
-            found.append(_out(record, "dead_channel", f"{name} never changes (is the sensor connected?)"))
+            yield "dead_channel", f"{name} never changes (is the sensor connected?)"
         elif name != "current_A" and (at := outlier(signal)) is not None:  # a law's kick may be one sample long
             text = f"{name} is {signal[at]:.4g} at {record.times[at]:.4g} s, far beyond all others"
-            found.append(_out(record, "outlier", f"{text}: a sample is spoilt"))
-        elif plateau := clipped(signal):
-            found += _clipped(record, name, plateau.side, plateau.level, plateau.samples)
+            yield "outlier", f"{text}: a sample is spoilt"
+        elif cut := clipped(signal):
+            # An amplifier at its limit cuts a current as well; its equation tells more.
+            if name != "current_A" or not _symmetric(signal, cut.side):
+                text = f"{cut.level:.4g}{' and its opposite' if cut.side == 'both' else ''}, {cut.samples} samples long"
+                yield "clipped", f"{name} is cut off at {text}: widen the recorder's range, or drive less"
         elif gaps := stuck(signal):
-            at = record.times[gaps.first]
-            text = f"{name} stands still for {gaps.samples} samples and jumps, first at {at:.4g} s: samples were lost"
-            found.append(Caution("stuck", record.name, text, limits_confidence=True))
+            text = f"for {gaps.samples} samples and jumps, first at {record.times[gaps.first]:.4g} s"
+            yield "stuck", f"{name} stands still {text}: samples were lost"
         elif lost := holes(signal):
             places = "1 place" if lost == 1 else f"{lost} places"
-            text = f"{name} is exactly zero in mid-motion, in {places}: samples were lost"
-            found.append(Caution("stuck", record.name, text, limits_confidence=True))
-    return found
-
-
-def _clipped(record: TimeRecord, name: str, side: str, level: float, samples: int) -> list[Caution]:
-    where = {"top": f"at {level:.4g}", "bottom": f"at {level:.4g}", "both": f"at {level:.4g} and its opposite"}[side]
-    text = f"{name} is cut off {where}, {samples} samples long"
-    if name == "current_A" and _symmetric(record.measured[name], side):
-        return []  # an amplifier at its limit does this too; its equation tells more
-    text += ": widen the recorder's range, or drive less"
-    return [_out(record, "clipped", text)]
+            yield "stuck", f"{name} is exactly zero in mid-motion, in {places}: samples were lost"
 
 
 def _symmetric(current: np.ndarray, side: str) -> bool:
@@ -219,104 +228,75 @@ def _symmetric(current: np.ndarray, side: str) -> bool:
     return (low if side == "top" else high) <= 1.02 * (high if side == "top" else low)
 
 
-def suitability(record: TimeRecord, prototype: Prototype) -> list[Caution]:
-    """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
-    loop = loop_of(record, prototype)
-    return (
-        _settings(record, prototype)
-        or _length(record, loop)
-        or _force(record, prototype, loop)
-        or _content(record, prototype)
-    )
-
-
-def law(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """Whether its current has a sample that is none of its controller's making."""
-    current, stated = record.measured["current_A"], f"its controller ({described(record.controller)})"
+    current, command = record.measured["current_A"], record.inputs[:, 1]
     if (asked := demanded(record, record.controller, prototype.sensor.gain_V_per_m)) is None:
-        return []
-    for at in (outlier(current), outlier(record.inputs[:, 1])):
-        if at is not None and abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])):
+        return
+    for at in (outlier(current), outlier(command)):
+        if at is not None:
             text = (
-                f"current_A is {current[at]:.4g} at {record.times[at]:.4g} s, where {stated} makes {asked[at]:.4g} of "
-                f"command_V ({record.inputs[at, 1]:.4g}) and displacement_m: a sample is spoilt"
+                f"current_A is {current[at]:.4g} at {record.times[at]:.4g} s, where its controller "
+                f"({described(record.controller)}) makes {asked[at]:.4g} of command_V ({command[at]:.4g}) and "
+                "displacement_m: a sample is spoilt"
             )
-            return [_out(record, "outlier", text)]
-    return []
+            yield "outlier", abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])), text
 
 
-def _force(record: TimeRecord, prototype: Prototype, loop: BelievedLoop) -> list[Caution]:
-    """A rig may stand still where it is commanded to move, but it cannot help bending under a force."""
-    force, moved = record.inputs[:, 0], float(np.sqrt(np.mean(record.measured["displacement_m"] ** 2)))
-    if not loop.stable or float(np.sqrt(np.mean(force**2))) < moved * figures(prototype)["outer_stiffness"]:
-        return []
-    bent = float(np.sqrt(np.mean(loop.driven(record.inputs, record.step)[:, 1, 0] ** 2)))
-    if bent < _STIFFER * moved:
-        return []
-    at = int(np.argmax(np.abs(force)))
+def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
+    """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
+    of, loop, moved = figures(prototype), loop_of(record, prototype), record.measured["displacement_m"]
+    heaviest = max(record.outer_end_mass, record.inner_end_mass)
+    text = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg is not credible (is it in grams?)"
+    yield "units", heaviest > _HEAVIEST * of["outer_mass"], text
+
+    length, slowest = float(record.times[-1] - record.times[0]), loop.slowest_Hz
+    least = max(_SHORTEST_S, _PERIODS / slowest)
+    needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
+    yield "short", length < least, f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
     text = (
-        f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {moved:.2g} m: check "
-        "the units of both, and zero and outliers of the force "
-        f"(it reaches {force[at]:.4g} N at {record.times[at]:.4g} s)"
+        f"sampled too coarsely: {1 / record.step:.4g} Hz, for a mode at {slowest:.3g} Hz at least "
+        f"{_SAMPLES_PER_PERIOD * slowest:.3g} Hz is needed (are the times in seconds?)"
     )
-    return [_out(record, "force", text)]
+    yield "coarse_sampling", 1 / record.step < _SAMPLES_PER_PERIOD * slowest, text
 
-
-def _length(record: TimeRecord, loop: BelievedLoop) -> list[Caution]:
-    length = float(record.times[-1] - record.times[0])
-    least = max(_SHORTEST_S, _PERIODS / loop.slowest_Hz)
-    if length < least:
-        needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
-        text = f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
-        return [_out(record, "short", text, False)]
-    if 1 / record.step < _SAMPLES_PER_PERIOD * loop.slowest_Hz:
+    # A rig may stand still where it is commanded to move, but it cannot help bending under a force.
+    force, rms = record.inputs[:, 0], _rms(moved)
+    if loop.stable and _rms(force) >= rms * of["outer_stiffness"]:
+        bent = _rms(loop.driven(record.inputs, record.step)[:, 1, 0])
+        at = int(np.argmax(np.abs(force)))
         text = (
-            f"sampled too coarsely: {1 / record.step:.4g} Hz, for a mode at {loop.slowest_Hz:.3g} Hz at least "
-            f"{_SAMPLES_PER_PERIOD * loop.slowest_Hz:.3g} Hz is needed (are the times in seconds?)"
+            f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {rms:.2g} m: check "
+            "the units of both, and zero and outliers of the force "
+            f"(it reaches {force[at]:.4g} N at {record.times[at]:.4g} s)"
         )
-        return [_out(record, "coarse_sampling", text)]
-    return []
+        yield "force", bent >= _STIFFER * rms, text
 
-
-def _content(record: TimeRecord, prototype: Prototype) -> list[Caution]:
-    moved = record.measured["displacement_m"]
-    noise = max(noise_std(moved), finest_step(moved) / np.sqrt(12))
-    size = float(np.std(moved))
     band = f"between {LOW_HZ:g} and {HIGH_HZ:g} Hz"
+    constant = not np.any(np.ptp(record.inputs, axis=0) > 0)
+    yield "no_content", constant, f"both inputs are constant: excite the rig {band}"
     # What each input would move the tip by, if slowly.
-    sizes = np.array([figures(prototype)["outer_stiffness"], prototype.sensor.gain_V_per_m])
-    given = record.inputs / sizes
-    if not np.any(np.ptp(record.inputs, axis=0) > 0):
-        return [_out(record, "no_content", f"both inputs are constant: excite the rig {band}", False)]
+    given = record.inputs / np.array([of["outer_stiffness"], prototype.sensor.gain_V_per_m])
     share = share_between(given, record.step, LOW_HZ, HIGH_HZ)
     answer = share_between(moved[:, None], record.step, LOW_HZ, HIGH_HZ)
-    if share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE:
-        text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
-        return [_out(record, "no_content", text, False)]
-    if size < _LEAST_SIGNAL * noise:
-        text = f"displacement_m is {size:.2g} m rms with a noise of {noise:.2g} m: nothing is to be seen, drive harder"
-        return [_out(record, "no_content", text, False)]
-    return []
+    text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
+    yield "no_content", share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE, text
+    size, noise = float(np.std(moved)), max(noise_std(moved), finest_step(moved) / np.sqrt(12))
+    text = f"displacement_m is {size:.2g} m rms with a noise of {noise:.2g} m: nothing is to be seen, drive harder"
+    yield "no_content", size < _LEAST_SIGNAL * noise, text
 
 
-def _settings(record: TimeRecord, prototype: Prototype) -> list[Caution]:
-    own = figures(prototype)["outer_mass"]
-    heaviest = max(record.outer_end_mass, record.inner_end_mass)
-    if heaviest <= _HEAVIEST * own:
-        return []
-    text = f"an end mass of {heaviest:g} kg on a beam of {own:.3g} kg is not credible (is it in grams?)"
-    return [_out(record, "units", text)]
+def _rms(signal: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(signal**2)))
 
 
-def remarks(record: TimeRecord, prototype: Prototype) -> list[Caution]:
+def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
     """What is worth saying of a record that is used."""
     moved = record.measured["displacement_m"]
     noise, size = max(noise_std(moved), finest_step(moved)), float(np.std(moved))
     start = float(np.mean(moved[:3]))
-    if abs(start) > max(_RESTLESS * noise, _MOVED * size):
-        text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
-        return [Caution("not_at_rest", record.name, text, limits_confidence=True)]
-    return []
+    text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
+    yield "not_at_rest", abs(start) > max(_RESTLESS * noise, _MOVED * size), text
 
 
 def twins(records: Sequence[TimeRecord]) -> list[Caution]:
@@ -334,23 +314,16 @@ def twins(records: Sequence[TimeRecord]) -> list[Caution]:
     return found
 
 
-def masses(records: Sequence[TimeRecord], prototype: Prototype) -> list[Caution]:
-    """Records that fit the believed loop badly with their own end masses, and well with those of another record."""
-    pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in records))
-    found = []
-    for record in records if len(pairs) > 1 else ():
-        own = _misfit(record, prototype, record.outer_end_mass, record.inner_end_mass)
-        if own < 0.6:
-            continue
-        others = [(_misfit(record, prototype, *pair), pair) for pair in pairs]
-        best, (outer, inner) = min(others)
-        if best < 0.4 * own and best < 0.35:
-            text = (
-                f"does not fit its end masses ({record.outer_end_mass:g} and {record.inner_end_mass:g} kg), but those "
-                f"of another record ({outer:g} and {inner:g} kg): correct dataset.toml"
-            )
-            found.append(_out(record, "masses", text))
-    return found
+def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float, float]]) -> Iterator[Finding]:
+    """Whether it fits the believed loop badly with its own end masses, and well with those of another record."""
+    own = _misfit(record, prototype, record.outer_end_mass, record.inner_end_mass)
+    if len(pairs) > 1 and own >= _MISFIT:
+        best, (outer, inner) = min((_misfit(record, prototype, *pair), pair) for pair in pairs)
+        text = (
+            f"does not fit its end masses ({record.outer_end_mass:g} and {record.inner_end_mass:g} kg), but those "
+            f"of another record ({outer:g} and {inner:g} kg): correct dataset.toml"
+        )
+        yield "masses", best < min(0.4 * own, 0.35), text
 
 
 def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
@@ -358,7 +331,3 @@ def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float
     if not loop.stable:
         return np.inf
     return mismatch(record.measured["displacement_m"], loop.driven(record.inputs, record.step)[:, 1].sum(axis=1))[0]
-
-
-def _out(record: TimeRecord, name: str, text: str, limits: bool = True) -> Caution:
-    return Caution(name, record.name, text, left_out=True, limits_confidence=limits)
