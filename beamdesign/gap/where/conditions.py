@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,21 +20,16 @@ _TWICE = 2.0
 _LITTLE = 0.1  # of the power
 
 
-@dataclass(frozen=True)
-class Lines:
+class Lines(NamedTuple):
     """Levels of a residual at kinds of lines of the input's grid, relative to the response.
 
     Attributes:
         excited: at lines that the input holds: linear and odd errors.
         between: at lines of the grid that it does not hold: only what is not linear gets there (and noise, taken out).
-        odd: of those the odd ones, where the input holds odd lines alone; else nan.
-        even: and the even ones.
     """
 
     excited: float
     between: float
-    odd: float
-    even: float
 
 
 def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, noise_std: float) -> Lines | None:
@@ -66,11 +62,7 @@ def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, nois
     def level(at: np.ndarray) -> float:
         return float(np.sqrt(max(np.sum(left[at] - noise), 0.0) / whole)) if len(at) else np.nan
 
-    base = int(np.gcd.reduce(held))
-    orders, grid = held // base, free[free % base == 0]
-    only_odd = bool(np.all(orders % 2 == 1))
-    odd, even = (grid[(grid // base) % 2 == k] for k in (1, 0))
-    return Lines(level(held), level(free), level(odd) if only_odd else np.nan, level(even) if only_odd else np.nan)
+    return Lines(level(held), level(free))
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,6 @@ class Setting:
     Attributes:
         band_Hz: in which most of the misfit lies.
         condition: in words.
-        ratios: relative error under one condition over that under its counterpart, by words.
         distortion: share of the residual's power away from the lines of the input, median over records; nan where no
             record has lines.
         asymmetry: difference of the rms residual between positive and negative displacement, over their mean; median.
@@ -90,7 +81,6 @@ class Setting:
 
     band_Hz: tuple[float, float]
     condition: str
-    ratios: Mapping[str, float]
     distortion: float
     asymmetry: float
     slow: float
@@ -104,7 +94,6 @@ def setting(found: Sequence[Residual]) -> Setting:
     totals = excess.sum(0)
     band = _narrowest(totals)
     relative = [_relative(item) for item in found]
-    ratios = _ratios(found, relative)
     distortions, asymmetries, slow = [], [], []
     for item in found:
         record, weight = item.evidence.record, item.evidence.weight
@@ -128,8 +117,7 @@ def setting(found: Sequence[Residual]) -> Setting:
     table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
     return Setting(
         band,
-        _words(ratios),
-        ratios,
+        _words(_ratios(found, relative)),
         float(np.median(distortions)) if distortions else np.nan,
         float(np.median(asymmetries)) if asymmetries else 0.0,
         float(np.median(slow)) if slow else 0.0,
