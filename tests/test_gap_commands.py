@@ -18,9 +18,8 @@ import beamdesign.gap.fitting.search as searching
 from beamdesign import InputError, Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.gap.data.dataset import Dataset, read_dataset
-from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.fit import Fit, digest, kept_fits
 from beamdesign.gap.fitting.hypothesis import Hypothesis
-from beamdesign.gap.fitting.kept_fits import digest, kept_fits
 from beamdesign.gap.predict import predict_set
 
 PUT_IN_HZ = 250.0

@@ -22,8 +22,7 @@ from beamdesign.gap.data.dataset import Dataset, TimeRecord, read_dataset
 from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range
 from beamdesign.gap.diagnose import diagnose
 from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.examination.believed_loop import CHANNELS, believed_loop
-from beamdesign.gap.examination.controller_equation import controller_fit, demanded
+from beamdesign.gap.examination.believed import CHANNELS, believed_loop, controller_fit, demanded
 from beamdesign.gap.experiment import menu
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import record_evidence

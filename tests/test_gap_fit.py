@@ -10,12 +10,19 @@ from beamdesign.gap.amended import amended
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.fitting import search as searching
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
-from beamdesign.gap.fitting.fit import Fit, Share, fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, pairs, singles, subsystem, together
-from beamdesign.gap.fitting.kept_fits import kept_fits
+from beamdesign.gap.fitting.fit import Fit, Share, fit, kept_fits
+from beamdesign.gap.fitting.hypothesis import (
+    NOTHING,
+    Hypothesis,
+    Placement,
+    pairs,
+    singles,
+    subsystem,
+    together,
+    tolerated,
+)
 from beamdesign.gap.fitting.search import refit, search
 from beamdesign.gap.fitting.starts import starts
-from beamdesign.gap.fitting.unknowns import Placement, tolerated
 from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
 from beamdesign.gap.truth import answer, draw_case, write_case
 from beamdesign.lumped import figures

@@ -15,7 +15,7 @@ from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
 from beamdesign.gap.fitting.fit import fit
 from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.response_evidence import ResponseEvidence, scatter
+from beamdesign.gap.fitting.linear_evidence import ResponseEvidence, scatter
 from beamdesign.gap.fitting.starts import starts
 from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
 from beamdesign.gap.gains.next_gain import separations

@@ -12,8 +12,8 @@ from beamdesign.gap.fitting.fit import Fit, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, together
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.where.conditions import lines_of, setting
-from beamdesign.gap.where.local_laws import stop
 from beamdesign.gap.where.locate import kind_of_effect, laws_of, locate
+from beamdesign.gap.where.missing import stop
 from beamdesign.gap.where.residuals import residuals
 from beamdesign.prototype import Prototype
 

@@ -15,8 +15,7 @@ from scipy.signal import lfilter
 
 from beamdesign.controllers import Lag
 from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.examination.believed_loop import believed_loop
-from beamdesign.gap.examination.controller_equation import _knee, controller_fit, demanded
+from beamdesign.gap.examination.believed import _knee, believed_loop, controller_fit, demanded
 from beamdesign.gap.examination.plausibility import examine
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.records import InputError

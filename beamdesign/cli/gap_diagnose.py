@@ -62,7 +62,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     from beamdesign.gap.data.dataset import read_dataset
     from beamdesign.gap.designer_terms import designer_terms, payload_range
     from beamdesign.gap.diagnose import diagnose as engine
-    from beamdesign.gap.fitting.kept_fits import kept_fits
+    from beamdesign.gap.fitting.fit import kept_fits
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.study.redesign import redesign
 

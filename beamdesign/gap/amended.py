@@ -6,7 +6,7 @@ from typing import Any
 
 from beamdesign import lumped
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.unknowns import SUPPLY
+from beamdesign.gap.fitting.hypothesis import SUPPLY
 from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import Record

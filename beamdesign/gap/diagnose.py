@@ -16,9 +16,8 @@ from beamdesign.gap.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
 from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
-from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.fit import Fit, KeptFits
 from beamdesign.gap.fitting.followed import followed
-from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
 from beamdesign.gap.gains.classes import explain_gains
 from beamdesign.gap.judgement import Judgement, judge

@@ -20,9 +20,9 @@ from beamdesign.controllers.protocol import ANY_PAYLOAD
 from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.data.inputs import without_noise
 from beamdesign.gap.diagnosis import NextExperiment
+from beamdesign.gap.fitting.evidence import Replay, replay, simulated, simulated_with_slopes, steps
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.replay import Replay, replay, simulated, simulated_with_slopes, steps
-from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.gap.fitting.hypothesis import Placement
 from beamdesign.gap.fitting.weighting import weighting
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of

@@ -15,12 +15,11 @@ import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import DISPLACEMENT, RecordEvidence, record_evidence
-from beamdesign.gap.fitting.fit import Fit
+from beamdesign.gap.fitting.fit import Fit, KeptFits
 from beamdesign.gap.fitting.followed import PLAY
 from beamdesign.gap.fitting.hammering import hammering, refit_hammering
-from beamdesign.gap.fitting.kept_fits import KeptFits
+from beamdesign.gap.fitting.hypothesis import Placement
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
-from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.gap.judgement import Judgement, judge
 from beamdesign.records import InputError
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.fit import Evidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, singles
-from beamdesign.gap.fitting.unknowns import Placement, Unknown
+from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, Placement, Unknown, singles
 
 ALIKE = 0.98
 """Cosine between signatures from which two causes are called close."""

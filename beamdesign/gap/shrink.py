@@ -9,8 +9,7 @@ from beamdesign.gap.diagnosis import BandGap, Gap, RecordGap
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.followed import FollowedRecord
-from beamdesign.gap.fitting.hypothesis import NOTHING
-from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.gap.fitting.hypothesis import NOTHING, Placement
 from beamdesign.prototype import Prototype
 
 CHANNEL = "displacement_m"

@@ -19,10 +19,8 @@ from scipy.interpolate import CubicSpline
 
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.diagnose import diagnose
-from beamdesign.gap.fitting.evidence import RecordEvidence, record_evidence
-from beamdesign.gap.fitting.hypothesis import Hypothesis
-from beamdesign.gap.fitting.replay import at_rest
-from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.gap.fitting.evidence import RecordEvidence, at_rest, record_evidence
+from beamdesign.gap.fitting.hypothesis import Hypothesis, Placement
 from beamdesign.rig.assembly import OUTPUTS
 
 SET = Path(__file__).parent.parent / "gaps" / "slow_sensor"

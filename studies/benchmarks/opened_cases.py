@@ -117,7 +117,7 @@ def unlike(one: Any, other: Any, name: str = "") -> str:
 def diagnosed(opened: OpenedCase) -> tuple[Dataset, Diagnosis]:
     """Judge a case once more by this program from the fits that the check keeps; nothing in its folder is changed."""
     from beamdesign.gap.diagnose import diagnose
-    from beamdesign.gap.fitting.kept_fits import KeptFits, digest
+    from beamdesign.gap.fitting.fit import KeptFits, digest
 
     key = opened.planned.key
     data = read_dataset(opened.folder / "sets" / key)

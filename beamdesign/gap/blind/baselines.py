@@ -24,9 +24,8 @@ from scipy.stats import chi2
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import RecordEvidence, record_evidence
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis
+from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, Unknown
 from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.fitting.unknowns import Placement, Unknown
 from beamdesign.gap.fitting.weighting import INDEPENDENT
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype

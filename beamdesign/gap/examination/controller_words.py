@@ -7,8 +7,8 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
+from beamdesign.gap.examination.believed import ControllerFit, Rival, demanded, refitted, rivals
 from beamdesign.gap.examination.caution import Caution
-from beamdesign.gap.examination.controller_equation import ControllerFit, Rival, demanded, refitted, rivals
 from beamdesign.prototype import Prototype
 
 DISOBEDIENT = 0.05

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.gap.examination.believed_loop import believed_loop
+from beamdesign.gap.examination.believed import ControllerFit, believed_loop, controller_fit
 from beamdesign.gap.examination.caution import Caution, with_tolerances
-from beamdesign.gap.examination.controller_equation import ControllerFit, controller_fit
 from beamdesign.gap.examination.controller_words import contradictions, lost_by_recorder
 from beamdesign.gap.examination.readings import Reading, as_it_stands, other_readings, other_units
 from beamdesign.gap.examination.sound_records import (

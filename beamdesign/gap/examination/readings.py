@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.gap.examination.believed_loop import expected
-from beamdesign.gap.examination.controller_equation import demanded
+from beamdesign.gap.examination.believed import demanded, expected
 from beamdesign.prototype import Prototype
 
 COLUMNS = ("disturbance_N", "command_V", "current_A", "displacement_m")

@@ -10,9 +10,8 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.gap.examination.believed_loop import believed_loop, loop_of
+from beamdesign.gap.examination.believed import believed_loop, demanded, loop_of, mismatch
 from beamdesign.gap.examination.caution import Caution
-from beamdesign.gap.examination.controller_equation import demanded, mismatch
 from beamdesign.gap.examination.controller_words import described
 from beamdesign.gap.fitting.weighting import TOP, white
 from beamdesign.lumped import figures

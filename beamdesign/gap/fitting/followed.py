@@ -16,10 +16,9 @@ from functools import cache
 import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.fitting.evidence import RecordEvidence, evidence_of
+from beamdesign.gap.fitting.evidence import RecordEvidence, Replay, evidence_of
 from beamdesign.gap.fitting.fit import Evidence
-from beamdesign.gap.fitting.replay import Replay
-from beamdesign.gap.fitting.unknowns import Placement, Unknown
+from beamdesign.gap.fitting.hypothesis import Placement, Unknown
 from beamdesign.gap.fitting.weighting import banded, blurred
 from beamdesign.rig.assembly import Assembly, Structure, assemble
 

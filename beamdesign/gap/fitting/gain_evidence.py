@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from beamdesign.gap.data.dataset import MeasuredGain
-from beamdesign.gap.fitting.linear_model import LinearEvidence, LinearModel
-from beamdesign.gap.fitting.unknowns import Placement
+from beamdesign.gap.fitting.hypothesis import Placement
+from beamdesign.gap.fitting.linear_evidence import LinearEvidence, LinearModel
 
 _TIME = 1e3  # rad/s: typical of the loop, so that figures are about one
 _SLOWEST, _FASTEST = 1e-3, 1e3  # in that unit; slower is drift, faster no rig

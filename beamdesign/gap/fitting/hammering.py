@@ -13,10 +13,9 @@ import numpy as np
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.fit import Evidence, Fit, fit, misfit_at
 from beamdesign.gap.fitting.followed import PLAY, FollowedRecord, followed_evidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis, singles, together
+from beamdesign.gap.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
 from beamdesign.gap.fitting.search import Progress, Search
 from beamdesign.gap.fitting.starts import fit_from_starts, starts
-from beamdesign.gap.fitting.unknowns import Placement
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.prototype import Prototype
 

@@ -13,10 +13,9 @@ import numpy as np
 
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.evidence import evidence_of
-from beamdesign.gap.fitting.fit import Evidence, Fit
+from beamdesign.gap.fitting.fit import Evidence, Fit, KeptFits
 from beamdesign.gap.fitting.followed import followed_evidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
-from beamdesign.gap.fitting.kept_fits import KeptFits
 from beamdesign.gap.fitting.starts import fit_from_starts, resonances
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError

@@ -15,8 +15,7 @@ from scipy.stats import qmc
 
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.gap.fitting.unknowns import HEED_SUPPLY, SUPPLY, Placement, Unknown
+from beamdesign.gap.fitting.hypothesis import HEED_SUPPLY, NOTHING, SUPPLY, Hypothesis, Placement, Unknown
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects.entrained_air import POLYTROPIC, bulk_ratio
 

@@ -15,8 +15,7 @@ from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.diagnosis import Diagnosis, Gap, RecordGap, Verdict, Where
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, subsystem
-from beamdesign.gap.fitting.unknowns import FREE
+from beamdesign.gap.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
 from beamdesign.gap.gains.next_gain import another_size, next_experiment
 from beamdesign.gap.gains.search import Figure, Progress, figures_of, log_posterior, search_few
 from beamdesign.gap.gains.shares import CommonFactor, GainShares, common_factor, gain_shares

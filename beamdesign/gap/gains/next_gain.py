@@ -11,7 +11,7 @@ from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.gap.diagnosis import NextExperiment
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
-from beamdesign.gap.fitting.response_evidence import ResponseEvidence
+from beamdesign.gap.fitting.linear_evidence import ResponseEvidence
 from beamdesign.gap.gains.search import Figure
 
 _LOAD_SHARE = 0.3  # of what the piston can hold at the supply

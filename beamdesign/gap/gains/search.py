@@ -9,7 +9,7 @@ from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.fitting.fit import ITERATIONS, Fit, fit
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, singles
-from beamdesign.gap.fitting.response_evidence import ResponseEvidence
+from beamdesign.gap.fitting.linear_evidence import ResponseEvidence
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.fitting.starts import starts
 from beamdesign.prototype import Prototype

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamdesign.gap.where.probe import SIGNALS
-from beamdesign.gap.where.residuals import Residual
+from beamdesign.gap.where.residuals import SIGNALS, Residual
 
 BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
 _MOST = 0.7  # of the misfit: what the band that is named holds

@@ -1,16 +1,141 @@
-"""Records against the tuned nominal model, and the local variables of its equations behind each."""
+"""Records against the tuned nominal model, and the local variables of its equations behind each.
 
-from collections.abc import Sequence
+The linear rig stands in its loop with an unknown signal let in at any port: a missing law is an unknown signal at the
+port where it should act.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from beamdesign.gap.fitting.evidence import RecordEvidence
+from beamdesign.gap.fitting.evidence import RecordEvidence, Replay, simulated_with_slopes, steps
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.hypothesis import NOTHING
-from beamdesign.gap.fitting.replay import simulated_with_slopes, steps
-from beamdesign.gap.where.probe import ENTRIES, SIGNALS, Probe, probe
+from beamdesign.gap.fitting.hypothesis import NOTHING, Placement
 from beamdesign.prototype import Prototype
+from beamdesign.rig.assembly import PORTS, Structure, assemble
+from beamdesign.rig.beams_rig import TWIN_BEAM
+from beamdesign.rig.equilibrium import equilibrium
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A way in for an unknown signal.
+
+    Attributes:
+        own: largest variable of the equation behind it, in the unit of what may be missing there.
+        ports: where the signal is added: port, and how often it is differentiated first.
+    """
+
+    own: str
+    ports: tuple[tuple[str, int], ...]
+
+
+ENTRIES = {
+    "amplifier": Entry("current_A", (("current_A", 0),)),
+    "spool": Entry("current_A", (("spool_A", 0),)),
+    "oil continuity": Entry("metered_m3_per_s", (("linear_a_m3_per_s", 0), ("linear_b_m3_per_s", 0))),
+    "piston force": Entry("cylinder_force_N", (("friction_N", 0),)),
+    "outer beam": Entry("outer_reaction_N", (("outer_reaction_N", 0),)),
+    "inner beam": Entry("inner_reaction_N", (("inner_reaction_N", 0),)),
+    "mount": Entry("outer_m", (("mount_m", 0), ("mount_m_per_s", 1))),
+    "joint": Entry("outer_m", (("rod_m_per_s", 1),)),
+    "sensor": Entry("sensor_V", (("sensor_V", 0),)),
+}
+"""Equations of the rig and where what they lack comes in."""
+
+_PROBED = tuple(dict.fromkeys(port for entry in ENTRIES.values() for port, _ in entry.ports))
+SIGNALS = (
+    *(name for name in PORTS if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))),
+    "load_pressure_Pa",
+    "displacement_m",
+    "inner_m",
+    "outer_m",
+)
+"""Local variables: signals of ports, and what is recorded of them."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Linear responses of one rig in its loop, on the grid of a record padded to twice its length.
+
+    Attributes:
+        count: samples of a record.
+        laplace: (F,) s on the imaginary axis.
+        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to `SIGNALS`.
+    """
+
+    count: int
+    laplace: np.ndarray = field(repr=False)
+    response: np.ndarray = field(repr=False)
+
+    def entry(self, name: str, signals: Sequence[str]) -> np.ndarray:
+        """(F, len(signals)) from an unknown signal at an entry."""
+        rows, s = [SIGNALS.index(k) for k in signals], self.laplace
+        total = np.zeros((len(s), len(rows)), dtype=complex)
+        for port, order in ENTRIES[name].ports:
+            total += self.response[:, rows, 2 + _PROBED.index(port)] * (s**order)[:, None]
+        return total
+
+    def driven(self, inputs: np.ndarray, signals: Sequence[str] = SIGNALS) -> np.ndarray:
+        """(F, len(signals)) spectra of signals under the inputs (N, 2) of a record."""
+        rows = [SIGNALS.index(k) for k in signals]
+        return np.einsum("fsi,fi->fs", self.response[:, rows, :2], self.spectrum(inputs))
+
+    def spectrum(self, signals: np.ndarray) -> np.ndarray:
+        """Spectra of (N, ...) signals padded with zeros to twice their length."""
+        return np.fft.rfft(signals, 2 * self.count, axis=0)
+
+    def signal(self, spectra: np.ndarray) -> np.ndarray:
+        """(N, ...) from spectra, the padding cut off."""
+        return np.fft.irfft(spectra, 2 * self.count, axis=0)[: self.count]
+
+
+def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
+    """Linearise the rig of a record at rest, with the unknowns at z.
+
+    Args:
+        job: the record.
+        placement: of a hypothesis without effects.
+        z: of its unknowns.
+
+    Raises:
+        ValueError: where the rig has no equilibrium, or the placement has effects.
+    """
+    if placement.assembly.kinds.effects:
+        raise ValueError("a probe is that of the linear rig")
+    placed, parameters = job.placed(placement), job.parameters(placement, z)
+    x = equilibrium(placed.assembly, np.zeros(3), parameters)
+    a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters))
+    count = len(job.record.times)
+    s = 2j * np.pi * np.fft.rfftfreq(2 * count, job.record.step)
+    inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
+    return Probe(count, s, np.asarray(c @ inner + d))
+
+
+@cache
+def _linear(kinds: Structure) -> ca.Function:
+    """States, inputs (disturbance, command, probed ports) and parameters to A, B, C, D."""
+    assembly = assemble(kinds)
+    x, p = ca.SX.sym("x", len(assembly.states)), ca.SX.sym("p", len(assembly.parameters))
+    u = ca.SX.sym("u", 2 + len(_PROBED))
+    state = dict(zip(assembly.states, ca.vertsplit(x), strict=True))
+    figure = dict(zip(assembly.parameters, ca.vertsplit(p), strict=True))
+    added = dict(zip(_PROBED, ca.vertsplit(u)[2:], strict=True))
+    port: dict[str, Any] = state | {"disturbance_N": u[0], "command_V": u[1]}
+    rig = TWIN_BEAM.with_law(kinds.controller)
+    for name, law in rig.ports.items():
+        port[name] = law(port, figure, state) + added.get(name, 0.0)
+    rate = rig.rates(port, figure, state)
+    seen: Mapping[str, Any] = port | rig.outputs(port, figure, state)
+    rates = ca.vertcat(*(rate[name] for name in assembly.states))
+    y = ca.vertcat(*(seen[name] for name in SIGNALS))
+    matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]
+    return ca.Function("linear", [x, u, p], matrices)
+
 
 _DOUBT = 0.3
 _LEAST_NOISE = 1e-6
