@@ -109,7 +109,7 @@ class Sought(Record):
 
     @property
     def sought(self) -> dict[str, Any]:
-        """What `beamdesign.design.schedule.tune_laws` is asked for, beside rig, payloads and kind."""
+        """What `beamdesign.design.tuning.tune` is asked for, beside rig, payloads and kind."""
         names = ("largest_inner_end_mass_kg", "sections", "stages")
         return {name: getattr(self, name) for name in names} | {"sensors": self.sensors}
 

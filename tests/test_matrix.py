@@ -241,12 +241,8 @@ def gap_redesign(kind: str) -> None:
     def compliant(*asked: object, **more: object) -> None:
         raise Begun({"end_stiffness_N_per_m": asked[1]})
 
-    def in_stages(*asked: object, **more: object) -> None:
-        raise Begun({"stages": asked[2]})
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tuning, "tune", tuned)
-        patch.setattr(redesigning, "tune_schedule", in_stages)
         patch.setattr(redesigning, "design", compliant)
         with pytest.raises(Begun) as caught:
             redesign(believed, PAYLOAD)

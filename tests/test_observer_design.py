@@ -21,7 +21,7 @@ from beamdesign.design.law_search import Effort, Search
 from beamdesign.design.loop_samples import samples, slacks
 from beamdesign.design.synthesis import GeneralisedPlant, StateSpace, hinf, least_norm, lqg
 from beamdesign.design.synthesis_weights import Weights, realised, residualised, scaled_plant, sensed_model, weighted
-from beamdesign.design.tuning import search_observer
+from beamdesign.design.weight_search import search_observer
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family
 from beamdesign.proof.certifying import certify

@@ -19,7 +19,7 @@ from beamdesign.design.loop_samples import Samples, samples, slacks
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread, rig_spread
 from beamdesign.design.robust_tuning import worst_of
-from beamdesign.design.tuning import Tuning, tune
+from beamdesign.design.tuning import Asked, Tuning, tune, tune_law
 from beamdesign.design.worst_samples import WorstSamples, worst_samples
 from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
@@ -242,7 +242,7 @@ def test_tolerances_that_are_missing_or_reach_zero_are_refused(rig: Prototype) -
 def test_a_stage_is_tuned_for_its_worst_rigs_and_is_stable_with_all_payloads_in_each(rig: Prototype) -> None:
     """By python-control's eigenvalues, of the rigs that are named and of all payloads."""
     spread, whole_kg = rig_spread(rig.but(controller=None), 4.0, SIGMAS), (0.0, 4.0)
-    found = tune(rig, MASSES_KG, spread=spread, stable_kg=whole_kg)
+    found = tune_law(rig, MASSES_KG, Asked(spread=spread, stable_kg=whole_kg), lambda share, text: None)
     assert found.best is not None
     assert found.worst
     built = rig_spread(found.prototype, 4.0, SIGMAS)

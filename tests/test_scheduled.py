@@ -16,11 +16,10 @@ from typer.testing import CliRunner
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
-from beamdesign.design import schedule
+from beamdesign.design import tuning
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import rig_spread
-from beamdesign.design.schedule import kept_apart, stage_ranges, tune_laws
-from beamdesign.design.tuning import Tuning
+from beamdesign.design.tuning import Asked, Tuning, kept_apart, stage_ranges, tune
 from beamdesign.gap.predict import Inputs, predict
 from beamdesign.loop import loop
 from beamdesign.members import paper_model, served
@@ -283,12 +282,12 @@ def test_every_shipped_stage_keeps_its_goal_and_is_stable_for_all_payloads(rig: 
 
 
 @pytest.fixture
-def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, object]]:
+def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[Asked]:
     """What every stage's tuning is asked for; its answer is the shipped law that is for most of its payloads."""
-    asked: list[dict[str, object]] = []
+    every: list[Asked] = []
 
-    def tuned(prototype: Prototype, masses: tuple[float, float], *more: object, **options: object) -> Tuning:
-        asked.append(options)
+    def tuned(prototype: Prototype, masses: tuple[float, float], asked: Asked, told: object) -> Tuning:
+        every.append(asked)
         law = min(schedule_of(rig).laws, key=lambda one: abs(sum(one[1]) - sum(masses)))[0]
         found = prototype.but(controller=law, payload=rig.payload.but(outer_end_mass_kg=masses))
         reached = certify(found, *masses).guaranteed
@@ -297,25 +296,25 @@ def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, obj
         best = Proved(law, inside, reached.bandwidth_Hz, reached.peak_sensitivity, np.zeros(0))
         return Tuning(found, masses, best, (best.bandwidth_Hz,), 1)
 
-    monkeypatch.setattr(schedule, "tune", tuned)
-    return asked
+    monkeypatch.setattr(tuning, "tune_law", tuned)
+    return every
 
 
 def test_stages_are_tuned_for_the_same_tolerances_and_their_changes_proved(
-    rig: Prototype, proved: Switching, given: list[dict[str, object]], monkeypatch: pytest.MonkeyPatch
+    rig: Prototype, proved: Switching, given: list[Asked], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bare = rig.but(controller=None, tolerance=rig.tolerance.but(flow_gain=0.05))
     spread = rig_spread(bare, 6.8, 1.0)
-    monkeypatch.setattr(schedule, "switching", lambda families, *masses, **more: proved)  # of the shipped stages
-    found = tune_laws(bare, (0.0, 6.8), "scheduled", spread=spread, stages=3)
-    assert all(one["stable_kg"] == (0.0, 6.8) and one["spread"] is spread for one in given)
+    monkeypatch.setattr(tuning, "switching", lambda families, *masses, **more: proved)  # of the shipped stages
+    found = tune(bare, (0.0, 6.8), "scheduled", spread=spread, stages=3)
+    assert all(one.stable_kg == (0.0, 6.8) and one.spread is spread for one in given)
     assert len(given) == len(found.laws) == 3  # one mass inside: nothing more is tried
     assert [stage.prototype.controller for stage in found.stages] == [law for law, _ in schedule_of(rig).laws]
     assert found.switching is not None
     assert found.switching.stages is proved.stages
 
 
-def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[dict[str, object]], tmp_path: Path) -> None:
+def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[Asked], tmp_path: Path) -> None:
     study = tomllib.loads((ROOT / "studies/prototype.toml").read_text(encoding="utf-8"))
     study["controller"] = {"kind": "scheduled", "stages": 2}
     study["payload"]["outer_end_mass_kg"] = [0.0, 3.0]

@@ -95,7 +95,6 @@ def tune(
     """
     from beamdesign.design import tuning
     from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.design.schedule import tune_laws
     from beamdesign.proof.between import between, in_words
     from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
     from beamdesign.proof.stage_tables import stages_certificate
@@ -126,7 +125,7 @@ def tune(
         return _compliant(record, controller, end_stiffness_N_per_m, masses, spread, out)
     with progress("tuning") as update:
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
-        found = tune_laws(*asked)
+        found = tuning.tune(*asked)
     if found.reason:
         say(found.reason)
         nothing = dict.fromkeys(("controller", "inner_end_mass_kg", "guaranteed"))
@@ -134,7 +133,7 @@ def tune(
     guaranteed, each = certified_laws(found)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
     answers = []
-    for stage, law, (certificate, _) in zip(found.stages, found.laws, each, strict=True):
+    for stage, law, (certificate, _) in zip(found.stages, found.each, each, strict=True):
         end = stage.suffix.replace(".", "_")
         texts[f"certificate{end}"] = (f"certificate{stage.suffix}.toml", certificate.text)
         answers.append((_of_law(stage, law, certificate), True))
@@ -154,7 +153,7 @@ def tune(
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
-    elif len(found.laws) > 1:
+    elif found.laws:
         say("  changes between the laws are not covered by any proof: the prototype has effects")
     paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
     for name, path in paths.items():

@@ -110,6 +110,11 @@ class Scheduled(Controller):
         """Itself."""
         return self
 
+    @property
+    def sought(self) -> dict[str, Any]:
+        """As many laws, and the same estimator."""
+        return {"kind": self.kind, "stages": len(self.stage), "estimator": self.estimator}
+
     def lacks(self, need: Need) -> str:
         """That it is no law by itself."""
         return f"holds {len(self.stage)} laws, each for a part of the payloads; give one of them"

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from beamdesign.design.refinement import Proved
-from beamdesign.design.schedule import LawsTuning, tune_laws
 from beamdesign.design.sizing import Sizing, size
-from beamdesign.design.tuning import Tuning, limited
+from beamdesign.design.tuning import Tuning, limited, tune
 from beamdesign.problem import DesignProblem
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
@@ -70,7 +69,7 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     masses = problem.payload.outer_end_mass_kg
     assert masses is not None  # a DesignProblem is validated to have the range
     sought = problem.controller
-    tuned = tune_laws(
+    tuned = tune(
         rig.but(goal=limited(rig.goal, sought.kind)),
         masses,
         sought.kind,
@@ -78,12 +77,12 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
         **sought.sought,
     )
     if tuned.reason:
-        return DesignRun(problem, sizing, tuned.laws[0] if tuned.laws else None, None, None, tuned.reason)
+        return DesignRun(problem, sizing, tuned, None, None, tuned.reason)
     told(0.9, "writing the proof")
     prototype, each = certified_laws(tuned)
     laws = tuple(
         DesignRun(problem, sizing, law, certificate, rig, suffix=stage.suffix)
-        for stage, law, (certificate, rig) in zip(tuned.stages, tuned.laws, each, strict=True)
+        for stage, law, (certificate, rig) in zip(tuned.stages, tuned.each, each, strict=True)
     )
     changes = tuned.switching
     if changes is None:
@@ -95,7 +94,7 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
     return replace(whole, prototype=None if reason else prototype, reason=reason, laws=laws, changes=proof)
 
 
-def certified_laws(found: LawsTuning) -> tuple[Prototype, tuple[tuple[Certificate, Prototype], ...]]:
+def certified_laws(found: Tuning) -> tuple[Prototype, tuple[tuple[Certificate, Prototype], ...]]:
     """What was tuned, and each of its laws, proved once more: `certified` over the payloads that it is for.
 
     The certificate of a law goes by the name `CERTIFICATE_NAME`, with the suffix of its stage. The prototype states the
@@ -104,10 +103,10 @@ def certified_laws(found: LawsTuning) -> tuple[Prototype, tuple[tuple[Certificat
     stem, end = CERTIFICATE_NAME.split(".")
     each = [
         certified(stage.prototype, law.best, stage.outer_end_mass_kg, f"{stem}{stage.suffix}.{end}")
-        for stage, law in zip(found.stages, found.laws, strict=True)
+        for stage, law in zip(found.stages, found.each, strict=True)
         if law.best is not None
     ]
-    return each[0][1] if len(found.laws) == 1 else found.prototype, tuple(each)
+    return found.prototype if found.laws else each[0][1], tuple(each)
 
 
 def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-from beamdesign.controllers import Scheduled
-from beamdesign.design.schedule import tune_schedule
 from beamdesign.design.stiffness_search import design
 from beamdesign.design.tuning import Progress, tune_alike
 from beamdesign.polynomial import exact
@@ -11,7 +9,7 @@ from beamdesign.proof.certificate import Certificate
 from beamdesign.proof.contact import Wall
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.study.design_run import certified, certified_laws
+from beamdesign.study.design_run import certified_laws
 from beamdesign.study.stiffness_run import carried_out
 
 
@@ -48,31 +46,15 @@ def redesign(
     try:
         if diagnosed.compliance is not None:
             return _of_stiffness(diagnosed, diagnosed.compliance.end_stiffness_N_per_m, outer_end_mass_kg, progress)
-        if diagnosed.schedule is not None:
-            return _of_stages(diagnosed, diagnosed.schedule, outer_end_mass_kg, progress)
         found = tune_alike(diagnosed, outer_end_mass_kg, progress)
-        if found.best is None:
-            return Redesign(outer_end_mass_kg, reason=found.reason)
-        proof = certified(found.prototype, found.best, outer_end_mass_kg)
-    except InputError as error:  # an effect for which no linear loop stands
+    except InputError as error:  # an effect for which no linear loop stands, or so many stages do not fit
         return Redesign(outer_end_mass_kg, reason=str(error).replace("\n", "; "))
-    return Redesign(outer_end_mass_kg, proof[1], (proof,))
-
-
-def _of_stages(
-    diagnosed: Prototype, schedule: Scheduled, masses_kg: tuple[float, float], progress: Progress | None
-) -> Redesign:
-    try:
-        found = tune_schedule(
-            diagnosed, masses_kg, len(schedule.stage), estimator=schedule.estimator, progress=progress
-        )
-    except ValueError as error:  # so many stages do not fit
-        return Redesign(masses_kg, reason=str(error))
-    new = found.prototype.schedule
-    if found.reason or new is None:
-        return Redesign(masses_kg, reason=found.reason)
-    rig = found.prototype.but(controller=schedule.but(stage=new.stage, dwell_s=new.dwell_s))
-    return Redesign(masses_kg, *certified_laws(replace(found, prototype=rig)))
+    if found.reason:
+        return Redesign(outer_end_mass_kg, reason=found.reason)
+    if (old := diagnosed.schedule) is not None and (new := found.prototype.schedule) is not None:
+        kept = old.but(stage=new.stage, dwell_s=new.dwell_s)
+        found = replace(found, prototype=found.prototype.but(controller=kept))
+    return Redesign(outer_end_mass_kg, *certified_laws(found))
 
 
 _WALL = Wall((exact(0.0), exact(1e9)), (exact(0.0), exact(0.0)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.design.law_search import Search
 from beamdesign.design.refinement import Proved
-from beamdesign.design.tuning import ADDED_SENSORS_EFFORT, EFFORT, search_observer
+from beamdesign.design.weight_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer
 from beamdesign.members import family
 from beamdesign.proof.certificate import Asked, goal_claims
 from beamdesign.proof.certifying import certify

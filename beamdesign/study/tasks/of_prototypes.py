@@ -20,6 +20,7 @@ from beamdesign.study.tasks import (
 
 if TYPE_CHECKING:
     from beamdesign.arm.result import ArmResult
+    from beamdesign.design.tuning import Tuning
     from beamdesign.proof.certificate import Certificate
 
 
@@ -28,20 +29,22 @@ def tune(prototype: Prototype, options: TuneOptions) -> Answer:
 
     Of several laws the one of the least bandwidth, with those of each in the details.
     """
-    from beamdesign.design.schedule import tune_laws
-    from beamdesign.design.tuning import limited
+    from beamdesign.design import tuning
 
-    kind, rig = options.controller, prototype.but(goal=limited(prototype.goal, options.controller))
-    found = tune_laws(rig, payload_range(prototype), kind, **options.sought)
-    details = [{"starts_Hz": list(law.starts), "certificates": law.certificates} for law in found.laws]
+    kind, rig = options.controller, prototype.but(goal=tuning.limited(prototype.goal, options.controller))
+    found = tuning.tune(rig, payload_range(prototype), kind, **options.sought)
     if found.reason:
-        return Answer({}, details[0] if details else {}, found.reason)
+        return Answer({}, _effort(found), found.reason)
     answers = {}
-    for stage, law, told in zip(found.stages, found.laws, details, strict=True):
+    for stage, law in zip(found.stages, found.each, strict=True):
         assert law.best is not None
-        controller = law.best.controller.model_dump(mode="json")
-        answers[stage.prototype.name] = Answer(proved_outputs(law.best), told | {"controller": controller})
+        details = _effort(law) | {"controller": law.best.controller.model_dump(mode="json")}
+        answers[stage.prototype.name] = Answer(proved_outputs(law.best), details)
     return of_all(answers)
+
+
+def _effort(found: "Tuning") -> dict[str, Any]:
+    return {"starts_Hz": list(found.starts), "certificates": found.certificates}
 
 
 def certify(prototype: Prototype, options: CertifyOptions) -> Answer:
