@@ -6,7 +6,6 @@ moves, so it adds nothing to compliance or to effective mass. The closed forms w
 symbols.
 """
 
-from collections.abc import Callable
 from math import pi
 from typing import Literal
 
@@ -61,26 +60,6 @@ def effective_mass(
     """
     fraction = MODE_MASS_FRACTION if shape == "mode" else STATIC_MASS_FRACTION
     return end_mass + fraction * mass_per_length * free_length
-
-
-def effective_mass_of_shape(
-    mass_per_length: float, free_length: float, end_mass: float, shape: Callable[[float], float]
-) -> float:
-    """Effective mass by equation (1) itself, for any deflected shape, by quadrature.
-
-    Args:
-        mass_per_length: m, kg/m.
-        free_length: L, m.
-        end_mass: M_end, kg.
-        shape: Y at x / L in 0..1, in any unit; its value at 1 is Y_end.
-
-    Returns:
-        Integral of m Y(x) / Y_end over the length, plus M_end, kg.
-    """
-    from scipy.integrate import quad
-
-    mean = quad(shape, 0.0, 1.0)[0] / shape(1.0)
-    return end_mass + mass_per_length * free_length * float(mean)
 
 
 def first_frequency(

@@ -59,13 +59,8 @@ def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
         and record.free_length_m is not None
         and record.material
     ):
-        alloy = material(record.material)
-        rigidity = alloy.youngs_modulus_Pa * section.second_moment(
-            record.width_m, record.wall_m, record.corner_radius_m
-        )
-        per_length = alloy.density_kg_per_m3 * section.area(record.width_m, record.wall_m, record.corner_radius_m)
-        computed_stiffness = float(beam.tip_stiffness(rigidity, record.free_length_m))
-        computed_mass = float(beam.effective_mass(per_length, record.free_length_m, record.end_mass_kg))
+        tube = (record.width_m, record.wall_m, record.corner_radius_m, record.free_length_m, record.end_mass_kg)
+        computed_stiffness, computed_mass = map(float, beam_figures(material(record.material), *tube))
         if stiffness is not None:
             notes.append(
                 f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"

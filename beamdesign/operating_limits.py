@@ -24,6 +24,7 @@ from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 from beamdesign.rig.effects import library
+from beamdesign.section import clearance
 
 _STATIC_HZ = 1e-4
 _PHASES = 720
@@ -179,10 +180,10 @@ def envelope(
         missing["stroke"] = "actuator.stroke_m"
     else:
         limits["stroke"] = _left(stroke / 2, held["stroke"], asked.stroke)
-    if (clearance := _clearance(prototype)) is None:
+    if (play := _clearance(prototype)) is None:
         missing["clearance"] = "width_m and wall_m of both beams"
     else:
-        limits["clearance"] = _left(clearance, held["stroke"], asked.stroke)
+        limits["clearance"] = _left(play, held["stroke"], asked.stroke)
     if (flow := prototype.supply.flow_m3_per_s) is None:
         missing["supply flow"] = "supply.flow_m3_per_s"
     else:
@@ -237,4 +238,4 @@ def _clearance(prototype: Prototype) -> float | None:
     outer, inner = prototype.outer_beam, prototype.inner_beam
     if outer.width_m is None or outer.wall_m is None or inner.width_m is None:
         return None
-    return (outer.width_m - 2 * outer.wall_m - inner.width_m) / 2
+    return float(clearance(outer.width_m, outer.wall_m, inner.width_m))

@@ -22,6 +22,7 @@ from beamdesign.prototype import (
     beams_that_do_not_fit,
 )
 from beamdesign.records import Problem, Record, numbers
+from beamdesign.section import SquareTube
 
 
 class Load(Record):
@@ -167,35 +168,30 @@ class DesignProblem(Record):
         if isinstance(payload, Mapping) and payload.get("outer_end_mass_kg") is None:
             yield Problem("payload.outer_end_mass_kg", "missing: the range [least, most] of mass on the outer tip")
 
+    @property
+    def given(self) -> tuple[SquareTube, SquareTube] | None:
+        """The sections of the outer and the inner beam, m; None unless both are given."""
+        sizes = [(beam.width_m, beam.wall_m) for beam in (self.outer_beam, self.inner_beam)]
+        outer, inner = (None if width is None or wall is None else SquareTube(width, wall) for width, wall in sizes)
+        return None if outer is None or inner is None else (outer, inner)
+
     def prototype(self, outer: tuple[float, float], inner: tuple[float, float]) -> Prototype:
         """The prototype with the given sections, (width, wall) in m each, and no controller yet.
 
         Its largest force is the load that it is designed for, where the payload states no other.
         """
         force = self.load.tip_force_N if self.payload.largest_force_N is None else self.payload.largest_force_N
-
-        def beam(asked: BeamProblem, section: tuple[float, float]) -> Beam:
-            return Beam(
-                width_m=section[0],
-                wall_m=section[1],
-                length_m=asked.length_m,
-                free_length_m=asked.free_length_m,
-                material=asked.material,
-                end_mass_kg=asked.end_mass_kg,
-                damping_ratio=asked.damping_ratio,
-            )
-
+        same = ("name", "actuator", "servovalve", "sensor", "goal", "tolerance")
         return Prototype(
-            name=self.name,
-            outer_beam=beam(self.outer_beam, outer),
-            inner_beam=beam(self.inner_beam, inner),
-            actuator=self.actuator,
-            servovalve=self.servovalve,
-            sensor=self.sensor,
+            **{name: getattr(self, name) for name in same},
+            outer_beam=_with_section(self.outer_beam, outer),
+            inner_beam=_with_section(self.inner_beam, inner),
             payload=self.payload.but(largest_force_N=force),
-            goal=self.goal,
-            tolerance=self.tolerance,
         )
+
+
+def _with_section(asked: BeamProblem, section: tuple[float, float]) -> Beam:
+    return Beam.model_validate(asked.model_dump() | {"width_m": section[0], "wall_m": section[1]})
 
 
 def read_problem(path: str | Path) -> DesignProblem:

@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.design.end_stiffness import SHARE, EndStiffness, closed_loop
-from beamdesign.loop import loop
+from beamdesign.design.compliant_law import controller_of
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, sensed
+from beamdesign.loop import close_loop, loop
 from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype
 from beamdesign.report.quantity import quantity
@@ -40,7 +41,8 @@ def _curves(axes: Axes, prototype: Prototype, found: Sequence[EndStiffness]) -> 
     for one in found:
         if one.law is None:  # judged as it is: the servo
             continue
-        curve = np.abs(tip(closed_loop(prototype, one.law)).stiffness_response(FREQUENCIES_HZ))
+        closed = close_loop(sensed(prototype), controller_of(prototype, one.law))
+        curve = np.abs(tip(closed).stiffness_response(FREQUENCIES_HZ))
         axes.loglog(FREQUENCIES_HZ, curve, color="black", linewidth=1.0)
         end = np.interp(one.band_Hz, FREQUENCIES_HZ, curve)
         axes.plot(one.band_Hz, end, marker="o", color="black", markerfacecolor=_fill(one), markersize=5)

@@ -21,7 +21,7 @@ from beamdesign.checker import Unreadable, check, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
-from beamdesign.design.end_stiffness import judge_as_it_is
+from beamdesign.design.end_stiffness import judge
 from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
@@ -142,7 +142,7 @@ def _plane(name: Literal["y", "z"], sideways_m: float) -> Honest:
 def _port() -> Honest:
     """Against walls of up to 1 GN/m."""
     rig, masses, wall = _tame(), (0.0, 6.8), Wall((fmpq(0), fmpq(10**9)))
-    return Honest(contact_text(rig, judge_as_it_is(rig, masses, wall), masses, wall), rig, 6.8)
+    return Honest(contact_text(rig, judge(rig, None, masses, wall), masses, wall), rig, 6.8)
 
 
 def _box(gain_A_per_V: float, sigmas: float) -> Honest:

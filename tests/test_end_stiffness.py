@@ -28,16 +28,15 @@ from beamdesign.design.compliant_law import (
 )
 from beamdesign.design.end_stiffness import (
     EndStiffness,
-    closed_loop,
     judge,
-    judge_as_it_is,
     over_compliance,
+    sensed,
     softest_N_per_m,
     stable_compliances,
 )
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.stiffness_search import SEED_OF_RIGS, design
-from beamdesign.loop import loop
+from beamdesign.loop import close_loop, loop
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proof.bouncing import popov_slack
@@ -48,8 +47,7 @@ from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulate import SimulatedRecord, simulate
-from beamdesign.study.drawn_stiffness import drawn_rigs
-from beamdesign.study.stiffness_run import carried_out, contact_text
+from beamdesign.study.stiffness_run import carried_out, contact_text, drawn_rigs
 from beamdesign.tip import Tip, tip
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
@@ -82,7 +80,7 @@ def judged(rig: Prototype, brisk: CompliantLaw) -> dict[str, EndStiffness]:
 
 
 def port_of(rig: Prototype, law: CompliantLaw) -> Tip:
-    return tip(closed_loop(rig, law))
+    return tip(close_loop(sensed(rig), controller_of(rig, law)))
 
 
 def apparent(rig: Prototype, law: CompliantLaw, mass: float, frequency_Hz: np.ndarray) -> np.ndarray:
@@ -407,7 +405,7 @@ MUTATIONS = (
 
 def test_truth_of_contact(rig: Prototype) -> None:
     """What is honest is not false, and true with room to spare; what is false in floats is never valid."""
-    text = contact_text(rig, judge_as_it_is(rig, MASSES_KG, WALL), MASSES_KG, WALL)
+    text = contact_text(rig, judge(rig, None, MASSES_KG, WALL), MASSES_KG, WALL)
     honest = tomllib.loads(text)
     assert true(honest) is not False
     roomy = deepcopy(honest)
@@ -524,7 +522,7 @@ def test_a_wall_ahead_is_a_spring_on_one_side(rig: Prototype) -> None:
 def test_the_structured_servo_comes_to_rest_at_the_walls_that_are_proved_and_not_at_stiffer_ones() -> None:
     """Proved to 0.26 MN/m, leaning as well as striking; at 1 MN/m, which refutes it, the simulated tip runs away."""
     rig = read_prototype(PROTOTYPES / "structured.toml")
-    found = judge_as_it_is(rig, MASSES_KG, WALL)
+    found = judge(rig, None, MASSES_KG, WALL)
     assert 2e5 < found.bouncing.stiffness_N_per_m <= found.stiffest_wall_N_per_m < 1e6
     nudge, strike = Step(amplitude_N=20.0, at_s=0.05, length_s=0.02), Step(amplitude_N=150.0, at_s=0.05, length_s=0.5)
     given = Scenario(

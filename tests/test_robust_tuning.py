@@ -25,7 +25,7 @@ from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.study.robust_proof import claims_of, draw_rigs, least_share
+from beamdesign.study.design_run import claims_of, draw_rigs, least_share
 
 LAW = Lag(gain_A_per_V=0.12, pole_Hz=1.2, zero_Hz=30.0)
 FORM, _logarithms = LAW.form()

@@ -122,9 +122,8 @@ def give_stiffness(
     from beamdesign.proof.contact import Wall
     from beamdesign.records import to_toml
     from beamdesign.report.quantity import mass_range_text, quantity
-    from beamdesign.study.drawn_stiffness import drawn_rigs
-    from beamdesign.study.drawn_stiffness import in_words as drawn_in_words
-    from beamdesign.study.stiffness_run import CERTIFICATE_NAME, CONTACT_NAME, carried_out, in_words
+    from beamdesign.study.design_run import CERTIFICATE_NAME
+    from beamdesign.study.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
 
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall = Wall(stiffest, damping)
@@ -182,7 +181,7 @@ def _judged(
     out: Path | None,
 ) -> tuple[dict[str, Any], bool]:
     """Say what the end of a prototype is like with one law of its own; what is known, and whether that is as asked."""
-    from beamdesign.design.end_stiffness import judge_as_it_is
+    from beamdesign.design.end_stiffness import judge
     from beamdesign.polynomial import exact
     from beamdesign.proof.contact import Wall
     from beamdesign.records import InputError
@@ -192,7 +191,7 @@ def _judged(
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall, (record, masses, _) = Wall(stiffest, damping), stage
     try:
-        found = judge_as_it_is(record, masses, wall)
+        found = judge(record, None, masses, wall)
     except ValueError as error:
         raise InputError(source, [("controller", str(error))]) from error
     rows = [*_kept(found), ("for every outer end mass", mass_range_text(masses))]

@@ -260,7 +260,7 @@ def told_of_rigs(
     """
     from beamdesign.design.rig_spread import rig_spread
     from beamdesign.design.robust_tuning import rigs_of
-    from beamdesign.study.robust_proof import CONFIDENCE, draw_rigs, prove_rigs
+    from beamdesign.study.design_run import CONFIDENCE, draw_rigs, prove_rigs
 
     best, masses, end = law.best, stage.outer_end_mass_kg, stage.suffix
     assert best is not None

@@ -123,13 +123,23 @@ def _members(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> tu
         return None
 
 
+def sizing_parts(problem: DesignProblem) -> Callable[[ca.MX], tuple[ca.MX, ca.MX]]:
+    """Section variables to the constraints of sizing, none of which may be positive, and the beams' mass (kg)."""
+    sizing = sizing_program(problem)
+    parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
+
+    def at(sections: ca.MX) -> tuple[ca.MX, ca.MX]:
+        constraints, mass = parts(sections, sizing.figures)
+        return constraints, mass
+
+    return at
+
+
 def codesign_program(
     problem: DesignProblem, form: Form, masses_kg: tuple[float, float], bandwidth_Hz: float
 ) -> LoopProgram:
     """Least moving mass at a given bandwidth."""
-    sizing = sizing_program(problem)
-    parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
-    count = form.size
+    parts, count = sizing_parts(problem), form.size
     largest_inner = problem.controller.largest_inner_end_mass_kg
     aimed = log(bandwidth_Hz * (1 + 1e-5))
     widest, thinnest = problem.sections.largest_width_m, problem.sections.least_wall_m
@@ -149,9 +159,9 @@ def codesign_program(
         outer_end_mass_kg=masses_kg,
         figures=_symbolic_figures(problem),
         filtered=problem.sensor.filter_Hz is not None,
-        structure=lambda variables: -parts(variables[count + 2 :], sizing.figures)[0] - ROUNDED_SLACK,
+        structure=lambda variables: -parts(variables[count + 2 :])[0] - ROUNDED_SLACK,
         objective=lambda variables: (
-            parts(variables[count + 2 :], sizing.figures)[1]
+            parts(variables[count + 2 :])[1]
             + variables[count]
             + _MASS_PER_MISSING_BANDWIDTH * (aimed - variables[count + 1])
         ),

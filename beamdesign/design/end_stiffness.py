@@ -6,7 +6,7 @@ from typing import Literal
 
 from flint import fmpq
 
-from beamdesign.controllers import Cascade, Controller
+from beamdesign.controllers import Cascade
 from beamdesign.design.compliant_law import (
     SENSORS,
     CompliantLaw,
@@ -15,18 +15,18 @@ from beamdesign.design.compliant_law import (
     servo_stiffness,
 )
 from beamdesign.linear import Plant
-from beamdesign.loop import Loop, close_loop
+from beamdesign.loop import close_loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.bouncing import Bouncing, bouncing
 from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
-from beamdesign.proof.passivity import Environment, Passivity, passivity, troublemaker
+from beamdesign.proof.passivity import Environment, Passivity, active_bands, passivity, troublemaker
 from beamdesign.proof.performance import least_of
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
 from beamdesign.prototype import Prototype
-from beamdesign.tip import tip
+from beamdesign.tip import Tip, tip
 
 Need = Literal["passive", "wall", "stable"]
 NEEDS: tuple[Need, ...] = ("passive", "wall", "stable")
@@ -89,41 +89,32 @@ def sensed(prototype: Prototype) -> Plant:
     return paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, SENSORS)
 
 
-def closed_loop(prototype: Prototype, law: CompliantLaw, plant: Plant | None = None) -> Loop:
-    """The loop that a law closes; the plant may be given where many laws are tried on one.
+def in_contact(port: Tip, masses: tuple[fmpq, fmpq], wall: Wall, need: Need) -> bool:
+    """Whether contact is proved to be as asked of the tip of a closed loop with every end mass (kg)."""
+    if not is_stable_over(port.over_mass, *masses):
+        return False
+    if need == "passive":
+        return not active_bands(port)
+    return need != "wall" or prove_contact(port, masses, wall).holds
+
+
+def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
+    """Prove what can be said of the end of a prototype over a range of outer end masses (kg), against a range of walls.
+
+    Args:
+        prototype: the rig.
+        law: whose controller it has; None for the prototype's own as it is, whatever that is.
+        masses_kg: range of mass on the outer tip.
+        wall: range of walls.
 
     Raises:
-        ValueError: where the servo alone is not as stiff as the end is to be.
+        ValueError: where the servo alone is not as stiff as the end is to be; without a controller, or where the servo
+            integrates, so that no force moves the end at rest.
         InputError: for a prototype with effects.
     """
-    return close_loop(sensed(prototype) if plant is None else plant, controller_of(prototype, law))
-
-
-def judge(prototype: Prototype, law: CompliantLaw, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
-    """Prove what can be said of a law over a range of outer end masses (kg), against a range of walls.
-
-    Raises:
-        ValueError: where the servo alone is not as stiff as the end is to be.
-        InputError: for a prototype with effects.
-    """
-    return _judged(prototype, controller_of(prototype, law), masses_kg, wall, law)
-
-
-def judge_as_it_is(prototype: Prototype, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
-    """Prove what can be said of the end of a prototype with its own controller, whatever that is.
-
-    Raises:
-        ValueError: without a controller, or where the servo integrates, so that no force moves its end at rest.
-        InputError: for a prototype with effects.
-    """
-    if prototype.controller is None:
+    controller = prototype.controller if law is None else controller_of(prototype, law)
+    if controller is None:
         raise ValueError("the prototype has no [controller]")
-    return _judged(prototype, prototype.controller, masses_kg, wall, None)
-
-
-def _judged(
-    prototype: Prototype, controller: Controller, masses_kg: tuple[float, float], wall: Wall, law: CompliantLaw | None
-) -> EndStiffness:
     heard = controller.sensed_law().sensors
     plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, heard)
     closed = close_loop(plant, controller)

@@ -21,9 +21,10 @@ from beamdesign.design.codesign import (
     codesign_program,
     rounded_tubes,
     section_mass,
+    sizing_parts,
     structural_flaw,
 )
-from beamdesign.design.program import sizing_program, start_variables
+from beamdesign.design.program import start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ
@@ -109,8 +110,7 @@ def _program(
     base = _given(problem)
     bare_mass = section_mass(problem, base)
     lightest = codesign_program(problem, form, masses_kg, bandwidth_Hz=500.0)
-    sizing = sizing_program(problem)
-    parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
+    parts = sizing_parts(problem)
     lower, upper = lightest.lower.copy(), lightest.upper.copy()
     if not freedom.breaks:
         lower[1:count] = upper[1:count] = np.log(PAPER_BREAKS_HZ)
@@ -121,7 +121,7 @@ def _program(
         lower[count + 2 :] = upper[count + 2 :] = base
 
     def structure(variables: ca.MX) -> ca.MX:
-        constraints, mass = parts(variables[count + 2 :], sizing.figures)
+        constraints, mass = parts(variables[count + 2 :])
         budget = bare_mass + added_mass_kg - mass - variables[count]
         return ca.vertcat(-constraints - ROUNDED_SLACK, budget - _ROUNDED_MASS_KG) if freedom.sections else ca.MX(0, 1)
 
@@ -147,10 +147,9 @@ def _program(
 
 def _given(problem: DesignProblem) -> np.ndarray:
     """Section variables of the problem's given sections, (8,)."""
-    outer, inner = problem.outer_beam, problem.inner_beam
-    if outer.width_m is None or outer.wall_m is None or inner.width_m is None or inner.wall_m is None:
+    if problem.given is None:
         raise ValueError("the remedies start from given sections: width_m and wall_m of both beams")
-    return start_variables(problem, np.array([outer.width_m, outer.wall_m, inner.width_m, inner.wall_m]))
+    return start_variables(problem, np.ravel(problem.given))
 
 
 def _best(program: LoopProgram, problem: DesignProblem, near: Sequence[Proved]) -> Proved | str:

@@ -95,7 +95,7 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
         InputError: where a material is unknown.
     """
     tell = progress or (lambda share, text: None)
-    given = _given(problem)
+    given = None if problem.given is None else check_sections(problem, *problem.given)
     tell(0.0, "stock sizes")
     stock = stock_optimum(problem)
     tell(0.1, "free sizes")
@@ -129,13 +129,6 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
             reason = "a pair that passes every check, but no least mass was found"
     tell(1.0, "done")
     return Sizing(choose, chosen.feasible, reason, chosen, governing, free, stock, given, price, relaxations)
-
-
-def _given(problem: DesignProblem) -> CheckedPair | None:
-    outer, inner = problem.outer_beam, problem.inner_beam
-    if outer.width_m is None or outer.wall_m is None or inner.width_m is None or inner.wall_m is None:
-        return None
-    return check_sections(problem, SquareTube(outer.width_m, outer.wall_m), SquareTube(inner.width_m, inner.wall_m))
 
 
 def _by(governing: str) -> str:
@@ -231,12 +224,6 @@ def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "pro
         InputError: naming every key of geometry that is missing.
     """
     problem = problem_of(prototype, tip_force_N, source)
-    outer, inner = problem.outer_beam, problem.inner_beam
-    if outer.width_m is None or outer.wall_m is None or inner.width_m is None or inner.wall_m is None:
-        raise ValueError("a fixed problem without sections")  # problem_of has refused such a prototype
-    return check_sections(
-        problem,
-        SquareTube(outer.width_m, outer.wall_m),
-        SquareTube(inner.width_m, inner.wall_m),
-        (prototype.outer_beam.corner_radius_m, prototype.inner_beam.corner_radius_m),
-    )
+    assert problem.given is not None  # problem_of has refused such a prototype
+    radii = (prototype.outer_beam.corner_radius_m, prototype.inner_beam.corner_radius_m)
+    return check_sections(problem, *problem.given, radii)

@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdesign.controllers import Cascade, Lag, Observer
 from beamdesign.design.compliant_law import CompliantLaw, controller_of, least_gain, servo_stiffness
-from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, judge, sensed
+from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, in_contact, judge, sensed
 from beamdesign.design.rig_spread import RigSpread, rig_spread
 from beamdesign.design.tuning import Progress
 from beamdesign.linear import Plant
@@ -19,11 +19,9 @@ from beamdesign.loop import Loop, close_loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, goal_claims
-from beamdesign.proof.contact import Wall, prove_contact
-from beamdesign.proof.passivity import active_bands
+from beamdesign.proof.contact import Wall
 from beamdesign.proof.performance import prove
 from beamdesign.proof.rectangle import Rectangle
-from beamdesign.proof.stability import is_stable_over
 from beamdesign.prototype import Prototype
 from beamdesign.tip import tip
 
@@ -230,12 +228,7 @@ class _Search:
         return self._in_contact(closed) and all(prove(Rectangle(closed, *self.masses), one).holds for one in asked)
 
     def _in_contact(self, closed: Loop) -> bool:
-        port = tip(closed)
-        if not is_stable_over(port.over_mass, *self.masses):
-            return False
-        if self.need == "passive":
-            return not active_bands(port)
-        return self.need != "wall" or prove_contact(port, self.masses, self.wall).holds
+        return in_contact(tip(closed), self.masses, self.wall, self.need)
 
     def _on_others(self, controller: Observer) -> bool:
         """The same on the drawn rigs; one that refuses is asked first the next time."""

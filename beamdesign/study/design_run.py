@@ -1,11 +1,15 @@
-"""One design problem from a study file to a certified prototype."""
+"""One design problem from a study file to a certified prototype; what a robust design keeps.
+
+Of a robust design the worst rigs have a certificate each, and rigs drawn at random are decided one by one.
+"""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from beamdesign.design.refinement import Proved
+from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.sizing import Sizing, size
 from beamdesign.design.tuning import Tuning, limited, tune
 from beamdesign.problem import DesignProblem
@@ -130,11 +134,88 @@ def certified(
         name: file name under which the certificate will stand beside the prototype.
     """
     certificate = certify(prototype, *masses_kg, claims_of(prototype, proved))
+    return certificate, stating(prototype, certificate, masses_kg, proved.bandwidth_Hz, proved.peak_sensitivity, name)
+
+
+def stating(
+    prototype: Prototype,
+    certificate: Certificate,
+    masses_kg: tuple[float, float],
+    bandwidth_Hz: float,
+    peak_sensitivity: float,
+    name: str | Path = CERTIFICATE_NAME,
+) -> Prototype:
+    """A prototype that states what a certificate, which will stand beside it under a name, guarantees of it."""
     guarantee = Guarantee(
-        bandwidth_Hz=proved.bandwidth_Hz,
-        peak_sensitivity=proved.peak_sensitivity,
+        bandwidth_Hz=bandwidth_Hz,
+        peak_sensitivity=peak_sensitivity,
         outer_end_mass_kg=masses_kg,
         certificate=str(name),
         certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
     )
-    return certificate, prototype.but(guarantee=guarantee)
+    return prototype.but(guarantee=guarantee)
+
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How many of the rigs drawn at random keep what is claimed.
+
+    Attributes:
+        count: how many were drawn.
+        kept: how many keep every limit.
+        bandwidth_kept: how many are stable and keep the compliance up to the bandwidth, whatever else they miss.
+        missed: what each of the others misses, in words.
+    """
+
+    count: int
+    kept: int
+    bandwidth_kept: int
+    missed: tuple[str, ...]
+
+    @property
+    def least_share(self) -> float:
+        """Least share of all rigs that keep the bandwidth, by Clopper and Pearson (1934), one-sided."""
+        return least_share(self.bandwidth_kept, self.count)
+
+
+def least_share(kept: int, count: int) -> float:
+    """Lower end of the one-sided confidence interval of a share, of Clopper and Pearson (Biometrika 26, 1934)."""
+    from scipy.stats import binomtest
+
+    return float(binomtest(kept, count, alternative="greater").proportion_ci(CONFIDENCE, "exact").low)
+
+
+def prove_rigs(rigs: Sequence[Prototype], proved: Proved, masses_kg: tuple[float, float]) -> list[Certificate]:
+    """Certify every rig with what is claimed of the nominal one."""
+    return [certify(rig, *masses_kg, claims_of(rig, proved)) for rig in rigs]
+
+
+def draw_rigs(
+    spread: RigSpread,
+    proved: Proved,
+    masses_kg: tuple[float, float],
+    count: int,
+    seed: int = 1,
+    inside: bool = False,
+) -> Draws:
+    """Decide in exact arithmetic whether rigs drawn from the tolerances keep what is claimed, over all masses.
+
+    Args:
+        spread: of the tuned prototype; its deviations are those of the draws, normal, whatever its sigmas.
+        inside: draw from within its sigmas instead, each of these rigs as likely as the others.
+        proved: what is claimed.
+        masses_kg: range of outer end mass.
+        count: how many rigs.
+        seed: of the draws.
+    """
+    kept, wide, missed = 0, 0, []
+    for z in spread.drawn(count, seed, inside):
+        rig = spread.rig(z)
+        found = certify(rig, *masses_kg, claims_of(rig, proved))
+        kept += found.holds
+        wide += found.stable and all(claim.holds for claim in found.claims if claim.kind == "compliance")
+        missed += [] if found.holds else [found.reason]
+    return Draws(count, kept, wide, tuple(missed))

@@ -1,19 +1,24 @@
-"""A compliant design carried to a prototype and its two certificates: of the loop, and of the tip as a port."""
+"""A compliant design carried to a prototype and its two certificates: of the loop, and of the tip as a port.
 
-import hashlib
+And what its controller does on rigs drawn from the tolerances of the prototype: decided rig by rig, sampled.
+"""
+
 from dataclasses import dataclass
 
 from beamdesign.design.compliant_law import controller_of
-from beamdesign.design.end_stiffness import SHARE, EndStiffness
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, Need, in_contact, sensed
+from beamdesign.design.rig_spread import rig_spread
+from beamdesign.loop import close_loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.contact import Wall
 from beamdesign.proof.contact_tables import KIND, NOTES, Statements, contact_tables
 from beamdesign.proof.writer import certificate as written
-from beamdesign.prototype import Compliance, Guarantee, Prototype
+from beamdesign.prototype import Compliance, Prototype
+from beamdesign.study.design_run import stating
+from beamdesign.tip import tip
 
-CERTIFICATE_NAME = "certificate.toml"
 CONTACT_NAME = "certificate.contact.toml"
 
 
@@ -52,14 +57,9 @@ def carried_out(
     )
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
     certificate = certify(rig, *masses_kg, asked)
-    guarantee = Guarantee(
-        bandwidth_Hz=0.0 if certificate.guaranteed is None else certificate.guaranteed.bandwidth_Hz,
-        peak_sensitivity=found.peak_sensitivity,
-        outer_end_mass_kg=masses_kg,
-        certificate=CERTIFICATE_NAME,
-        certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
-    )
-    return CompliantPrototype(rig.but(guarantee=guarantee), certificate, contact_text(rig, found, masses_kg, wall))
+    bandwidth = 0.0 if certificate.guaranteed is None else certificate.guaranteed.bandwidth_Hz
+    made = stating(rig, certificate, masses_kg, bandwidth, found.peak_sensitivity)
+    return CompliantPrototype(made, certificate, contact_text(rig, found, masses_kg, wall))
 
 
 def contact_text(prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall) -> str:
@@ -119,3 +119,58 @@ def in_words(found: EndStiffness, wall: Wall) -> list[str]:
             f"Undecided: touching and letting go of {stiffer} walls; `beamdesign simulate` shows what they do."
         )
     return lines
+
+
+@dataclass(frozen=True)
+class DrawnRig:
+    """One rig with the controller of the prototype.
+
+    Attributes:
+        static_N_per_m: static stiffness of its end; not positive for one that cannot stay where it is.
+        stable: whether it is with every end mass of the range.
+        passive: whether it is stable and its tip is passive.
+        wall: whether it is stable against every wall with every end mass.
+    """
+
+    static_N_per_m: float
+    stable: bool
+    passive: bool
+    wall: bool
+
+
+def drawn_rigs(
+    prototype: Prototype, masses_kg: tuple[float, float], wall: Wall, count: int, seed: int = 1
+) -> tuple[DrawnRig, ...]:
+    """Look at rigs whose figures are off by normal deviations, cut off at four.
+
+    Args:
+        prototype: with its compliant controller; none are drawn where it states no tolerances.
+        masses_kg: range of mass on the outer tip.
+        wall: that the tip may lean on.
+        count: how many.
+        seed: of the draw.
+    """
+    law = prototype.controller
+    assert law is not None
+    if not any(prototype.tolerance.model_dump().values()):
+        return ()
+    spread = rig_spread(prototype, masses_kg[1], 1.0)
+    masses = (exact(masses_kg[0]), exact(masses_kg[1]))
+    ports = [tip(close_loop(sensed(spread.rig(z)), law)) for z in spread.drawn(count, seed)]
+    needs: tuple[Need, ...] = ("stable", "passive", "wall")
+    return tuple(
+        DrawnRig(port.static_stiffness(), *(in_contact(port, masses, wall, need) for need in needs)) for port in ports
+    )
+
+
+def drawn_in_words(rigs: tuple[DrawnRig, ...]) -> str:
+    """How many of them are what, for a person."""
+    least, most = min(rig.static_N_per_m for rig in rigs), max(rig.static_N_per_m for rig in rigs)
+    counts = ", ".join(
+        f"{sum(getattr(rig, name) for rig in rigs)} {words}"
+        for name, words in (("stable", "stable"), ("passive", "passive"), ("wall", "stable against every wall"))
+    )
+    return (
+        f"Sampled: of {len(rigs)} rigs drawn from the tolerances {counts};"
+        f" static stiffness {least:.4g} to {most:.4g} N/m."
+    )

@@ -20,7 +20,7 @@ from beamdesign.design.robust_tuning import worst_of
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype
-from beamdesign.study.robust_proof import least_share
+from beamdesign.study.design_run import least_share
 
 TOLERANCE = Tolerance(
     stiffness=0.02,

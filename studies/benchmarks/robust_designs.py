@@ -20,7 +20,7 @@ from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.robust_tuning import worst_of
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.study.robust_proof import draw_rigs
+from beamdesign.study.design_run import draw_rigs
 
 
 def proved_bandwidth(prototype: Prototype, sigmas: float) -> float:
