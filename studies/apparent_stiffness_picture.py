@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.design.compliant_law import controller_of
-from beamdesign.design.end_stiffness import SHARE, EndStiffness, sensed
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, controller_of, sensed
 from beamdesign.loop import close_loop, loop
 from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype

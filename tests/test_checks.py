@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from beamdesign.design.checks import Check, checks
-from beamdesign.design.pair import check_sections
+from beamdesign.design.checks import Check, check_sections, checks
 from beamdesign.design.sizing import check_prototype, problem_of
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Beam, Prototype

@@ -16,7 +16,7 @@ from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.design import codesign, remedies
-from beamdesign.design import front as front_room
+from beamdesign.design import codesign as front_room
 from beamdesign.design.codesign import Codesign, CodesignPoint
 from beamdesign.design.refinement import Proved
 from beamdesign.design.remedies import Remedy

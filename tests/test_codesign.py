@@ -10,9 +10,8 @@ from typer.testing import CliRunner
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.design import codesign as room
-from beamdesign.design.codesign import codesign
-from beamdesign.design.front import pareto_front
-from beamdesign.design.pair import check_sections
+from beamdesign.design.checks import check_sections
+from beamdesign.design.codesign import codesign, pareto_front
 from beamdesign.loop import loop
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Prototype, read_prototype, write_prototype

@@ -19,18 +19,16 @@ from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Structured
-from beamdesign.design.compliant_law import (
+from beamdesign.design.end_stiffness import (
     CompliantLaw,
+    EndStiffness,
     commanded_compliance,
     controller_of,
-    least_gain,
-    servo_stiffness,
-)
-from beamdesign.design.end_stiffness import (
-    EndStiffness,
     judge,
+    least_gain,
     over_compliance,
     sensed,
+    servo_stiffness,
     softest_N_per_m,
     stable_compliances,
 )

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from beamdesign.controllers import KINDS, Lag, Proportional
 from beamdesign.controllers.form import form_of
-from beamdesign.design.loop_constraints import check_points, guarantee, loop_slack, with_peak, with_share
+from beamdesign.design.loop_limits import loop_slack
 from beamdesign.design.loop_samples import samples
+from beamdesign.design.refinement import check_points, guarantee, with_peak, with_share
 from beamdesign.design.starts import (
     SEARCH_FREQUENCIES_HZ,
     best_gain,

@@ -16,11 +16,22 @@ from sensor_rows import SensorRow
 from beamdesign.controllers import SENSED
 from beamdesign.controllers.block_form import block_form, rounded
 from beamdesign.controllers.form import Form
-from beamdesign.design.bandwidth_polish import Polish
+from beamdesign.design.bandwidth import Polish
 from beamdesign.design.law_search import Effort, Search
 from beamdesign.design.loop_samples import samples, slacks
-from beamdesign.design.synthesis import GeneralisedPlant, StateSpace, hinf, least_norm, lqg
-from beamdesign.design.synthesis_weights import Weights, realised, residualised, scaled_plant, sensed_model, weighted
+from beamdesign.design.synthesis import (
+    GeneralisedPlant,
+    StateSpace,
+    Weights,
+    hinf,
+    least_norm,
+    lqg,
+    realised,
+    residualised,
+    scaled_plant,
+    sensed_model,
+    weighted,
+)
 from beamdesign.design.weight_search import search_observer
 from beamdesign.loop import loop, rig_loop
 from beamdesign.members import family

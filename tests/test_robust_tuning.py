@@ -15,12 +15,11 @@ from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
+from beamdesign.design.law_search import worst_of
 from beamdesign.design.loop_samples import Samples, samples, slacks
 from beamdesign.design.refinement import Proved
-from beamdesign.design.rig_spread import RigSpread, rig_spread
-from beamdesign.design.robust_tuning import worst_of
+from beamdesign.design.rig_spread import RigSpread, WorstSamples, rig_spread, worst_samples
 from beamdesign.design.tuning import Asked, Tuning, tune, tune_law
-from beamdesign.design.worst_samples import WorstSamples, worst_samples
 from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype

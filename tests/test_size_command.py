@@ -8,7 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from beamdesign.cli.size import size
-from beamdesign.design.pair import check_sections
+from beamdesign.design.checks import check_sections
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Beam, write_prototype
 from beamdesign.records import InputError

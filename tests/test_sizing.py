@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from beamdesign.design.checks import KEYS, beam_mass, checks
-from beamdesign.design.free_search import PRICE_UNITS, free_optimum
-from beamdesign.design.pair import check_sections
-from beamdesign.design.program import Conditions, sizing_program, solve, solver, start_variables
+from beamdesign.design.checks import KEYS, beam_mass, check_sections, checks, stock_optimum
+from beamdesign.design.free_search import (
+    PRICE_UNITS,
+    Conditions,
+    free_optimum,
+    sizing_program,
+    solve,
+    solver,
+    start_variables,
+)
 from beamdesign.design.sizing import size
-from beamdesign.design.stock_search import stock_optimum
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.section import SquareTube
 from beamdesign.stock import stock_tubes

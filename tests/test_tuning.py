@@ -16,7 +16,7 @@ from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.controllers.form import form_of
 from beamdesign.design import refinement, tuning
-from beamdesign.design.bandwidth_polish import Polish
+from beamdesign.design.bandwidth import Polish
 from beamdesign.design.law_search import Found, Search, Start
 from beamdesign.design.loop_samples import samples
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine

@@ -178,7 +178,7 @@ def front(
     Every point is a proved design; points that failed stay in the table with their reason. Exit
     status 1 if there is no proved point at all.
     """
-    from beamdesign.design.front import pareto_front
+    from beamdesign.design.codesign import pareto_front
     from beamdesign.problem import read_problem
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.trade import plot_front

@@ -12,7 +12,7 @@ from beamdesign.cli.output import progress, say, say_table
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.design.pair import CheckedPair
+    from beamdesign.design.checks import CheckedPair
     from beamdesign.design.sizing import Sizing
 
 DEFAULT_TIP_FORCE_N = 2000.0

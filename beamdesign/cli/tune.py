@@ -258,8 +258,8 @@ def told_of_rigs(
 
     Certificates are added to `texts`, name of the file and content by kind.
     """
+    from beamdesign.design.law_search import rigs_of
     from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.design.robust_tuning import rigs_of
     from beamdesign.study.design_run import CONFIDENCE, draw_rigs, prove_rigs
 
     best, masses, end = law.best, stage.outer_end_mass_kg, stage.suffix
@@ -307,8 +307,8 @@ def certified_rigs(
 
     Certificates go beside that of the nominal rig.
     """
+    from beamdesign.design.law_search import worst_of
     from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.design.robust_tuning import worst_of
     from beamdesign.proof.certifying import certify
 
     spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)

@@ -8,16 +8,21 @@ Two load cases, each with the whole tip force on one beam:
 
 The force is static and acts at the tips; the weight of the beams (about 1 % of its moment in the published prototype),
 torsion, shear, fatigue and the introduction of the force into the walls are not checked.
+
+Since they take arrays, the lightest pair of stock tubes is found by looking at every pair at once.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from beamdesign import beam, section
-from beamdesign.design.local_buckling import bending_resistance
 from beamdesign.materials import Material, material
 from beamdesign.problem import DesignProblem
-from beamdesign.section import Quantity
+from beamdesign.section import Quantity, SquareTube, bending_resistance
+from beamdesign.stock import stock_tubes
 
 ROUNDING = 1e-9
 """Share of its limit (plus a thousandth of its unit) by which a check may be missed and still count.
@@ -68,6 +73,13 @@ class Check(NamedTuple):
         """Value, limit and unit for people: millimetres and megapascals; numbers only."""
         factor, unit = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "1": (1.0, "")}.get(self.unit, (1.0, self.unit))
         return factor * float(self.value), factor * float(self.limit), unit
+
+    @property
+    def missed(self) -> str:
+        """In words, what it is and what it needs to be; numbers only."""
+        value, limit, unit = self.shown
+        side = "least" if self.at_least else "most"
+        return f"{self.name} is {value:.4g} {unit}".rstrip() + f", needs at {side} {limit:.4g} {unit}".rstrip()
 
     @property
     def slack(self) -> Quantity:
@@ -214,3 +226,161 @@ def _fit(problem: DesignProblem, asked: Requirements, cases: Iterable[tuple[Any,
             Check("inner width to wall", inner_width / inner_wall, asked.width_to_wall_at_most, "1"),
         ]
     return found
+
+
+@dataclass(frozen=True)
+class CheckedPair:
+    """A pair of tubes, checked.
+
+    Attributes:
+        outer: the outer tube, m.
+        inner: the inner tube, m.
+        beam_mass_kg: both tubes over their full lengths.
+        checks: every structural check, in numbers.
+    """
+
+    outer: SquareTube
+    inner: SquareTube
+    beam_mass_kg: float
+    checks: tuple[Check, ...]
+
+    @property
+    def failing(self) -> tuple[Check, ...]:
+        """The checks that are not satisfied, the worst first."""
+        missed = [check for check in self.checks if not check.satisfied]
+        return tuple(sorted(missed, key=lambda check: -check.utilisation))
+
+    @property
+    def misses(self) -> str:
+        """What these are and need to be, in words."""
+        return "; ".join(check.missed for check in self.failing)
+
+    def __str__(self) -> str:
+        """The sizes in words."""
+        return " and ".join(f"{1e3 * width:.4g} x {1e3 * wall:.3g} mm" for width, wall in (self.outer, self.inner))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every check is satisfied."""
+        return not self.failing
+
+    @property
+    def governing(self) -> str:
+        """Name of the check that uses most of its limit, or misses it most."""
+        return max(self.checks, key=lambda check: check.utilisation).name
+
+
+def check_sections(
+    problem: DesignProblem,
+    outer: SquareTube,
+    inner: SquareTube,
+    corner_radii: tuple[float, float] = (0.0, 0.0),
+    asked: Requirements | None = None,
+) -> CheckedPair:
+    """Check a given pair of tubes.
+
+    Args:
+        problem: what is asked.
+        outer: width and wall of the outer tube, m.
+        inner: width and wall of the inner tube, m.
+        corner_radii: outside corner radii of both, m.
+        asked: other figures than the problem's.
+
+    Raises:
+        InputError: where a material is unknown.
+    """
+    found = checks(problem, *outer, *inner, asked=asked, corner_radii=corner_radii)
+    return CheckedPair(
+        outer=outer,
+        inner=inner,
+        beam_mass_kg=float(beam_mass(problem, *outer, *inner, corner_radii)),
+        checks=tuple(check._replace(value=float(check.value), limit=float(check.limit)) for check in found),
+    )
+
+
+@dataclass(frozen=True)
+class StockOptimum:
+    """The lightest pair of stock tubes; no pair was left out, so this is the global optimum over the list.
+
+    Attributes:
+        pair: the tubes, their mass and its checks.
+        pairs: how many pairs there are.
+        pairs_feasible: how many of them pass every check.
+    """
+
+    pair: CheckedPair
+    pairs: int
+    pairs_feasible: int
+
+
+_Sizes = tuple[np.ndarray, np.ndarray]
+
+
+def _all_pairs(stock: Sequence[SquareTube]) -> tuple[_Sizes, _Sizes, np.ndarray]:
+    """Width and wall of outer tubes by row and of inner ones by column, and whether the inner enters the outer."""
+    width, wall = np.array(stock).T
+    outer, inner = (width[:, None], wall[:, None]), (width[None, :], wall[None, :])
+    return outer, inner, inner[0] < outer[0] - 2 * outer[1]
+
+
+def feasible_pairs(
+    problem: DesignProblem, stock: Sequence[SquareTube], asked: Requirements | None = None
+) -> np.ndarray:
+    """Which pairs pass every check.
+
+    Args:
+        problem: what is asked.
+        stock: the tubes, n of them.
+        asked: other figures than the problem's.
+
+    Returns:
+        Boolean array (n, n): row by outer tube, column by inner tube.
+    """
+    outer, inner, fits = _all_pairs(stock)
+    found = checks(problem, *outer, *inner, asked=asked)
+    return np.logical_and.reduce(np.broadcast_arrays(fits, *(check.satisfied for check in found)))
+
+
+def lightest(
+    problem: DesignProblem, stock: Sequence[SquareTube], feasible: np.ndarray
+) -> tuple[SquareTube, SquareTube]:
+    """The lightest of the pairs marked in `feasible`, (n, n), of which there must be one."""
+    outer, inner, _ = _all_pairs(stock)
+    mass = beam_mass(problem, *outer, *inner)
+    row, column = np.unravel_index(np.argmin(np.where(feasible, mass, np.inf)), mass.shape)
+    return stock[int(row)], stock[int(column)]
+
+
+def nearest_pair(problem: DesignProblem, stock: Sequence[SquareTube]) -> CheckedPair:
+    """The pair whose worst miss, relative to its limit, is least, of those where the inner tube enters the outer one.
+
+    Args:
+        problem: what is asked.
+        stock: the tubes.
+    """
+    outer, inner, fits = _all_pairs(stock)
+    misses = [-check.slack / np.maximum(np.abs(check.limit), 1e-3) for check in checks(problem, *outer, *inner)]
+    worst = np.where(fits, np.maximum.reduce(np.broadcast_arrays(*misses)), np.inf)
+    row, column = np.unravel_index(np.argmin(worst), worst.shape)
+    return check_sections(problem, stock[int(row)], stock[int(column)])
+
+
+def stock_optimum(problem: DesignProblem, stock: Sequence[SquareTube] | None = None) -> StockOptimum | None:
+    """Find the lightest pair of stock tubes that passes every check.
+
+    Args:
+        problem: what is asked.
+        stock: tubes to choose from; by default the built-in list.
+
+    Returns:
+        The optimum, or None where no pair passes.
+    """
+    stock = stock_tubes() if stock is None else stock
+    feasible = feasible_pairs(problem, stock)
+    if not feasible.any():
+        return None
+    return StockOptimum(
+        pair=check_sections(problem, *lightest(problem, stock, feasible)),
+        pairs=feasible.size,
+        pairs_feasible=int(feasible.sum()),
+    )

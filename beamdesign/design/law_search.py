@@ -3,6 +3,9 @@
 Laws are climbed and polished on samples of all loops; what grows is grown and polished anew, the best few go on. What
 is returned is proved by the same oracle as every other loop: where it refutes a limit between the samples, the peak
 that stood there joins them, all limits are tightened by what was missing, and the polish is done again.
+
+Of a robust search limits are held on samples at the worst rig of every point; of the best design the worst rigs are
+collected, and each is proved over the whole payload range as the nominal one is. The rigs between are not proved.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,17 +16,16 @@ import numpy as np
 
 from beamdesign.controllers import SENSED, Controller, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.design.bandwidth_climb import climb
-from beamdesign.design.bandwidth_polish import NEARLY, TOUCH, WORTH, Polish
+from beamdesign.design.bandwidth import NEARLY, TOUCH, WORTH, Polish, climb
+from beamdesign.design.loop_limits import ends, loop_set
 from beamdesign.design.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples, sampled_bandwidth, slacks
-from beamdesign.design.loop_set import ends, loop_set
 from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved
-from beamdesign.design.rig_spread import RigSpread
-from beamdesign.design.worst_samples import WorstSamples, worst_rigs, worst_samples
-from beamdesign.members import Member
+from beamdesign.design.rig_spread import RigSpread, WorstSamples, worst_rigs, worst_samples
+from beamdesign.members import Member, family
 from beamdesign.proof.certificate import Claim
 from beamdesign.proof.rational import nearest
-from beamdesign.prototype import Goal
+from beamdesign.prototype import Goal, Prototype
+from beamdesign.records import InputError, Problem
 
 Told = Callable[[float, str], None]
 
@@ -142,8 +144,8 @@ class Search:
     def climbed(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
         """Variables and sampled bandwidth after a climb, or of the start where that is better."""
         lower, upper = np.append(form.lower, self.inner_kg[0]), np.append(form.upper, self.inner_kg[1])
-        found = climb(self.points, self.goal, form, variables, lower, upper, most=self.effort.steps)
-        return max(((one, self._worth(form, one)) for one in (variables, found.variables)), key=lambda pair: pair[1])
+        higher = climb(self.points, self.goal, form, variables, lower, upper, most=self.effort.steps)
+        return max(((one, self._worth(form, one)) for one in (variables, higher)), key=lambda pair: pair[1])
 
     def _worth(self, form: Form, variables: np.ndarray) -> float:
         """Sampled bandwidth (Hz), made less by what violates the limits; 0 of a loop that is not stable."""
@@ -334,3 +336,44 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
         else:
             break
     return Found(best, sampled, proofs, "" if best else reason, rigs)
+
+
+@dataclass(frozen=True)
+class WorstRigs:
+    """The worst rigs of a prototype that has a controller.
+
+    Attributes:
+        rigs: as prototypes.
+        factors: of each, what its figures are multiplied by.
+    """
+
+    rigs: tuple[Prototype, ...]
+    factors: tuple[dict[str, float], ...]
+
+
+def rigs_of(spread: RigSpread, deviations: Sequence[np.ndarray]) -> WorstRigs:
+    """Rigs that are off by (d,) standard deviations each."""
+    return WorstRigs(tuple(map(spread.rig, deviations)), tuple(map(spread.factors, deviations)))
+
+
+def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> WorstRigs:
+    """Seek the rigs of a spread that are worst for the limits of the goal, on samples.
+
+    Args:
+        spread: of a prototype with a controller.
+        outer_end_mass_kg: range of outer end mass.
+
+    Raises:
+        InputError: for a controller that a tuner has no form for, or none.
+    """
+    prototype, law = spread.prototype, spread.prototype.controller
+    if law is None or (opened := law.form()) is None:
+        reason = "worst rigs are sought for a controller that a tuner has a form for"
+        raise InputError(prototype.name, [Problem("controller.kind", reason)])
+    members = family(prototype, outer_end_mass_kg[1]).members
+    task = Search(members, prototype.goal, outer_end_mass_kg, (0.0, 0.0), law.senses, spread)
+    assert isinstance(task.points, WorstSamples)  # there is a spread
+    form, variables = opened
+    inside = prototype.payload.inner_end_mass_kg
+    found = worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))
+    return rigs_of(spread, found)

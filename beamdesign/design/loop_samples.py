@@ -13,7 +13,7 @@ from flint import fmpq_poly
 
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.design.loop_set import LIMITED, LOOSER_PEAK, ends, goal_limits
+from beamdesign.design.loop_limits import LIMITED, LOOSER_PEAK, ends, goal_limits
 from beamdesign.linear import BilinearPlant, PairOver
 from beamdesign.members import Member
 from beamdesign.proof.rational import nearest

@@ -5,7 +5,7 @@ of the guaranteed bandwidth (Hz), and whatever describes the sections. Where a l
 by sampling: these points are for the optimiser, and prove nothing.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, log
 
@@ -15,12 +15,65 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
 from beamdesign.design.interruption import interruption_waits
-from beamdesign.design.loop_constraints import CheckPoints, check_points, guarantee, loop_slack, with_peak, with_share
-from beamdesign.design.loop_set import LoopSet, goal_limits, loop_set
+from beamdesign.design.loop_limits import LoopSet, goal_limits, loop_set, loop_slack
 from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.members import Member
 from beamdesign.proof.certificate import Claim, Kind
 from beamdesign.prototype import Goal
+
+CheckPoints = Mapping[Kind, np.ndarray]
+"""Where an optimiser enforces each limit of a goal, enlarged by what a proof refutes: (n, 2) frequency in Hz, of the
+compliance as a share of the bandwidth, and outer end mass in kg."""
+
+
+def check_points(low: float, high: float, goal: Goal, frequencies: int = 48) -> CheckPoints:
+    """Points to begin with: both ends of the mass range (kg), frequencies from 2 to 300 Hz; proofs add the others."""
+    begun: dict[Kind, np.ndarray] = {
+        "peak_sensitivity": np.geomspace(2.0, 300.0, frequencies),
+        "compliance": np.array([0.02, 0.5, 0.8, 1.0]),
+        "loop_gain": goal.loop_gain_from_Hz * np.geomspace(1.0, _FAR, 12),
+        "controller_effort": np.append(np.geomspace(2.0, 1000.0, 40), 1e5),
+    }
+    masses = np.unique([low, high])
+    return {kind: np.array([(value, mass) for mass in masses for value in begun[kind]]) for kind in goal_limits(goal)}
+
+
+_BESIDE = np.array([0.99, 0.997, 1.0, 1.003, 1.01])
+_FAR = 10.0
+"""Up to how many times the frequency at which its limit begins the loop gain is enforced to begin with."""
+
+
+def with_peak(points: CheckPoints, kind: Kind, frequency_Hz: float, mass: float, from_Hz: float = 0.0) -> CheckPoints:
+    """Also enforce a limit (from a frequency up) at a peak and beside it, where a sharp peak may move to."""
+    return _enlarged(points, kind, np.maximum(frequency_Hz * _BESIDE, from_Hz), np.array([mass]))
+
+
+def with_share(points: CheckPoints, share: float, masses: np.ndarray) -> CheckPoints:
+    """Also enforce the compliance at a share of the bandwidth, for all of the masses."""
+    return _enlarged(points, "compliance", np.array([min(share, 1.0)]), masses)
+
+
+def _enlarged(points: CheckPoints, kind: Kind, values: np.ndarray, masses: np.ndarray) -> CheckPoints:
+    return {**points, kind: np.vstack([points[kind], np.column_stack(np.broadcast_arrays(values, masses))])}
+
+
+def guarantee(
+    slack: ca.Function, figures: ca.MX, inner_end_mass: ca.MX, logarithms: ca.MX, frequency: ca.MX, masses: ca.MX
+) -> ca.MX:
+    """Slacks at all check points of a limit, as expressions of the design variables, (n, 1).
+
+    Args:
+        slack: `loop_slack`.
+        figures: its figures less the end masses.
+        inner_end_mass: kg.
+        logarithms: variables of the controller's form.
+        frequency: (n, 1) Hz.
+        masses: (n, 1) outer end masses, kg.
+    """
+    n = masses.shape[0]
+    everything = ca.vertcat(ca.repmat(figures, 1, n), masses.T, ca.repmat(inner_end_mass, 1, n))
+    return slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency.T).T
+
 
 SHARES = np.linspace(0.0, 1.0, 5)
 """Masses, as shares of the range, that are looked at."""

@@ -24,7 +24,7 @@ from beamdesign.design.codesign import (
     sizing_parts,
     structural_flaw,
 )
-from beamdesign.design.program import start_variables
+from beamdesign.design.free_search import start_variables
 from beamdesign.design.refinement import LoopProgram, Proved, refine
 from beamdesign.design.starts import best_starts
 from beamdesign.design.tuning import SMALLEST_BANDWIDTH_HZ

@@ -1,19 +1,208 @@
-"""Sizing: the lightest pair of square tubes that carries the load and keeps its clearance, and what that costs."""
+"""Sizing: the lightest pair of square tubes that carries the load and keeps its clearance, and what that costs.
 
-from collections.abc import Callable
+Where no pair of tubes fits, which requirement to relax: each alone, as little as possible.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import ceil, floor, log10
 from typing import Literal
 
-from beamdesign.design.checks import Check
-from beamdesign.design.free_search import FreeOptimum, free_optimum
-from beamdesign.design.pair import CheckedPair, check_sections
-from beamdesign.design.relaxation import Relaxation, relax_free, relax_stock
-from beamdesign.design.stock_search import StockOptimum, stock_optimum
+import casadi as ca
+import numpy as np
+
+from beamdesign.design.checks import (
+    KEYS,
+    Check,
+    CheckedPair,
+    Requirements,
+    StockOptimum,
+    check_sections,
+    feasible_pairs,
+    lightest,
+    nearest_pair,
+    requirements,
+    stock_optimum,
+)
+from beamdesign.design.free_search import (
+    FEASIBLE,
+    SIZE_UNITS,
+    Conditions,
+    Elastic,
+    FreeOptimum,
+    Program,
+    free_optimum,
+    sizing_program,
+    solve,
+    solver,
+    start_points,
+    start_variables,
+    tubes,
+)
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.section import SquareTube
 from beamdesign.stock import stock_tubes
+
+# How far each requirement may be eased: no load at all, factors of 1, no gap, walls of 0.1 mm, tubes of 2 m.
+_EASIEST = {
+    "tip_force_N": 1e-3,
+    "strength": 1.0,
+    "local_buckling": 1.0,
+    "assembly_m": 0.0,
+    "under_load_m": 0.0,
+    "least_wall_m": 1e-4,
+    "largest_width_m": 2.0,
+    "width_to_wall_at_most": 1000.0,
+}
+_DIGITS = 4
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A change of one requirement that is enough, all others staying as they are.
+
+    Attributes:
+        key: where the requirement stands in a study file.
+        asked: its figure there.
+        enough: a figure with which tubes were found, rounded to the easier side.
+        outer: outer tube that does then.
+        inner: inner tube that does then.
+    """
+
+    key: str
+    asked: float
+    enough: float
+    outer: SquareTube
+    inner: SquareTube
+
+    def __str__(self) -> str:
+        """In words, as in "load.tip_force_N from 2000 to 1500"."""
+        return f"{self.key} from {self.asked:g} to {self.enough:g}"
+
+    @property
+    def share(self) -> float:
+        """Size of the change relative to what was asked."""
+        return abs(self.enough - self.asked) / self.asked
+
+
+def _eased(asked: Requirements, name: str, share: float) -> float:
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
+    figure = float(getattr(asked, name))
+    return figure + share * (_EASIEST[name] - figure)
+
+
+def _rounded(figure: float, easiest: float) -> float:
+    """Round to a few digits in the direction of the easiest figure, and not beyond it."""
+    if figure == 0 or figure == easiest:
+        return easiest
+    step = 10.0 ** (floor(log10(abs(figure))) - _DIGITS + 1)
+    steps = figure / step
+    # Steps are counted from rounded text, so that 1500 stays 1500 and does not become 1500.0000000000002.
+    whole = ceil(steps - 1e-9) if easiest > figure else floor(steps + 1e-9)
+    value = float(f"{whole * step:.{_DIGITS}g}")
+    return min(value, easiest) if easiest > figure else max(value, easiest)
+
+
+def _relaxable(asked: Requirements) -> list[str]:
+    return [name for name, figure in asked._asdict().items() if figure is not None and float(figure) != _EASIEST[name]]
+
+
+def _confirmed(
+    problem: DesignProblem, name: str, enough: float, pair: tuple[SquareTube, SquareTube]
+) -> Relaxation | None:
+    """The relaxation, if the pair really passes with the rounded figure."""
+    asked = requirements(problem)
+    if not check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible:
+        return None
+    return Relaxation(KEYS[name], float(getattr(asked, name)), enough, *pair)
+
+
+def _in_order(found: Sequence[Relaxation | None]) -> tuple[Relaxation, ...]:
+    return tuple(sorted((item for item in found if item is not None), key=lambda item: item.share))
+
+
+def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For tubes of free sizes: the requirements that could be eased alone, and the pair that misses least.
+
+    Each is found by IPOPT from several starts with the requirement as a further variable; the reported figure is
+    confirmed by the checks themselves. A requirement that is not listed was not found to help alone.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
+    """
+    program = sizing_program(problem)
+    conditions = Conditions(program)
+    elastic = Elastic(problem, program, conditions)
+    points = start_points(problem)[::3]
+    nearest, _ = elastic.nearest(program.figures, points)
+    points.insert(0, nearest[:4] * SIZE_UNITS)
+    found = [
+        _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
+    ]
+    return _in_order(found), check_sections(problem, *tubes(nearest))
+
+
+def _ease_one(
+    problem: DesignProblem,
+    program: Program,
+    conditions: Conditions,
+    elastic: Elastic,
+    name: str,
+    points: Sequence[np.ndarray],
+) -> Relaxation | None:
+    """The smallest change of one requirement that makes room, or None if none was found."""
+    place, easiest = program.names.index(name), _EASIEST[name]
+    figure = float(program.figures[place])
+
+    def figures(share: float) -> np.ndarray:
+        eased = program.figures.copy()
+        eased[place] = figure + share * (easiest - figure)
+        return eased
+
+    with_room, missed = elastic.nearest(figures(1.0), points)
+    if missed > FEASIBLE:
+        return None
+    share = ca.SX.sym("share")
+    eased = ca.SX(program.asked)
+    eased[place] = figure + share * (easiest - figure)
+    constraints = ca.substitute(program.constraints, program.asked, eased)
+    ready = solver(program, share, constraints, share)
+    least, best = 1.0, with_room
+    for sizes in (with_room[:4] * SIZE_UNITS, points[0]):
+        end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
+        if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
+            least, best = float(end[8]), end[:8]
+    enough = _rounded(float(figures(least)[place]), easiest)
+    return _confirmed(problem, name, enough, tubes(best))
+
+
+def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For stock tubes: the requirements that could be eased alone, each by bisection over all pairs.
+
+    More pairs pass as a requirement is eased, so that the bisection finds the least change over the whole list.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair that misses least.
+    """
+    asked = requirements(problem)
+
+    def pairs(name: str, figure: float) -> np.ndarray:
+        return feasible_pairs(problem, stock, asked._replace(**{name: figure}))
+
+    found = []
+    for name in _relaxable(asked):
+        if not pairs(name, _EASIEST[name]).any():
+            continue
+        hard, easy = 0.0, 1.0
+        for _ in range(40):
+            middle = (hard + easy) / 2
+            hard, easy = (hard, middle) if pairs(name, _eased(asked, name, middle)).any() else (middle, easy)
+        enough = _rounded(_eased(asked, name, easy), _EASIEST[name])
+        found.append(_confirmed(problem, name, enough, lightest(problem, stock, pairs(name, enough))))
+    return _in_order(found), nearest_pair(problem, stock)
+
 
 Progress = Callable[[float, str], object]
 """Called with the share of the work done, 0 to 1, and a word on what is being done."""
@@ -109,17 +298,18 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
         if given is None:
             raise ValueError("sections.choose is 'fixed' but no sections are given")
         chosen, governing = given, given.governing
+        reason = f"the given sections pass every check; governed by {governing}"
         if not given.feasible:
             relaxations, _ = relax_stock(problem, (given.outer, given.inner))
-        reason = _of_given(given, relaxations)
+            reason = f"the given sections fail: {given.misses}; {_relax(relaxations)}"
     elif choose == "free" and free:
         chosen, governing = free.pair, free.governing
-        reason = f"lightest pair of free sizes, from {free.starts_agreeing} of {free.starts} starts; {_by(governing)}"
+        best = f"lightest pair of free sizes, from {free.starts_agreeing} of {free.starts} starts"
+        reason = f"{best}; governed by {governing}"
     elif choose == "stock" and stock:
         chosen, governing = stock.pair, stock.pair.governing
-        reason = (
-            f"lightest of {stock.pairs} stock pairs, of which {stock.pairs_feasible} pass every check; {_by(governing)}"
-        )
+        best = f"lightest of {stock.pairs} stock pairs, of which {stock.pairs_feasible} pass every check"
+        reason = f"{best}; governed by {governing}"
     else:
         tell(0.6, "what to relax")
         relaxations, chosen = relax_stock(problem, stock_tubes()) if choose == "stock" else relax_free(problem)
@@ -131,46 +321,22 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
     return Sizing(choose, chosen.feasible, reason, chosen, governing, free, stock, given, price, relaxations)
 
 
-def _by(governing: str) -> str:
-    return f"governed by {governing}"
-
-
-def _of_given(given: CheckedPair, relaxations: tuple[Relaxation, ...]) -> str:
-    if given.feasible:
-        return f"the given sections pass every check; {_by(given.governing)}"
-    return f"the given sections fail: {_misses(given)}; {_relax(relaxations)}"
-
-
 def _relax(relaxations: tuple[Relaxation, ...]) -> str:
     if not relaxations:
         return "relaxing one requirement alone was not found to help"
     return "relax one of: " + "; ".join(str(item) for item in relaxations)
 
 
-def _misses(pair: CheckedPair) -> str:
-    return "; ".join(_miss(check) for check in pair.failing)
-
-
-def _miss(check: Check) -> str:
-    value, limit, unit = check.shown
-    side = "least" if check.at_least else "most"
-    return f"{check.name} is {value:.4g} {unit}".rstrip() + f", needs at {side} {limit:.4g} {unit}".rstrip()
-
-
 def _nothing_fits(
     choose: str, free: FreeOptimum | None, nearest: CheckedPair, relaxations: tuple[Relaxation, ...]
 ) -> str:
     kind = "stock" if choose == "stock" else "free"
-    text = f"no pair of {kind} sizes passes every check; the nearest, {_pair(nearest)}, misses: {_misses(nearest)}"
+    text = f"no pair of {kind} sizes passes every check; the nearest, {nearest}, misses: {nearest.misses}"
     if kind == "free":
         text = text.replace("no pair of free sizes passes", "no pair of free sizes was found that passes")
     elif free:
-        text += f"; of free sizes {_pair(free.pair)} would do, at {free.pair.beam_mass_kg:.3g} kg"
+        text += f"; of free sizes {free.pair} would do, at {free.pair.beam_mass_kg:.3g} kg"
     return f"{text}; {_relax(relaxations)}"
-
-
-def _pair(pair: CheckedPair) -> str:
-    return " and ".join(f"{1e3 * tube.width_m:.4g} x {1e3 * tube.wall_m:.3g} mm" for tube in (pair.outer, pair.inner))
 
 
 def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> DesignProblem:

@@ -11,8 +11,8 @@ from math import pi
 import numpy as np
 
 from beamdesign.controllers.form import Form
+from beamdesign.design.loop_limits import loop_set
 from beamdesign.design.loop_samples import Samples, rig_samples
-from beamdesign.design.loop_set import loop_set
 from beamdesign.design.refinement import LoopProgram
 
 SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)

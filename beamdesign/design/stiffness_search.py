@@ -10,8 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdesign.controllers import Cascade, Lag, Observer
-from beamdesign.design.compliant_law import CompliantLaw, controller_of, least_gain, servo_stiffness
-from beamdesign.design.end_stiffness import NEEDS, SHARE, EndStiffness, Need, in_contact, judge, sensed
+from beamdesign.design.end_stiffness import (
+    NEEDS,
+    SHARE,
+    CompliantLaw,
+    EndStiffness,
+    Need,
+    controller_of,
+    in_contact,
+    judge,
+    least_gain,
+    sensed,
+    servo_stiffness,
+)
 from beamdesign.design.rig_spread import RigSpread, rig_spread
 from beamdesign.design.tuning import Progress
 from beamdesign.linear import Plant

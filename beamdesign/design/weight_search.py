@@ -17,8 +17,17 @@ from beamdesign.controllers import Controller, Sensed
 from beamdesign.controllers.block_form import block_form
 from beamdesign.design.law_search import Effort, Found, Search, Told, sampled_masses, search
 from beamdesign.design.loop_samples import COARSE_HZ, Samples, rig_samples, sampled_bandwidth, slacks_of
-from beamdesign.design.synthesis import GeneralisedPlant, StateSpace, hinf, lqg
-from beamdesign.design.synthesis_weights import Weights, realised, scaled_plant, sensed_model, weighted
+from beamdesign.design.synthesis import (
+    GeneralisedPlant,
+    StateSpace,
+    Weights,
+    hinf,
+    lqg,
+    realised,
+    scaled_plant,
+    sensed_model,
+    weighted,
+)
 from beamdesign.linear import LinearModel
 from beamdesign.prototype import Goal
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from beamdesign.design.checks import Check
-from beamdesign.design.pair import CheckedPair
+from beamdesign.design.checks import Check, CheckedPair
 from beamdesign.files import write_set
 from beamdesign.loop import loop
 from beamdesign.lumped import LumpedBeam, lumped_beam, notes

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from beamdesign.design.front import Front
+from beamdesign.design.codesign import Front
 from beamdesign.design.remedies import Remedy
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.report.canvas import STYLES

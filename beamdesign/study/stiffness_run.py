@@ -5,8 +5,7 @@ And what its controller does on rigs drawn from the tolerances of the prototype:
 
 from dataclasses import dataclass
 
-from beamdesign.design.compliant_law import controller_of
-from beamdesign.design.end_stiffness import SHARE, EndStiffness, Need, in_contact, sensed
+from beamdesign.design.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact, sensed
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.loop import close_loop
 from beamdesign.polynomial import exact

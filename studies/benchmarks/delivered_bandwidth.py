@@ -15,8 +15,8 @@ import numpy as np
 from delivered import Delivered, delivered, drawn
 
 from beamdesign.changed_figures import CHANGEABLE
+from beamdesign.design.law_search import worst_of
 from beamdesign.design.rig_spread import rig_spread
-from beamdesign.design.robust_tuning import worst_of
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype

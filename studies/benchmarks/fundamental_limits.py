@@ -19,8 +19,7 @@ from math import inf, pi
 
 import numpy as np
 
-from beamdesign.design.synthesis import StateSpace
-from beamdesign.design.synthesis_weights import sensed_model
+from beamdesign.design.synthesis import StateSpace, sensed_model
 from beamdesign.members import family
 from beamdesign.prototype import Goal, Prototype
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from delivered_bandwidth import TOLERANCE
 
+from beamdesign.design.law_search import worst_of
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import rig_spread
-from beamdesign.design.robust_tuning import worst_of
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.study.design_run import draw_rigs

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from beamdesign.beam import effective_mass, first_frequency, tip_stiffness
-from beamdesign.design.checks import beam_mass
-from beamdesign.design.pair import check_sections
+from beamdesign.design.checks import beam_mass, check_sections
 from beamdesign.materials import material
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.section import SquareTube, clearance, flexural_rigidity, mass_per_length, second_moment

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.design.local_buckling import (
+from beamdesign.section import (
     LOCAL_BUCKLING_CONSTANTS,
     bending_resistance,
     buckling_curve,
     effective_modulus,
+    elastic_modulus,
     local_buckling_factor,
     relative_slenderness,
 )
-from beamdesign.section import elastic_modulus
 
 FIBRES = 20_000
 CLASS_3_LIMITS = {"A": 22.0, "B": 18.0}
