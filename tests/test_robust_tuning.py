@@ -19,7 +19,7 @@ from beamdesign.design.law_search import worst_of
 from beamdesign.design.loop_samples import Samples, samples, slacks
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread, WorstSamples, rig_spread, worst_samples
-from beamdesign.design.tuning import Asked, Tuning, tune, tune_law
+from beamdesign.design.tuning import LawOptions, Tuning, tune, tune_law
 from beamdesign.members import paper_model
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
@@ -214,7 +214,7 @@ def test_the_shipped_design_delivers_what_is_proved_on_nonlinear_rigs(name: str)
     masses = rig.payload.outer_end_mass_kg
     assert masses is not None
     spread = rig_spread(rig, masses[1], 2.0)
-    found = [certify(one, *masses).guaranteed for one in worst_of(spread, masses).rigs]
+    found = [certify(one, *masses).guaranteed for one in map(spread.rig, worst_of(spread, masses))]
     claim = min(0.0 if one is None else one.bandwidth_Hz for one in found)
     assert claim > SHIPPED[name]
     nonlinear = {"current_saturation": {"limit_A": 0.015}, "pressure_dependent_flow": {}}
@@ -241,7 +241,7 @@ def test_tolerances_that_are_missing_or_reach_zero_are_refused(rig: Prototype) -
 def test_a_stage_is_tuned_for_its_worst_rigs_and_is_stable_with_all_payloads_in_each(rig: Prototype) -> None:
     """By python-control's eigenvalues, of the rigs that are named and of all payloads."""
     spread, whole_kg = rig_spread(rig.but(controller=None), 4.0, SIGMAS), (0.0, 4.0)
-    found = tune_law(rig, MASSES_KG, Asked(spread=spread, stable_kg=whole_kg), lambda share, text: None)
+    found = tune_law(rig, MASSES_KG, LawOptions(spread=spread, stable_kg=whole_kg), lambda share, text: None)
     assert found.best is not None
     assert found.worst
     built = rig_spread(found.prototype, 4.0, SIGMAS)

@@ -19,7 +19,7 @@ from beamdesign.controllers import Estimator, Scheduled, Section, Structured
 from beamdesign.design import tuning
 from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import rig_spread
-from beamdesign.design.tuning import Asked, Tuning, kept_apart, stage_ranges, tune
+from beamdesign.design.tuning import LawOptions, Tuning, kept_apart, stage_ranges, tune
 from beamdesign.gap.predict import Inputs, predict
 from beamdesign.loop import loop
 from beamdesign.members import paper_model, served
@@ -282,11 +282,11 @@ def test_every_shipped_stage_keeps_its_goal_and_is_stable_for_all_payloads(rig: 
 
 
 @pytest.fixture
-def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[Asked]:
+def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[LawOptions]:
     """What every stage's tuning is asked for; its answer is the shipped law that is for most of its payloads."""
-    every: list[Asked] = []
+    every: list[LawOptions] = []
 
-    def tuned(prototype: Prototype, masses: tuple[float, float], asked: Asked, told: object) -> Tuning:
+    def tuned(prototype: Prototype, masses: tuple[float, float], asked: LawOptions, told: object) -> Tuning:
         every.append(asked)
         law = min(schedule_of(rig).laws, key=lambda one: abs(sum(one[1]) - sum(masses)))[0]
         found = prototype.but(controller=law, payload=rig.payload.but(outer_end_mass_kg=masses))
@@ -301,7 +301,7 @@ def given(rig: Prototype, monkeypatch: pytest.MonkeyPatch) -> list[Asked]:
 
 
 def test_stages_are_tuned_for_the_same_tolerances_and_their_changes_proved(
-    rig: Prototype, proved: Switching, given: list[Asked], monkeypatch: pytest.MonkeyPatch
+    rig: Prototype, proved: Switching, given: list[LawOptions], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bare = rig.but(controller=None, tolerance=rig.tolerance.but(flow_gain=0.05))
     spread = rig_spread(bare, 6.8, 1.0)
@@ -314,7 +314,7 @@ def test_stages_are_tuned_for_the_same_tolerances_and_their_changes_proved(
     assert found.switching.stages is proved.stages
 
 
-def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[Asked], tmp_path: Path) -> None:
+def test_a_study_is_carried_to_several_laws(rig: Prototype, given: list[LawOptions], tmp_path: Path) -> None:
     study = tomllib.loads((ROOT / "studies/prototype.toml").read_text(encoding="utf-8"))
     study["controller"] = {"kind": "scheduled", "stages": 2}
     study["payload"]["outer_end_mass_kg"] = [0.0, 3.0]

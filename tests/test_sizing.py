@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from beamdesign.design.checks import KEYS, beam_mass, check_sections, checks, stock_optimum
+from beamdesign.design.checks import REQUIREMENTS, beam_mass, check_sections, checks, stock_optimum
 from beamdesign.design.free_search import (
-    PRICE_UNITS,
     Conditions,
     free_optimum,
     sizing_program,
@@ -36,7 +35,7 @@ def asking(problem: DesignProblem, **figures: Any) -> DesignProblem:
     """The problem with other requirements, by their field names in `Requirements`, or another `choose`."""
     tables: dict[str, dict[str, Any]] = {}
     for name, figure in figures.items():
-        table, key = KEYS.get(name, f"sections.{name}").split(".")
+        table, key = (REQUIREMENTS[name].key if name in REQUIREMENTS else f"sections.{name}").split(".")
         tables.setdefault(table, {})[key] = figure
     return problem.but(**{table: getattr(problem, table).but(**changes) for table, changes in tables.items()})
 
@@ -149,7 +148,7 @@ def test_shadow_prices_are_those_of_resolved_problems(problem, optimum, variant)
 
     assert least_mass(program.figures) == pytest.approx(free.pair.beam_mass_kg, rel=1e-9)
     for place, (name, figure) in enumerate(zip(program.names, program.figures, strict=True)):
-        label, share = PRICE_UNITS[name]
+        _, _, label, share = REQUIREMENTS[name]
         unit = 0.001 if share is None else share * figure
         step = np.zeros(len(program.figures))
         step[place] = 0.01 * unit
@@ -239,7 +238,7 @@ def test_where_nothing_fits_the_answer_names_what_to_relax(problem, case, choose
     assert found.chosen.failing
     assert all(check.name in found.reason for check in found.chosen.failing)
     assert found.relaxations
-    names = {key: name for name, key in KEYS.items()}
+    names = {one.key: name for name, one in REQUIREMENTS.items()}
     for item in found.relaxations:
         assert f"{item.key} from {item.asked:g} to {item.enough:g}" in found.reason
         eased = asking(asked, **{names[item.key]: item.enough})

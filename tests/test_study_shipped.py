@@ -9,7 +9,7 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from beamdesign.cli.study import study
-from beamdesign.design.free_search import PRICE_UNITS
+from beamdesign.design.checks import REQUIREMENTS
 from beamdesign.proof.certifying import certify
 from beamdesign.prototype import read_prototype
 from beamdesign.study.case import case, compute
@@ -76,7 +76,7 @@ def test_tasks_that_no_shipped_sweep_uses_declare_their_outputs_too(task, option
 
 
 def test_prices_are_declared():
-    labels = {f"price_{label}" for label, _ in PRICE_UNITS.values()}
+    labels = {f"price_{label}" for _, _, label, _ in REQUIREMENTS.values()}
     assert {name for name in TASKS["size"].columns if name.startswith("price_")} == labels | {"price_of_rounding_kg"}
 
 

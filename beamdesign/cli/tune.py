@@ -258,20 +258,19 @@ def told_of_rigs(
 
     Certificates are added to `texts`, name of the file and content by kind.
     """
-    from beamdesign.design.law_search import rigs_of
     from beamdesign.design.rig_spread import rig_spread
     from beamdesign.study.design_run import CONFIDENCE, draw_rigs, prove_rigs
 
     best, masses, end = law.best, stage.outer_end_mass_kg, stage.suffix
     assert best is not None
     spread = rig_spread(stage.prototype, masses[1], *shape)
-    found = rigs_of(spread, law.worst)
-    certificates = prove_rigs(found.rigs, best, masses)
+    factors = list(map(spread.factors, law.worst))
+    certificates = prove_rigs(list(map(spread.rig, law.worst)), best, masses)
     if refuted := [certificate.reason for certificate in certificates if not certificate.holds]:
         raise AssertionError(f"a rig that was proved is refuted: {refuted[0]}")
     for k, certificate in enumerate(certificates, start=1):
         texts[f"certificate_rig_{k}{end.replace('.', '_')}"] = (f"certificate{end}.rig-{k}.toml", certificate.text)
-    _say_rigs(spread, found.factors)
+    _say_rigs(spread, factors)
     say(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
     draws = draw_rigs(spread, best, masses, DRAWS)
     say(
@@ -282,7 +281,7 @@ def told_of_rigs(
     return {
         **picked(spread, "sigmas shape"),
         "deviations": dict(spread.deviations),
-        "rigs": list(found.factors),
+        "rigs": factors,
         **picked(draws, _DRAWN),
         "confidence": CONFIDENCE,
     }
@@ -312,10 +311,11 @@ def certified_rigs(
     from beamdesign.proof.certifying import certify
 
     spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)
-    found = worst_of(spread, masses)
-    _say_rigs(spread, found.factors)
+    worst = worst_of(spread, masses)
+    factors = list(map(spread.factors, worst))
+    _say_rigs(spread, factors)
     every, rows = True, []
-    for k, rig in enumerate(found.rigs, start=1):
+    for k, rig in enumerate(map(spread.rig, worst), start=1):
         certificate = certify(rig, *masses, asked)
         write_certificate(path.with_suffix(f".rig-{k}.toml"), certificate.text)
         every = every and certificate.holds
@@ -331,7 +331,7 @@ def certified_rigs(
         )
     say_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
     say(f"{reach_in_words(spread)}; the rigs between are not proved")
-    return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": list(found.factors), "holds": every}}
+    return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": factors, "holds": every}}
 
 
 def reach_in_words(spread: "RigSpread") -> str:

@@ -14,6 +14,7 @@ Since they take arrays, the lightest pair of stock tubes is found by looking at 
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,17 +47,36 @@ class Requirements(NamedTuple):
 
 Factors = tuple[tuple[Quantity, Quantity], tuple[Quantity, Quantity]]
 
-KEYS = {
-    "tip_force_N": "load.tip_force_N",
-    "strength": "safety.strength",
-    "local_buckling": "safety.local_buckling",
-    "assembly_m": "clearance.assembly_m",
-    "under_load_m": "clearance.under_load_m",
-    "least_wall_m": "sections.least_wall_m",
-    "largest_width_m": "sections.largest_width_m",
-    "width_to_wall_at_most": "sections.width_to_wall_at_most",
+
+class Requirement(NamedTuple):
+    """Of one of them where it stands in a study file, how far it may be eased, and what its shadow price is called.
+
+    Attributes:
+        key: in the study file.
+        easiest: no load at all, factors of 1, no gap, walls of 0.1 mm, tubes of 2 m.
+        price: name of the shadow price.
+        share: of the requirement that makes the price's unit; None for 1 mm.
+    """
+
+    key: str
+    easiest: float
+    price: str
+    share: float | None
+
+
+REQUIREMENTS = {
+    "tip_force_N": Requirement("load.tip_force_N", 1e-3, "tip_force_kg_per_percent", 0.01),
+    "strength": Requirement("safety.strength", 1.0, "safety_strength_kg_per_percent", 0.01),
+    "local_buckling": Requirement("safety.local_buckling", 1.0, "safety_local_buckling_kg_per_percent", 0.01),
+    "assembly_m": Requirement("clearance.assembly_m", 0.0, "clearance_assembly_kg_per_mm", None),
+    "under_load_m": Requirement("clearance.under_load_m", 0.0, "clearance_under_load_kg_per_mm", None),
+    "least_wall_m": Requirement("sections.least_wall_m", 1e-4, "least_wall_kg_per_mm", None),
+    "largest_width_m": Requirement("sections.largest_width_m", 2.0, "largest_width_kg_per_mm", None),
+    "width_to_wall_at_most": Requirement(
+        "sections.width_to_wall_at_most", 1000.0, "width_to_wall_at_most_kg_per_percent", 0.01
+    ),
 }
-"""Where each requirement stands in a study file."""
+"""Every one of `Requirements`, in its order."""
 
 
 class Check(NamedTuple):
@@ -107,17 +127,7 @@ class Check(NamedTuple):
 
 def requirements(problem: DesignProblem) -> Requirements:
     """What a design problem asks of the sections."""
-    sections = problem.sections
-    return Requirements(
-        tip_force_N=problem.load.tip_force_N,
-        strength=problem.safety.strength,
-        local_buckling=problem.safety.local_buckling,
-        assembly_m=problem.clearance.assembly_m,
-        under_load_m=problem.clearance.under_load_m,
-        least_wall_m=sections.least_wall_m,
-        largest_width_m=sections.largest_width_m,
-        width_to_wall_at_most=sections.width_to_wall_at_most,
-    )
+    return Requirements(*(attrgetter(one.key)(problem) for one in REQUIREMENTS.values()))
 
 
 def materials(problem: DesignProblem) -> tuple[Material, Material]:

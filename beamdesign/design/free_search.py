@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.design.checks import (
+    REQUIREMENTS,
     CheckedPair,
     Requirements,
     beam_mass,
@@ -272,18 +273,6 @@ FEASIBLE = 1e-9
 
 _SAME_MASS = 1e-6
 
-PRICE_UNITS = {
-    "tip_force_N": ("tip_force_kg_per_percent", 0.01),
-    "strength": ("safety_strength_kg_per_percent", 0.01),
-    "local_buckling": ("safety_local_buckling_kg_per_percent", 0.01),
-    "assembly_m": ("clearance_assembly_kg_per_mm", None),
-    "under_load_m": ("clearance_under_load_kg_per_mm", None),
-    "least_wall_m": ("least_wall_kg_per_mm", None),
-    "largest_width_m": ("largest_width_kg_per_mm", None),
-    "width_to_wall_at_most": ("width_to_wall_at_most_kg_per_percent", 0.01),
-}
-"""Name of each requirement's shadow price; the share of the requirement that makes its unit, or None for 1 mm."""
-
 
 @dataclass(frozen=True)
 class FreeOptimum:
@@ -369,6 +358,7 @@ def _prices(
     per_figure = conditions.mass_per_figure(variables, program.figures, multipliers)
     prices = {}
     for name, figure, price in zip(program.names, program.figures, per_figure, strict=True):
-        label, share = PRICE_UNITS[name]
-        prices[label] = float(price) * (0.001 if share is None else share * float(figure)) + 0.0
+        asked = REQUIREMENTS[name]
+        unit = 0.001 if asked.share is None else asked.share * float(figure)
+        prices[asked.price] = float(price) * unit + 0.0
     return prices

@@ -24,7 +24,7 @@ from beamdesign.design.rig_spread import RigSpread, WorstSamples, worst_rigs, wo
 from beamdesign.members import Member, family
 from beamdesign.proof.certificate import Claim
 from beamdesign.proof.rational import nearest
-from beamdesign.prototype import Goal, Prototype
+from beamdesign.prototype import Goal
 from beamdesign.records import InputError, Problem
 
 Told = Callable[[float, str], None]
@@ -338,26 +338,8 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     return Found(best, sampled, proofs, "" if best else reason, rigs)
 
 
-@dataclass(frozen=True)
-class WorstRigs:
-    """The worst rigs of a prototype that has a controller.
-
-    Attributes:
-        rigs: as prototypes.
-        factors: of each, what its figures are multiplied by.
-    """
-
-    rigs: tuple[Prototype, ...]
-    factors: tuple[dict[str, float], ...]
-
-
-def rigs_of(spread: RigSpread, deviations: Sequence[np.ndarray]) -> WorstRigs:
-    """Rigs that are off by (d,) standard deviations each."""
-    return WorstRigs(tuple(map(spread.rig, deviations)), tuple(map(spread.factors, deviations)))
-
-
-def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> WorstRigs:
-    """Seek the rigs of a spread that are worst for the limits of the goal, on samples.
+def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> tuple[np.ndarray, ...]:
+    """Seek the rigs of a spread that are worst for the limits of the goal, on samples: (d,) standard deviations each.
 
     Args:
         spread: of a prototype with a controller.
@@ -375,5 +357,4 @@ def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> Worst
     assert isinstance(task.points, WorstSamples)  # there is a spread
     form, variables = opened
     inside = prototype.payload.inner_end_mass_kg
-    found = worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))
-    return rigs_of(spread, found)
+    return worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))

@@ -275,12 +275,15 @@ def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
     for row in np.unique(points.row):
         on = points.row == row
         frequency, slack = points.frequency_Hz[on], compliance[on]
-        over = np.nonzero(slack < 0)[0]
-        if not len(over):
-            continue
-        k = int(over[0])
-        if k == 0:
-            return 0.0
-        share = slack[k - 1] / (slack[k - 1] - slack[k])
-        reached = min(reached, float(frequency[k - 1] * (frequency[k] / frequency[k - 1]) ** share))
+        reached = min(reached, first_miss(frequency, slack))
     return float(min(reached, points.frequency_Hz.max()))
+
+
+def first_miss(frequency_Hz: np.ndarray, slack: np.ndarray) -> float:
+    """From where a slack is negative, interpolated, Hz; 0 where it is at once, infinite where it never is."""
+    over = np.nonzero(slack < 0)[0]
+    if not len(over) or over[0] == 0:
+        return 0.0 if len(over) else np.inf
+    k = int(over[0])
+    share = slack[k - 1] / (slack[k - 1] - slack[k])
+    return float(frequency_Hz[k - 1] * (frequency_Hz[k] / frequency_Hz[k - 1]) ** share)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.design.checks import (
-    KEYS,
+    REQUIREMENTS,
     Check,
     CheckedPair,
     Requirements,
@@ -45,17 +45,6 @@ from beamdesign.records import InputError, Problem
 from beamdesign.section import SquareTube
 from beamdesign.stock import stock_tubes
 
-# How far each requirement may be eased: no load at all, factors of 1, no gap, walls of 0.1 mm, tubes of 2 m.
-_EASIEST = {
-    "tip_force_N": 1e-3,
-    "strength": 1.0,
-    "local_buckling": 1.0,
-    "assembly_m": 0.0,
-    "under_load_m": 0.0,
-    "least_wall_m": 1e-4,
-    "largest_width_m": 2.0,
-    "width_to_wall_at_most": 1000.0,
-}
 _DIGITS = 4
 
 
@@ -90,7 +79,7 @@ class Relaxation:
 def _eased(asked: Requirements, name: str, share: float) -> float:
     """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
     figure = float(getattr(asked, name))
-    return figure + share * (_EASIEST[name] - figure)
+    return figure + share * (REQUIREMENTS[name].easiest - figure)
 
 
 def _rounded(figure: float, easiest: float) -> float:
@@ -106,7 +95,9 @@ def _rounded(figure: float, easiest: float) -> float:
 
 
 def _relaxable(asked: Requirements) -> list[str]:
-    return [name for name, figure in asked._asdict().items() if figure is not None and float(figure) != _EASIEST[name]]
+    """Names of those that can be eased."""
+    figures = zip(REQUIREMENTS.items(), asked, strict=True)
+    return [name for (name, one), figure in figures if figure is not None and float(figure) != one.easiest]
 
 
 def _confirmed(
@@ -116,7 +107,7 @@ def _confirmed(
     asked = requirements(problem)
     if not check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible:
         return None
-    return Relaxation(KEYS[name], float(getattr(asked, name)), enough, *pair)
+    return Relaxation(REQUIREMENTS[name].key, float(getattr(asked, name)), enough, *pair)
 
 
 def _in_order(found: Sequence[Relaxation | None]) -> tuple[Relaxation, ...]:
@@ -153,7 +144,7 @@ def _ease_one(
     points: Sequence[np.ndarray],
 ) -> Relaxation | None:
     """The smallest change of one requirement that makes room, or None if none was found."""
-    place, easiest = program.names.index(name), _EASIEST[name]
+    place, easiest = program.names.index(name), REQUIREMENTS[name].easiest
     figure = float(program.figures[place])
 
     def figures(share: float) -> np.ndarray:
@@ -193,13 +184,13 @@ def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tu
 
     found = []
     for name in _relaxable(asked):
-        if not pairs(name, _EASIEST[name]).any():
+        if not pairs(name, REQUIREMENTS[name].easiest).any():
             continue
         hard, easy = 0.0, 1.0
         for _ in range(40):
             middle = (hard + easy) / 2
             hard, easy = (hard, middle) if pairs(name, _eased(asked, name, middle)).any() else (middle, easy)
-        enough = _rounded(_eased(asked, name, easy), _EASIEST[name])
+        enough = _rounded(_eased(asked, name, easy), REQUIREMENTS[name].easiest)
         found.append(_confirmed(problem, name, enough, lightest(problem, stock, pairs(name, enough))))
     return _in_order(found), nearest_pair(problem, stock)
 

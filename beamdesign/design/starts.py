@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdesign.controllers.form import Form
 from beamdesign.design.loop_limits import loop_set
-from beamdesign.design.loop_samples import Samples, rig_samples
+from beamdesign.design.loop_samples import Samples, first_miss, rig_samples
 from beamdesign.design.refinement import LoopProgram
 
 SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)
@@ -49,14 +49,9 @@ def feasible_gain_ends(loop_per_gain: np.ndarray, peak_sensitivity: float) -> np
 
 def sampled_bandwidth(frequency_Hz: np.ndarray, worst_compliance: np.ndarray, limit: float) -> float:
     """First frequency at which the compliance passes the limit, interpolated between samples on logarithmic axes."""
-    over = np.nonzero(worst_compliance > limit)[0]
-    if not len(over):
-        return float(frequency_Hz[-1])
-    i = int(over[0])
-    if i == 0:
-        return float(frequency_Hz[0] * limit / worst_compliance[0])
-    share = np.log(limit / worst_compliance[i - 1]) / np.log(worst_compliance[i] / worst_compliance[i - 1])
-    return float(frequency_Hz[i - 1] * (frequency_Hz[i] / frequency_Hz[i - 1]) ** share)
+    slack = np.log(limit / worst_compliance)
+    reached = first_miss(frequency_Hz, slack)
+    return float(min(reached or frequency_Hz[0] * np.exp(slack[0]), frequency_Hz[-1]))
 
 
 def best_gain(

@@ -145,24 +145,22 @@ _WORDS: dict[Need, str] = {
 }
 
 
+@dataclass
 class _Search:
     """One search: laws as logarithms of their figures, scored on samples, admitted by proof."""
 
-    def __init__(
-        self,
-        prototype: Prototype,
-        others: list[Plant],
-        end_stiffness: float,
-        masses_kg: tuple[float, float],
-        wall: Wall,
-        need: Need,
-        servo: Cascade | None,
-    ):
-        self.prototype, self.others, self.end_stiffness = prototype, others, end_stiffness
-        self.plant = sensed(prototype)
-        self.masses_kg, self.wall, self.need, self.servo = masses_kg, wall, need, servo
-        self.masses = (exact(masses_kg[0]), exact(masses_kg[1]))
-        self.tried = 0
+    prototype: Prototype
+    others: list[Plant]
+    end_stiffness: float
+    masses_kg: tuple[float, float]
+    wall: Wall
+    need: Need
+    servo: Cascade | None
+    tried: int = 0
+
+    def __post_init__(self) -> None:
+        self.plant = sensed(self.prototype)
+        self.masses = (exact(self.masses_kg[0]), exact(self.masses_kg[1]))
 
     def best(self, progress: Callable[[float], None]) -> CompliantLaw | None:
         """The admitted law with the largest score; None where none is."""

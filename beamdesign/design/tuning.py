@@ -94,7 +94,7 @@ class Tuning:
 
 
 @dataclass(frozen=True)
-class Asked:
+class LawOptions:
     """What one law is sought with.
 
     Attributes:
@@ -137,10 +137,10 @@ def tune(
         prototype: the rig; its goal sets the limits of compliance, peak sensitivity, loop gain and effort. A structured
             controller of its own sets the form of the stages of a scheduled one.
         outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
-        kind: see `Asked`; "scheduled" for several laws.
+        kind: see `LawOptions`; "scheduled" for several laws.
         largest_inner_end_mass_kg: most mass that may be added to the inner tip.
         progress: told the share done and what is being done.
-        sections: see `Asked`, as the next two and `near`.
+        sections: see `LawOptions`, as the next two and `near`.
         sensors: those that are read.
         spread: rigs that are off.
         stages: how many laws a scheduled controller has.
@@ -162,14 +162,14 @@ def tune(
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
     told = progress or (lambda share, text: None)
-    asked = Asked(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
+    asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
     if kind == Scheduled.model_fields["kind"].default:
         figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
         return _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, told)
     return tune_law(prototype, outer_end_mass_kg, asked, told)
 
 
-def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: Asked, told: Told) -> Tuning:
+def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, told: Told) -> Tuning:
     """Tune one law over a range of payloads (kg); arguments and errors as of `tune`."""
     kind, own, inner = asked.kind, prototype.controller, prototype.payload.inner_end_mass_kg
     stage = None if asked.stable_kg is None else (masses_kg, asked.stable_kg)
@@ -267,7 +267,7 @@ def tune_alike(
 
 
 def _tune_stages(
-    prototype: Prototype, whole_kg: tuple[float, float], asked: Asked, stages: int, figures: Estimator, told: Told
+    prototype: Prototype, whole_kg: tuple[float, float], asked: LawOptions, stages: int, figures: Estimator, told: Told
 ) -> Tuning:
     """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all."""
     ranges = _ranges(prototype, whole_kg, stages, 2.5 * figures.band_kg)

@@ -28,7 +28,8 @@ def proved_bandwidth(prototype: Prototype, sigmas: float) -> float:
     masses = prototype.payload.outer_end_mass_kg or (0.0, 0.0)
     rigs = [prototype]
     if sigmas > 0:
-        rigs += worst_of(rig_spread(prototype, masses[1], sigmas), masses).rigs
+        spread = rig_spread(prototype, masses[1], sigmas)
+        rigs += map(spread.rig, worst_of(spread, masses))
     found = [certify(rig, *masses).guaranteed for rig in rigs]
     return min(0.0 if one is None else one.bandwidth_Hz for one in found)
 
