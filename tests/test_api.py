@@ -32,6 +32,10 @@ def test_importing_the_package_loads_no_engine():
     assert modules_after("import beamdesign") & HEAVY == set()
 
 
+def test_the_command_line_loads_no_engine_either():
+    assert modules_after("import beamdesign.cli") & HEAVY == {"typer"}
+
+
 def test_a_name_loads_only_what_it_needs():
     loaded = modules_after("from beamdesign import read_prototype")
     assert loaded & HEAVY == {"pydantic", "tomli_w"}

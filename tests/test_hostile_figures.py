@@ -16,6 +16,7 @@ from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.bench_simulation import simulate_bench
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
+from beamdesign.cli.command import Figure
 from beamdesign.linear_reach import reach
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototype
@@ -157,6 +158,18 @@ def test_options_have_plausible_ranges(command: str, option: str, value: str) ->
     words = told(command, str(path), f"{option}={value}")
     assert option in words
     assert "outside the plausible range" in words
+
+
+def test_every_option_for_a_figure_has_a_quantity() -> None:
+    marks = [
+        mark
+        for command in app.registered_commands
+        for hint in command.callback.__annotations__.values()
+        for mark in getattr(hint, "__metadata__", ())
+        if isinstance(mark, Figure)
+    ]
+    assert len(marks) > 20
+    assert [mark.quantity for mark in marks if mark.quantity not in ALL] == []
 
 
 def test_all_that_is_wrong_with_options_is_told_at_once() -> None:

@@ -13,7 +13,6 @@ from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import RangeOption, default_file, say, say_table
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.json_text import picked
-from beamdesign.records import InputError
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
@@ -290,6 +289,8 @@ def write_certificate(path: Path, text: str) -> None:
 
 
 def _standing(path: Path) -> bytes:
+    from beamdesign.records import InputError
+
     try:
         return read_bytes(path, _LARGEST)
     except OSError as error:
@@ -300,6 +301,8 @@ _LARGEST = 10**9  # bytes: whatever stands there is looked at
 
 
 def _stated(path: Path, standing: bytes) -> dict[str, Any]:
+    from beamdesign.records import InputError
+
     try:
         table = tomllib.loads(standing.decode())
     except (ValueError, RecursionError):

@@ -44,7 +44,7 @@ class Figure(OptionInfo):
 
     def __init__(self, help: str, quantity: str, or_infinite: bool = False, metavar: str | None = None):
         super().__init__(default=..., help=help, metavar=metavar)
-        self.quantity, self.or_infinite = quantity, or_infinite
+        self.quantity, self.or_infinite, self.option = quantity, or_infinite, ""
 
 
 def command(
@@ -63,7 +63,8 @@ def command(
     figures = {}
     for name, hint in get_type_hints(work, include_extras=True).items():
         for mark in (mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Figure)):
-            mark.param_decls = (f"--{name.replace('_', '-')}",)  # with its capitals, which typer would make small
+            mark.option = f"--{name.replace('_', '-')}"  # with its capitals, which typer would make small
+            mark.param_decls = (mark.option,)
             figures[name] = mark
 
     @wraps(work)
@@ -72,7 +73,7 @@ def command(
             problem
             for name, mark in figures.items()
             if given[name] is not None and not (mark.or_infinite and given[name] == inf)
-            for problem in implausible(mark.param_decls[0], given[name], mark.quantity)
+            for problem in implausible(mark.option, given[name], mark.quantity)
         ]
         wrong += problems(**given) if problems else ()
         if wrong:

@@ -245,7 +245,6 @@ _STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo
 
 
 def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
-
     def environment(found: Any) -> dict[str, float] | None:
         names = {"mass_kg": "mass", "stiffness_N_per_m": "stiffness", "damping_N_s_per_m": "damping"}
         return None if found is None else {name: float(getattr(found, key)) for name, key in names.items()}

@@ -15,7 +15,6 @@ from beamdesign.records import FileName, InputError, Positive, Problem, Record, 
 from beamdesign.study.tasks import TASKS, Kind, Task
 
 SAMPLED = ("latin_hypercube", "sobol")
-METHODS = ("grid", *SAMPLED, "optimise", "tolerance", "worst_case", "sensitivity")
 Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "worst_case", "sensitivity"]
 
 
