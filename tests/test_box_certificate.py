@@ -18,8 +18,7 @@ from forging import mutations, resealed
 from truth_of_box import true
 
 from beamdesign.checker import Unreadable, check
-from beamdesign.checker.box_rig import sigmas
-from beamdesign.checker.delayed import unstable_roots
+from beamdesign.checker.box import sigmas, unstable_roots
 from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proof.box import box_of, certify_box

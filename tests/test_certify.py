@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from beamdesign.checker import check
-from beamdesign.checker.stability import Family
+from beamdesign.checker.roots import Family
 from beamdesign.cli.certify import certify as command
 from beamdesign.loop import loop
 from beamdesign.members import paper_model

@@ -16,13 +16,11 @@ from pydantic_core import PydanticUndefined
 
 import beamdesign
 from beamdesign import checker
-from beamdesign.checker import Unreadable, check
-from beamdesign.checker.about import ASKED as KEYS
+from beamdesign.checker import KEYS, Unreadable, check
 from beamdesign.checker.law import SCHEDULED
 from beamdesign.checker.prototype import DEFAULTS
 from beamdesign.checker.reading import rational
-from beamdesign.checker.roots import bound, halve, isolate
-from beamdesign.checker.stability import _hurwitz_matrix, is_hurwitz
+from beamdesign.checker.roots import _hurwitz_matrix, bound, halve, is_hurwitz, isolate
 from beamdesign.controllers.scheduled import Estimator, Scheduled
 from beamdesign.polynomial import roots
 from beamdesign.proof.certificate import Asked

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from beamdesign.arm.plane import plane_loop
 from beamdesign.arm.result import certify_plane
 from beamdesign.checker import Unreadable, check
-from beamdesign.checker.stability import stable_on_rectangle
+from beamdesign.checker.roots import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Observer

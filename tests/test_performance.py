@@ -8,7 +8,7 @@ from flint import fmpq, fmpq_poly
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign.checker.inequalities import Slack
+from beamdesign.checker.roots import Slack
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, loop

@@ -10,13 +10,11 @@ from collections.abc import Callable
 
 from flint import arb, fmpq, fmpq_poly
 
-from beamdesign.checker.inequalities import Bound, Slack, magnitudes
-from beamdesign.checker.ranges import Statements, stability
+from beamdesign.checker.mass_range import Bound, Statements, magnitudes, stability
+from beamdesign.checker.prototype import agree, second_moment, torsion_constant
 from beamdesign.checker.reading import Table, Unreadable, short
 from beamdesign.checker.rig import Loop, Rig
-from beamdesign.checker.roots import ZERO, Pair, Polynomials, S
-from beamdesign.checker.section import agree, second_moment, torsion_constant
-from beamdesign.checker.stability import Family
+from beamdesign.checker.roots import ZERO, Family, Pair, Polynomials, S, Slack
 
 CLAIMS = ("tip_compliance", "load_compliance", "peak_sensitivity", "loop_gain", "controller_effort")
 TORSION_SHARE = fmpq(1, 3)

@@ -11,12 +11,10 @@ from itertools import pairwise, product
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.checker.inequalities import Slack, squared
-from beamdesign.checker.ranges import Statements
+from beamdesign.checker.mass_range import Statements
 from beamdesign.checker.reading import Table, Unreadable, rational, short
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import ZERO, Pair, S, bound, inner, parts, pieces
-from beamdesign.checker.stability import Family
+from beamdesign.checker.roots import ZERO, Family, Pair, S, Slack, bound, inner, parts, pieces, squared
 
 FIGURES = ("stiffness_N_per_m", "damping_N_s_per_m", "mass_kg")
 STIFFER = fmpq(1001, 1000)

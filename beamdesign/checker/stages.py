@@ -17,20 +17,57 @@ every stage i, so that any stage may act at any time:
   continuous, with |trace M^k| above the order of the product M of two matrix exponentials for one k, so with a spectral
   radius of M above one.
 
-Definiteness is settled by another method than the prover's; what has to be definite is the same, in code of its own.
+What has to be definite is the same as for the prover, in code of its own. Definiteness of symmetric rational matrices,
+and of matrix polynomials in the mass on an interval, is settled by another method than the prover's, which takes minors
+and Bernstein coefficients of matrices: the pivots of L D L' at one end, and no root of the determinant up to the other,
+on the way to which an eigenvalue would have to pass zero.
 """
 
 from collections.abc import Callable, Sequence
 
-from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.checker.definite import positive, positive_between
-from beamdesign.checker.ranges import Statements
+from beamdesign.checker.mass_range import Statements
 from beamdesign.checker.reading import Table, Unreadable, short
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import Pair
-from beamdesign.checker.stability import is_hurwitz
+from beamdesign.checker.roots import ONE, ZERO, Pair, S, is_hurwitz, pieces
 from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
+
+# Definiteness.
+
+
+def positive(matrix: fmpq_mat) -> bool:
+    """Whether a symmetric matrix is positive definite: all pivots of its elimination are positive."""
+    rows = matrix.tolist()
+    n = len(rows)
+    for k in range(n):
+        if rows[k][k] <= 0:
+            return False
+        for i in range(k + 1, n):
+            share = rows[i][k] / rows[k][k]
+            for j in range(k + 1, i + 1):  # the lower triangle is enough
+                rows[i][j] -= share * rows[j][k]
+    return True
+
+
+def positive_between(value: Callable[[fmpq], fmpq_mat], degree: int, low: fmpq, high: fmpq) -> bool:
+    """Whether a symmetric matrix polynomial of at most some degree in the mass is positive definite on [low, high]."""
+    if not positive(value(low)):
+        return False
+    count = degree * value(low).nrows() + 1
+    determinant, basis = ZERO, ONE
+    for point in (low + (high - low) * fmpq(k, count) for k in range(count)):
+        determinant += basis * ((value(point).det() - determinant(point)) / basis(point))
+        basis *= S - point
+    return bool(determinant(high) != 0) and _without_root(determinant, low, high)
+
+
+def _without_root(polynomial: fmpq_poly, low: fmpq, high: fmpq) -> bool:
+    return pieces([polynomial], low, high)[1] == 0
+
+
+# What the certificate states.
+
 
 MOST_CLAIMS = 32
 """And as many counterexamples."""
