@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from flint import fmpq, fmpq_mat, fmpq_poly
+from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.arm.figures import arm_of
 from beamdesign.arm.plane import PLANES, PlaneFigures, plane_figures, single_loop
@@ -135,14 +135,25 @@ class BothPlanes:
 
     def prove(self, low_kg: float, high_kg: float, budget: int = BUDGET) -> BoxVerdict:
         """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
-        terms = [
-            f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'})*s**{i}*{MASS}**{k}"
-            for k, power in enumerate(self.powers)
-            for i, c in enumerate(power.coeffs())
-            if c != 0
-        ]
-        family = Family(f"{self.name}, both planes", " + ".join(terms), {MASS: exact(low_kg)}, positive=(MASS,))
+        s, mass = fmpq_mpoly_ctx.get(["s", MASS], "lex").gens()
+        whole = sum((mass**k * in_s(power, s) for k, power in enumerate(self.powers)), 0 * s)
+        family = Family(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
+
+
+def in_s(polynomial: fmpq_poly, s: fmpq_mpoly) -> fmpq_mpoly:
+    """A polynomial in s as one in several variables."""
+    return sum((c * s**i for i, c in enumerate(polynomial.coeffs())), 0 * s)
+
+
+def written(polynomial: fmpq_mpoly) -> str:
+    """As `beamdesign.proof.box_statement` reads it."""
+    terms = []
+    for powers, c in polynomial.terms():
+        named = zip(polynomial.context().names(), powers, strict=True)
+        factors = "".join(f"*{name}**{power}" for name, power in named if power)
+        terms.append(f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'}){factors}")
+    return " + ".join(terms)
 
 
 def _floats(matrix: fmpq_mat) -> np.ndarray:
