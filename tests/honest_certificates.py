@@ -27,8 +27,8 @@ from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.contact import Wall
 from beamdesign.proof.lyapunov import switching
+from beamdesign.proof.mass_family import stage_families
 from beamdesign.proof.rig_tables import prototype_table
-from beamdesign.proof.stage_family import stage_families
 from beamdesign.proof.stage_tables import stages_certificate
 from beamdesign.proof.tolerance_box import tolerance_box
 from beamdesign.prototype import (

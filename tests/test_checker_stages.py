@@ -23,14 +23,13 @@ from beamdesign.checker.stages import positive, positive_between
 from beamdesign.checker.state_space import StateSpace
 from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
-from beamdesign.proof.any_change import any_change
+from beamdesign.proof.courses import any_change
+from beamdesign.proof.dwell import stage_change
 from beamdesign.proof.growth import frozen
 from beamdesign.proof.lmi import Answer
 from beamdesign.proof.lyapunov import Switching, switching
-from beamdesign.proof.mass_family import Families
+from beamdesign.proof.mass_family import Families, stage_families
 from beamdesign.proof.rig_tables import prototype_table, rig_tables
-from beamdesign.proof.stage_change import stage_change
-from beamdesign.proof.stage_family import stage_families
 from beamdesign.proof.stage_tables import stages_certificate
 from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype
 

@@ -18,15 +18,20 @@ from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proof.any_change import any_change
-from beamdesign.proof.bounded_rate import bounded_rate
-from beamdesign.proof.decrease import decrease, dwell_suffices, exact_terms, holds_across_jumps, holds_at_rate, jump
+from beamdesign.proof.courses import any_change, bounded_rate, checked
+from beamdesign.proof.decrease import (
+    decrease,
+    dwell_suffices,
+    exact_terms,
+    holds_across_jumps,
+    holds_at_rate,
+    jump,
+)
+from beamdesign.proof.dwell import sudden_change
 from beamdesign.proof.growth import frozen, growing_cycle, masses_in_turn, proved_growth
 from beamdesign.proof.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
 from beamdesign.proof.lyapunov import Switching, describe, switching
 from beamdesign.proof.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
-from beamdesign.proof.sudden_change import sudden_change
-from beamdesign.proof.verified import checked
 from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 
@@ -137,8 +142,8 @@ def test_commuting_stable_matrices_have_a_common_function():
     assert holds_at_rate([family], [rationals(p2)], fmpq(0), fmpq(1), fmpq(0), "matched").holds
     answer, _ = any_change((family,), fmpq(0), fmpq(1))
     assert answer.status == "proved"
-    assert answer.function is not None
-    assert holds_at_rate([family], [answer.function], fmpq(0), fmpq(1), fmpq(0), "matched").holds
+    assert answer.functions
+    assert holds_at_rate([family], answer.coefficients, fmpq(0), fmpq(1), fmpq(0), "matched").holds
 
 
 # The equations.
@@ -307,11 +312,11 @@ def test_rig_proved_for_any_change(firm):
 
     # V falls over every piece of a switching signal drawn at random, in equations written down anew.
     random, state, mass = np.random.default_rng(3), START, 0.0
-    levels = [_level([found.any_change.function], 0.0, state)]
+    levels = [_level([found.any_change.coefficients[0]], 0.0, state)]
     for _ in range(40):
         mass = float(random.choice([0.0, 6.8, 6.8 * random.random()]))
         state = _run(_rig_equations(firm, lambda t, m=mass: m), state, (0.0, random.exponential(4e-3)))[:, -1]
-        levels.append(_level([found.any_change.function], mass, state))
+        levels.append(_level([found.any_change.coefficients[0]], mass, state))
     assert np.all(np.diff(levels) < 0)
     assert levels[-1] < 1e-2 * levels[0]
 
@@ -319,7 +324,7 @@ def test_rig_proved_for_any_change(firm):
 def test_pick_up_from_rest_needs_its_own_bound(firm):
     # A sudden loss of velocity is not harmless in itself: the common V does not bound it, a factor does.
     found = _firm(firm)
-    function = [found.any_change.function]
+    function = [found.any_change.coefficients[0]]
     assert holds_across_jumps(found.families[0], function, LOW, HIGH, fmpq(1001, 1000), "matched").holds
     assert not holds_across_jumps(found.families[0], function, LOW, HIGH, fmpq(1001, 1000), "from_rest").holds
     sudden = found.sudden[1]

@@ -26,10 +26,9 @@ from beamdesign.members import paper_model, served
 from beamdesign.polynomial import exact
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.decrease import holds_at_rate
+from beamdesign.proof.dwell import stage_change, verified_dwell
 from beamdesign.proof.lyapunov import Switching, describe, switching
-from beamdesign.proof.mass_family import MassFamily, closed_loop
-from beamdesign.proof.stage_change import stage_change, verified_dwell
-from beamdesign.proof.stage_family import stage_families, stage_family
+from beamdesign.proof.mass_family import MassFamily, closed_loop, stage_families, stage_family
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
@@ -190,7 +189,7 @@ def test_two_stable_systems_that_switching_destabilises_are_proved_for_a_long_dw
 
 def test_a_schedule_waits_as_long_as_is_proved_to_be_enough(rig: Prototype, proved: Switching) -> None:
     assert kept_apart(rig, proved) is rig
-    slow = kept_apart(rig, replace(proved, stages=replace(proved.stages, kind="dwell", dwell_s=fmpq(2934, 10000))))
+    slow = kept_apart(rig, replace(proved, stages=replace(proved.stages, dwell_s=fmpq(2934, 10000))))
     assert schedule_of(slow).dwell_s == 0.3
     structured = read_prototype(SHIPPED.with_name("structured.toml"))
     assert [len(stage.section) for stage in schedule_of(structured).stage] == [3, 3, 3]

@@ -155,7 +155,7 @@ def certify_switching(
     joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
     schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
     """
-    from beamdesign.proof.stage_family import stage_families
+    from beamdesign.proof.mass_family import stage_families
     from beamdesign.records import InputError
 
     record = with_controller(prototype)

@@ -33,8 +33,8 @@ from beamdesign.design.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHE
 from beamdesign.members import Member, served
 from beamdesign.proof.family_certificate import gain_and_mass
 from beamdesign.proof.lyapunov import Switching, switching
+from beamdesign.proof.mass_family import stage_families
 from beamdesign.proof.rational import nearest
-from beamdesign.proof.stage_family import stage_families
 from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.records import InputError
 
@@ -331,7 +331,7 @@ def _tune_stages(
 def kept_apart(rig: Prototype, found: Switching) -> Prototype:
     """The rig with changes of stage at least so far apart as is proved to be enough."""
     schedule = rig.schedule
-    if schedule is None or found.stages.status != "proved" or found.stages.suffices(schedule.dwell_s):
+    if schedule is None or found.stages.dwell_s is None or found.stages.suffices(schedule.dwell_s):
         return rig
     needed = ceil(100 * nearest(found.stages.dwell_s)) / 100
     return rig.but(controller=schedule.but(dwell_s=needed))

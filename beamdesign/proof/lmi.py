@@ -153,7 +153,8 @@ def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: s
     if weights is None:
         return Answer(solver, status, False, (), None)
     inner = np.tensordot(weights, basis, axes=1)
-    return first.answer(solver, status, status.startswith("optimal") and margin > 0, inner)
+    claims = status.startswith("optimal") and margin > 0
+    return Answer(solver, status, claims, first.in_si(inner), first.onward(inner))
 
 
 def solve_across_jumps(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
@@ -165,21 +166,7 @@ def solve_across_jumps(families: Families, sought: Sought, coordinates: np.ndarr
         coordinates: T, (n, n).
         solver: of `SOLVERS`.
     """
-    scaled = _scaled(families, sought, coordinates)
-    first, identity = scaled[0], np.eye(families[0].order)
-    basis = first.basis(sought.degree)
-    values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
-    share = 1.0 if sought.joining == "matched" else float((first.bare + first.low) / (first.bare + first.high))
-    jump = identity - (1 - share) * first.pick
-    # The margin is maximised, so the sign of g is turned: P >= I, J' P J <= -t I with t = -g.
-    constraints = [(v, -1.0, 0 * identity) for v in values] + [(-v, 0.0, identity) for v in values]
-    constraints += [(-(jump.T @ v @ jump), 0.0, identity) for v in values]
-    for one, family in zip(scaled, families, strict=True):
-        constraints += _falling(one, family, sought, basis)
-    status, _, weights = maximise_margin(constraints, solver, most=-1.0)
-    if weights is None:
-        return Answer(solver, status, False, (), None)
-    return first.answer(solver, status, status.startswith("optimal"), np.tensordot(weights, basis, axes=1))
+    return _little_growth(families, sought, coordinates, solver, 1)[0]
 
 
 def solve_one_each(
@@ -190,29 +177,37 @@ def solve_one_each(
     Returns:
         one answer for each family, all with the same coordinates to go on in: those of the mean of all functions.
     """
+    return _little_growth(families, sought, coordinates, solver, len(families))
+
+
+def _little_growth(
+    families: Families, sought: Sought, coordinates: np.ndarray, solver: str, count: int
+) -> tuple[Answer, ...]:
+    """Minimise g over one function that falls along all families, or over as many as there are families."""
     scaled = _scaled(families, sought, coordinates)
-    first, identity, count = scaled[0], np.eye(families[0].order), len(families)
+    first, identity = scaled[0], np.eye(families[0].order)
     own = first.basis(sought.degree)
-    size = len(own)
-    constraints = []
-    for k, (one, family) in enumerate(zip(scaled, families, strict=True)):
+    size, constraints, bases = len(own), [], []
+    share = 1.0 if sought.joining == "matched" else float((first.bare + first.low) / (first.bare + first.high))
+    # Of a common function both, though of matched payload they agree: a solver then keeps further from the bound.
+    jumps = [identity] if count > 1 else [identity, identity - (1 - share) * first.pick]
+    for k in range(count):
         basis = np.zeros((size * count, *own.shape[1:]))
         basis[k * size : (k + 1) * size] = own
-        values = bernstein(list(np.moveaxis(basis, 1, 0)), one.low, one.high)
-        constraints += [(v, -1.0, 0 * identity) for v in values] + [(-v, 0.0, identity) for v in values]
-        constraints += _falling(one, family, sought, basis)
+        bases.append(basis)
+        values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
+        # The margin is maximised, so the sign of g is turned: P >= I, J' P J <= -t I with t = -g.
+        constraints += [(v, -1.0, 0 * identity) for v in values]
+        constraints += [(-(jump.T @ v @ jump), 0.0, identity) for jump in jumps for v in values]
+    for k, (one, family) in enumerate(zip(scaled, families, strict=True)):
+        room = 0.02 * abs(slowest_decay([family], sought.low, sought.high)) / one.pace  # for the exact check
+        constraints += [(f, -room, 0 * identity) for f in one.decrease(bases[k if count > 1 else 0], sought, 0, 0)]
     status, _, weights = maximise_margin(constraints, solver, most=-1.0)
     if weights is None:
-        return tuple(Answer(solver, status, False, (), None) for _ in families)
+        return tuple(Answer(solver, status, False, (), None) for _ in range(count))
     inner = [np.tensordot(weights[k * size : (k + 1) * size], own, axes=1) for k in range(count)]
-    claims, middle = status.startswith("optimal"), (first.low + first.high) / 2
-    mean = sum(p * middle**k for each in inner for k, p in enumerate(each)) / count
-    try:
-        onward = factor(mean) @ coordinates
-    except np.linalg.LinAlgError:
-        onward = None
-    answers = [one.answer(solver, status, claims, each) for one, each in zip(scaled, inner, strict=True)]
-    return tuple(Answer(solver, status, claims, answer.coefficients, onward) for answer in answers)
+    onward = first.onward(np.mean(inner, axis=0))
+    return tuple(Answer(solver, status, status.startswith("optimal"), first.in_si(each), onward) for each in inner)
 
 
 class Scaled:
@@ -252,22 +247,17 @@ class Scaled:
         rate, decay = sign * float(sought.rate) / self.unit / self.pace, float(sought.decay) / self.pace
         return bernstein(decrease(terms, self.bare, decay, rate, resting), self.low, self.high)
 
-    def answer(self, solver: str, status: str, claims: bool, inner: np.ndarray) -> Answer:
-        """An answer in SI from coefficients in scaled mass and coordinates."""
+    def in_si(self, inner: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coefficients of P(m) in SI from those in scaled mass and coordinates."""
+        return tuple(self.coordinates.T @ p @ self.coordinates / self.unit**k for k, p in enumerate(inner))
+
+    def onward(self, inner: np.ndarray) -> np.ndarray | None:
+        """Coordinates in which such a P at mid-range is the identity; None where it is not positive definite."""
         middle = (self.low + self.high) / 2
-        coefficients = tuple(self.coordinates.T @ p @ self.coordinates / self.unit**k for k, p in enumerate(inner))
         try:
-            coordinates = factor(sum(p * middle**k for k, p in enumerate(inner))) @ self.coordinates
+            return factor(sum(p * middle**k for k, p in enumerate(inner))) @ self.coordinates
         except np.linalg.LinAlgError:
-            coordinates = None
-        return Answer(solver, status, claims, coefficients, coordinates)
-
-
-def _falling(
-    one: Scaled, family: MassFamily, sought: Sought, basis: np.ndarray
-) -> list[tuple[np.ndarray, float, np.ndarray]]:
-    room = 0.02 * abs(slowest_decay([family], sought.low, sought.high)) / one.pace  # for the exact check
-    return [(f, -room, np.zeros(f.shape[1:])) for f in one.decrease(basis, sought, 0, 0)]
+            return None
 
 
 def _scaled(families: Families, sought: Sought, coordinates: np.ndarray) -> list[Scaled]:

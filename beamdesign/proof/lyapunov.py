@@ -3,22 +3,20 @@
 A law that stays is the case of one stage.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import inf, isinf
 from typing import Any
 
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proof.any_change import AnyChange, any_change
-from beamdesign.proof.bounded_rate import DEGREES, BoundedRate, Update, bounded_rate, quiet
+from beamdesign.proof.courses import DEGREES, Course, Status, Update, any_change, bounded_rate, quiet
 from beamdesign.proof.decrease import ZERO, Joining
+from beamdesign.proof.dwell import stage_change, sudden_change
 from beamdesign.proof.growth import Frozen, frozen
 from beamdesign.proof.mass_family import Families
 from beamdesign.proof.rational import nearest
-from beamdesign.proof.stage_change import StageChange, stage_change
-from beamdesign.proof.sudden_change import SuddenChange, sudden_change
-from beamdesign.proof.verified import Status
 
 CHANGES_NAME = "stages.certificate.toml"
 """File of the proof of changes between the laws of a controller, beside its prototype."""
@@ -37,7 +35,7 @@ class Switching:
     Attributes:
         outer_end_mass_kg: the range.
         frozen: every mass and stage that stays, exactly.
-        stages: changes of stage at any mass that stays.
+        stages: changes of stage at any mass that stays; of a law of one stage, which never changes, with no function.
         any_change: however fast, payload matched in velocity.
         rates: bounded |dm/dt|, one for each way of joining; none where the stage may not change at any time.
         sudden: sudden changes with time between them, likewise.
@@ -48,10 +46,10 @@ class Switching:
 
     outer_end_mass_kg: tuple[float, float]
     frozen: Frozen
-    stages: StageChange
-    any_change: AnyChange
-    rates: tuple[BoundedRate, ...]
-    sudden: tuple[SuddenChange, ...]
+    stages: Course
+    any_change: Course
+    rates: tuple[Course, ...]
+    sudden: tuple[Course, ...]
     wanted_kg_per_s: float | None
     dwell_s: float
     families: Families
@@ -69,8 +67,8 @@ class Switching:
     @property
     def reason(self) -> str:
         """Why the answer is no, or not at any time, in words; empty where it is yes."""
-        reasons = [self.stages.reason, *(f"payload {_spaced(r.joining)}: {r.reason}" for r in self.rates if r.reason)]
-        return "; ".join(reason for reason in reasons if reason)
+        joined = (f"payload {r.joining.replace('_', ' ')}: {r.reason}" for r in self.rates if r.reason)
+        return "; ".join(reason for reason in [self.stages.reason, *joined] if reason)
 
 
 def switching(
@@ -99,52 +97,42 @@ def switching(
     if wanted_kg_per_s is not None and not 0 < wanted_kg_per_s < inf:
         raise ValueError(f"the rate must be positive and finite, is {wanted_kg_per_s}")
     low, high = exact(low_kg), exact(high_kg)
-
-    def result(
-        stages: StageChange, common: AnyChange, rates: list[BoundedRate], sudden: list[SuddenChange]
-    ) -> Switching:
-        range_kg = (low_kg, high_kg)
-        return Switching(
-            range_kg, stays, stages, common, tuple(rates), tuple(sudden), wanted_kg_per_s, dwell_s, families
-        )
-
     stays = frozen(families, low, high)
+
+    def result(stages: Course, common: Course, rates: Sequence[Course], sudden: Sequence[Course]) -> Switching:
+        found = (stays, stages, common, tuple(rates), tuple(sudden))
+        return Switching((low_kg, high_kg), *found, wanted_kg_per_s, dwell_s, families)
+
     if not stays.stable:  # a mass that stays is a course of m(t) too: no claim about all courses holds
-        reason = f"not stable even for a mass that stays: {stays.reason}"
-        return result(
-            StageChange("refuted", reason if len(families) > 1 else "", "none"),
-            AnyChange("refuted", reason, (low_kg, high_kg), None, None, None),
-            [BoundedRate("refuted", reason, joining, None, ()) for joining in JOININGS],
-            [SuddenChange("refuted", reason, joining, None, ZERO, ZERO, ()) for joining in JOININGS],
-        )
+        refuted = Course("refuted", f"not stable even for a mass that stays: {stays.reason}")
+        stages = refuted if len(families) > 1 else replace(refuted, reason="")
+        each = [replace(refuted, joining=joining) for joining in JOININGS]
+        return result(stages, refuted, each, each)
     if len(families) > 1:
         update(0.05, "changes of stage")
     stages, coordinates = stage_change(families, low, high)
     if stages.kind != "any_time":
-        status: Status = "undecided"
-        if stages.counterexample is not None and stages.counterexample.proved:
-            status = "refuted"
-        common = AnyChange(status, stages.reason, (low_kg, high_kg), None, None, stages.counterexample)
-        return result(stages, common, [], [])
+        cycle = stages.counterexample
+        status: Status = "refuted" if cycle is not None and cycle.proved else "undecided"
+        return result(stages, Course(status, stages.reason, counterexample=cycle), [], [])
     update(0.15, "any change")
-    common, reached = any_change(families, low, high)
+    common, onward = any_change(families, low, high)
     if len(families) == 1 or common.status == "proved":
-        coordinates = reached.coordinates
-    degrees = [d for d in DEGREES if not stages.functions or d >= len(stages.functions[0]) - 1]
+        coordinates = onward
+    degrees = [d for d in DEGREES if d >= len(stages.coefficients) - 1]
     wanted = None if wanted_kg_per_s is None else exact(wanted_kg_per_s)
-    rates: list[BoundedRate] = []
-    sudden: list[SuddenChange] = []
+    rates, sudden = [], []
     for share, joining in zip((0.3, 0.65), JOININGS, strict=True):
-        if joining == "matched" and common.status == "proved" and common.function is not None:
-            rates.append(BoundedRate("proved", "", joining, inf, (common.function,)))
-            sudden.append(SuddenChange("proved", "", joining, ZERO, fmpq(1), ZERO, (common.function,)))
+        if joining == "matched" and common.status == "proved":
+            rates.append(Course("proved", "", joining, common.functions, rate_kg_per_s=inf))
+            sudden.append(Course("proved", "", joining, common.functions, dwell_s=ZERO, factor=fmpq(1)))
             continue
 
         def part(fraction: float, text: str = "", share: float = share) -> None:
             update(share + 0.3 * fraction, text)
 
         rates.append(bounded_rate(families, low, high, joining, coordinates, wanted, update=part, degrees=degrees))
-        update(share + 0.3, f"sudden changes, mass {_spaced(joining)}")
+        update(share + 0.3, f"sudden changes, mass {joining.replace('_', ' ')}")
         sudden.append(sudden_change(families, low, high, joining, coordinates))
     return result(stages, common, rates, sudden)
 
@@ -164,11 +152,11 @@ def describe(found: Switching) -> list[str]:
     return [*lines, "all of it about the linear loop, each law in continuous time"] if several else lines
 
 
-def _of_stages(stages: StageChange, dwell_s: float) -> list[str]:
+def _of_stages(stages: Course, dwell_s: float) -> list[str]:
     """Changes of stage in words."""
     if stages.kind == "any_time":
         return ["proved: stable whichever stage acts when, at every payload that stays; what follows holds likewise"]
-    if stages.status != "proved":
+    if stages.dwell_s is None:
         return [f"{_head(stages.status)}: changes of stage: {stages.reason}"]
     kept = "kept by the schedule" if stages.suffices(dwell_s) else f"NOT kept by its dwell_s of {dwell_s:g}"
     return [
@@ -222,10 +210,6 @@ def _head(status: Status) -> str:
     return {"unverified": "UNVERIFIED, so not known to be stable"}.get(status, status.upper())
 
 
-def _spaced(joining: Joining) -> str:
-    return joining.replace("_", " ")
-
-
 def switching_fields(found: Switching) -> dict[str, Any]:
     """What is proved while payload and stage change, for a JSON file."""
     common, cycle, stages = found.any_change, found.any_change.counterexample, found.stages
@@ -239,7 +223,7 @@ def switching_fields(found: Switching) -> dict[str, Any]:
         "stage_change": {
             "status": stages.status,
             "reason": stages.reason,
-            "dwell_s": nearest(stages.dwell_s) if stages.status == "proved" else None,
+            "dwell_s": None if stages.dwell_s is None else nearest(stages.dwell_s),
         },
         "any_change": {
             "status": common.status,

@@ -6,6 +6,7 @@ from math import isinf
 from flint import fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact
+from beamdesign.proof.courses import Course
 from beamdesign.proof.lyapunov import Switching
 from beamdesign.proof.rational import text
 from beamdesign.proof.rig_tables import Tables, stated, texts
@@ -40,26 +41,29 @@ def _claims(found: Switching) -> Iterator[Tables]:
     low, high = map(exact, found.outer_end_mass_kg)
     stages, common = found.stages, found.any_change
     if stages.kind == "any_time" and stages.functions:
-        yield _claim("stage_change", low, high) | _function(stages.functions[0])
+        yield _claim("stage_change", low, high) | _function(stages.coefficients)
     if stages.kind == "dwell":
-        figures = {"dwell_s": stages.dwell_s, "factor": stages.factor, "decay_per_s": stages.decay_per_s}
-        yield _claim("stage_dwell", low, high, **figures) | {"stage": [_function(p) for p in stages.functions]}
-    if common.function is not None and common.proved_up_to_kg is not None:
-        yield _claim("any_change", low, exact(common.proved_up_to_kg)) | _function([common.function])
+        yield _claim("stage_dwell", low, high, **_dwell(stages)) | {"stage": [_function(p) for p in stages.functions]}
+    if common.proved_up_to_kg is not None:
+        yield _claim("any_change", low, exact(common.proved_up_to_kg)) | _function(common.coefficients)
     for rate in found.rates:
         if rate.status == "proved" and rate.rate_kg_per_s is not None and not isinf(rate.rate_kg_per_s):
             claim = _claim("payload_rate", low, high, rate_kg_per_s=exact(rate.rate_kg_per_s))
             yield claim | {"joining": rate.joining} | _function(rate.coefficients)
     for sudden in found.sudden:
-        if sudden.status == "proved" and sudden.dwell_s:
-            figures = {"dwell_s": sudden.dwell_s, "factor": sudden.factor, "decay_per_s": sudden.decay_per_s}
-            claim = _claim("payload_jumps", low, high, **figures)
+        if sudden.kind == "dwell":
+            claim = _claim("payload_jumps", low, high, **_dwell(sudden))
             yield claim | {"joining": sudden.joining} | _function(sudden.coefficients)
 
 
 def _claim(kind: str, low: fmpq, high: fmpq, **figures: fmpq) -> Tables:
     named = {name: text(value) for name, value in figures.items()}
     return {"kind": kind, "outer_end_mass_kg": texts((low, high))} | named
+
+
+def _dwell(course: Course) -> dict[str, fmpq]:
+    assert course.dwell_s is not None  # it is proved
+    return {"dwell_s": course.dwell_s, "factor": course.factor, "decay_per_s": course.decay_per_s}
 
 
 def _function(coefficients: Sequence[fmpq_mat]) -> Tables:

@@ -9,7 +9,7 @@ from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.certificate import Certificate, Guaranteed
 from beamdesign.proof.certifying import certify, guaranteed_by_all
 from beamdesign.proof.lyapunov import Switching, switching
-from beamdesign.proof.stage_family import stage_families
+from beamdesign.proof.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.realisation.loop import realised_loop
 from beamdesign.records import InputError
