@@ -53,6 +53,10 @@ CHOICES = (
 REMEDY_GAIN_MA_PER_V = 150.0
 
 
+_TOLD = ("group", "quantity", "unit", "paper", "model", "agrees", "verdict", "source", "note")
+"""Of each claim in the JSON result."""
+
+
 @dataclass(frozen=True)
 class Comparison:
     """The paper beside the model.
@@ -77,20 +81,7 @@ class Comparison:
         return {
             "critical_gains": [row.fields() for row in self.gains],
             "bandwidths_Hz": [row.fields() for row in self.bandwidths],
-            "claims": [
-                {
-                    "group": claim.group,
-                    "quantity": claim.quantity,
-                    "unit": claim.unit,
-                    "paper": claim.paper,
-                    "model": claim.model,
-                    "agrees": claim.agrees,
-                    "verdict": claim.verdict,
-                    "source": claim.source,
-                    "note": claim.note,
-                }
-                for claim in self.claims
-            ],
+            "claims": [{key: getattr(claim, key) for key in _TOLD} for claim in self.claims],
             "slips": self.slips,
             "choices": CHOICES,
             "variations": {key: words for key, (words, _) in VARIATIONS.items()},

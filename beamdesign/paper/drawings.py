@@ -26,9 +26,11 @@ from beamdesign.paper.figure_claims import (
 )
 from beamdesign.paper.rig import INNER_END_MASS_KG, OUTER_END_MASS_KG, beam_damping, lag, proportional
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
-from beamdesign.report.canvas import new_figure
+from beamdesign.report.canvas import new_figure, note
 from beamdesign.report.figures import plot_compliance, plot_critical_gain, plot_loop_bode, plot_root_locus
 from beamdesign.report.quantity import decibels, from_decibels
+
+_ARROW = {"arrowstyle": "->", "linewidth": 0.8}
 
 
 @dataclass(frozen=True)
@@ -85,10 +87,7 @@ def _spike(phase: Axes, loop: LoopAtMass, words: str) -> None:
     frequency = float(np.sqrt(np.prod(pair_Hz(loop))))
     response = loop.loop_response(np.geomspace(0.1, frequency, 4000))
     level = float(np.degrees(np.unwrap(np.angle(response)))[-1])
-    phase.annotate(
-        words, (frequency, level), xytext=(-70, 0), textcoords="offset points", fontsize=8, ha="right", va="center",
-        arrowprops={"arrowstyle": "->", "linewidth": 0.8},
-    )  # fmt: skip
+    note(phase, words, (frequency, level), (-70, 0), "right", "center", arrowprops=_ARROW)
 
 
 def root_locus() -> Drawing:
@@ -102,11 +101,8 @@ def root_locus() -> Drawing:
     whole.set_xlim(-1100, 250)
     whole.set_ylim(-1150, 1150)
     whole.set_xticks([-1000, -500, 0])
-    whole.annotate(
-        f"{1e3 * limit.gain_A_per_V:.1f} mA/V\n{limit.frequency_Hz:.0f} Hz", (0.0, 2 * np.pi * limit.frequency_Hz),
-        xytext=(-52, -48), textcoords="offset points", fontsize=8, ha="center",
-        arrowprops={"arrowstyle": "->", "linewidth": 0.8},
-    )  # fmt: skip
+    words = f"{1e3 * limit.gain_A_per_V:.1f} mA/V\n{limit.frequency_Hz:.0f} Hz"
+    note(whole, words, (0.0, 2 * np.pi * limit.frequency_Hz), (-52, -48), arrowprops=_ARROW)
     close.set_xlim(-50, 10)
     close.set_ylim(290, 360)
     close.set_title("the beams' pair", fontsize=9)
@@ -141,10 +137,7 @@ def lag_compliance() -> Drawing:
     for frequency, printed in ((0.5, 22), (2.0, 20), (20.0, 4)):
         low, high = (abs(one.compliance_response(np.array([frequency]))[0]) for one in (loop, before))
         axes.annotate("", (frequency, low), (frequency, high), arrowprops={"arrowstyle": "<->", "linewidth": 0.9})
-        axes.annotate(
-            f"{decibels(high) - decibels(low):.1f} dB (paper {printed})", (frequency, low), xytext=(5, -11),
-            textcoords="offset points", fontsize=8,
-        )  # fmt: skip
+        note(axes, f"{decibels(high) - decibels(low):.1f} dB (paper {printed})", (frequency, low), (5, -11), "left")
     return Drawing(
         "figure_10", "Figure 10: closed-loop compliance, lag compensator",
         "The goal is met below 10 Hz; 22 dB better than proportional below 2 Hz, 20 to 4 dB from there to 20 Hz,"
@@ -163,10 +156,7 @@ def lag_open_loop() -> Drawing:
         for axes in (magnitude, phase):
             for frequency in (50.0, 55.0):
                 axes.axvline(frequency, color="0.7", linewidth=0.8, linestyle=":")
-        magnitude.annotate(
-            "paper: 50 and 55 Hz", (50.0, magnitude.get_ylim()[0]), xytext=(-6, 6), textcoords="offset points",
-            fontsize=8, ha="right",
-        )  # fmt: skip
+        note(magnitude, "paper: 50 and 55 Hz", (50.0, magnitude.get_ylim()[0]), (-6, 6), "right")
         _spike(phase, loop, "spike up")
 
     return Drawing(
@@ -188,10 +178,8 @@ def loaded_open_loop() -> Drawing:
         for name, frequency, side in (("pole", pole, "right"), ("zero", zero, "left")):
             for axes in (magnitude, phase):
                 axes.axvline(frequency, color="0.7", linewidth=0.8, linestyle=":")
-            magnitude.annotate(
-                f"{name} {frequency:.1f} Hz", (frequency, magnitude.get_ylim()[0]),
-                xytext=(-4 if side == "right" else 4, 6), textcoords="offset points", fontsize=8, ha=side,
-            )  # fmt: skip
+            place = (frequency, magnitude.get_ylim()[0])
+            note(magnitude, f"{name} {frequency:.1f} Hz", place, (-4 if side == "right" else 4, 6), side)
         _spike(phase, loop, "spike down, past -180 degrees")
 
     return Drawing(
@@ -239,8 +227,7 @@ def _measured(figure_number: int, label: str) -> Figure:
     figure = _compliance({label: at(case.rig, case.outer_end_mass_kg)})
     axes = figure.axes[0]
     axes.axvspan(axes.get_xlim()[0], TESTED_HZ[-1], color="0.93", zorder=0)
-    axes.annotate("tested", (TESTED_HZ[-1], axes.get_ylim()[0]), xytext=(-5, 6), textcoords="offset points",
-                  fontsize=8, ha="right")  # fmt: skip
+    note(axes, "tested", (TESTED_HZ[-1], axes.get_ylim()[0]), (-5, 6), "right")
     for force, marker in zip(FORCES_PEAK_TO_PEAK_N, "s^", strict=True):
         axes.plot(
             TESTED_HZ, nonlinear_compliance(figure_number, force), marker, color="black", fillstyle="none",

@@ -11,11 +11,10 @@ from beamdesign.arm.figures import arm_of
 from beamdesign.arm.remaining import Remaining, Vector
 from beamdesign.arm.result import ArmResult
 from beamdesign.prototype import Prototype
-from beamdesign.report.canvas import STYLES, new_figure
+from beamdesign.report.canvas import LIMIT, STYLES, finish, new_figure
 from beamdesign.spelling import in_plot
 
 CAUSES = {"tip": "tip moves", "turning": "end turns", "twist": "end twists"}
-SHADES = {"tip": "0.25", "turning": "0.6", "twist": "#2a78b8"}
 _CASES = ("without servo", "with servo")
 _COLOURS = ("0.5", "#2a78b8")
 
@@ -166,11 +165,9 @@ def draw_compliance(axes: Axes, curves: Curves, goal: float) -> Axes:
             curves.frequency_Hz, values, color=_COLOURS[servo], linestyle=STYLES[0 if light else 2]["linestyle"],
             linewidth=1.2, label=f"{_CASES[servo]}, {mass:g} kg",
         )  # fmt: skip
-    axes.axhline(goal, color="black", linewidth=0.8, linestyle=(0, (8, 3)), label="goal")
-    axes.set_xlabel("frequency, Hz")
-    axes.set_ylabel("m/N")
+    axes.axhline(goal, **LIMIT, label="goal")
+    finish(axes, "frequency, Hz", "m/N", legend=None)
     axes.set_title("force and motion of the payload's centre, z", fontsize=9)
-    axes.grid(which="major", color="0.85", linewidth=0.6)
     # Room for the legend below the curves.
     axes.set_ylim(bottom=0.001 * min(goal, *(float(values[0]) for values in curves.magnitude.values())))
     axes.legend(fontsize=7, loc="lower left")

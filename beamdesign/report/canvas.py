@@ -14,9 +14,11 @@ from xml.sax.saxutils import quoteattr
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from beamdesign.files import write_whole
 from beamdesign.spelling import one_line
@@ -30,12 +32,57 @@ STYLES = (
 )
 """Line styles that stay apart in grey print, in order of use."""
 
+LIMIT: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (8, 3))}
+"""Line style of a limit or a boundary."""
+
 
 def new_figure(width_mm: float = 170.0, height_mm: float = 110.0) -> Figure:
     """An empty figure on an Agg canvas, laid out so that labels do not overlap."""
     figure = Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+Place = Literal["best", "upper left", "lower left"]
+
+
+def finish(axes: Axes, x: str | None = None, y: str | None = None, legend: Place | None = "best") -> Axes:
+    """Name the axes, draw the grid, and the legend at that place where there is one.
+
+    Args:
+        axes: drawn on; a name that is None stays as it is.
+        x: of the horizontal axis, with its unit.
+        y: of the vertical one.
+        legend: place of the legend; none where it is None or no curve has a label.
+    """
+    if x is not None:
+        axes.set_xlabel(x)
+    if y is not None:
+        axes.set_ylabel(y)
+    axes.grid(which="major", color="0.88", linewidth=0.6)
+    if legend and axes.get_legend_handles_labels()[1]:
+        axes.legend(fontsize=8, loc=legend)
+    return axes
+
+
+def plain_numbers(*scales: Axis) -> None:
+    """Label logarithmic scales with plain numbers, at their major ticks alone."""
+    for scale in scales:
+        scale.set_major_formatter(StrMethodFormatter("{x:g}"))
+        scale.set_minor_formatter(NullFormatter())
+
+
+def note(
+    axes: Axes,
+    words: str,
+    at: tuple[float, float],
+    shift: tuple[float, float] = (0, 0),
+    ha: str = "center",
+    va: str = "baseline",
+    **more: Any,
+) -> None:
+    """Write at a point of the data, shifted by so many points of print."""
+    axes.annotate(words, at, xytext=shift, textcoords="offset points", fontsize=8, ha=ha, va=va, **more)
 
 
 def save(

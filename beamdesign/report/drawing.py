@@ -7,6 +7,7 @@ import numpy as np
 from beamdesign import beam, section
 from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import Beam, Prototype
+from beamdesign.report.canvas import note
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -141,15 +142,7 @@ def _dimension(axes: "Axes", start: tuple[float, float], end: tuple[float, float
         "", start, end, arrowprops={"arrowstyle": "<|-|>", "color": _LINE, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
     )
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-    axes.annotate(
-        text,
-        middle,
-        xytext=(0, -2 if below else 2),
-        textcoords="offset points",
-        ha="center",
-        va="top" if below else "bottom",
-        fontsize=8,
-    )
+    note(axes, text, middle, (0, -2 if below else 2), va="top" if below else "bottom")
 
 
 def _clamps(axes: "Axes", prototype: Prototype) -> None:

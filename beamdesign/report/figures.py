@@ -6,23 +6,20 @@ A loop comes as `LoopAtMass`, several of them under the labels of the legend. Fr
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from math import inf, isfinite, log10
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
 from beamdesign.loop import LoopAtMass
 from beamdesign.operating_limits import Envelope
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
-from beamdesign.report.canvas import STYLES
+from beamdesign.report.canvas import LIMIT, STYLES, finish, note, plain_numbers
 from beamdesign.report.quantity import decibels
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
-
-_LIMIT: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (8, 3))}
 
 
 def frequency_grid(loops: Sequence[LoopAtMass], lowest_Hz: float = 0.1, highest_Hz: float = 1000.0) -> np.ndarray:
@@ -60,14 +57,11 @@ def plot_compliance(
             axes.plot([bandwidth], [limit_m_per_N], "o", color=style["color"], markersize=5)
     if limit_m_per_N:
         level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
-        axes.axhline(limit_m_per_N, label=level, **_LIMIT)
+        axes.axhline(limit_m_per_N, label=level, **LIMIT)
     _frequency_axis(axes, lowest_Hz, highest_Hz)
-    axes.set_ylabel("compliance |x / F_d|, m/N")
     _powers_of_ten(axes)
-    axes.grid(which="major", color="0.85", linewidth=0.6)
     _decibel_axis(axes)
-    _legend(axes, len(curves))
-    return axes
+    return finish(axes, y="compliance |x / F_d|, m/N")
 
 
 def shade_compliance(
@@ -120,16 +114,11 @@ def plot_loop_bode(
         magnitude.semilogx(frequencies, 20 * np.log10(np.abs(response)), label=label, linewidth=1.3, **style)
         phase.semilogx(frequencies, angle - 360 * np.round(angle[0] / 360), linewidth=1.3, **style)
     for axes, level in ((magnitude, 0.0), (phase, -180.0)):
-        axes.axhline(level, **_LIMIT)
-        axes.grid(which="major", color="0.85", linewidth=0.6)
+        axes.axhline(level, **LIMIT)
         _frequency_axis(axes, lowest_Hz, highest_Hz)
-    magnitude.set_xlabel("")
-    magnitude.set_ylabel("|L|, dB")
     magnitude.yaxis.set_major_locator(MultipleLocator(20))
-    phase.set_ylabel("phase of L, degrees")
     phase.yaxis.set_major_locator(MultipleLocator(90))
-    _legend(magnitude, len(curves))
-    return magnitude, phase
+    return finish(magnitude, "", "|L|, dB"), finish(phase, y="phase of L, degrees")
 
 
 def plot_root_locus(axes: Axes, loop: LoopAtMass, factors: Sequence[float], marked: Mapping[str, float]) -> Axes:
@@ -170,17 +159,9 @@ def plot_pole_zero(
     """Poles as crosses and zeros as circles, 1/s, with the stability boundary drawn in."""
     axes.plot(poles.real, poles.imag, "x", color="black", markersize=7, label=pole_label)
     axes.plot(zeros.real, zeros.imag, "o", color="black", markersize=7, fillstyle="none", label=zero_label)
-    return _root_axes(axes)
-
-
-def _root_axes(axes: Axes) -> Axes:
-    axes.axvline(0.0, **_LIMIT)
+    axes.axvline(0.0, **LIMIT)
     axes.axhline(0.0, color="0.7", linewidth=0.6)
-    axes.set_xlabel("real part, 1/s")
-    axes.set_ylabel("imaginary part, rad/s")
-    axes.grid(color="0.9", linewidth=0.6)
-    axes.legend(fontsize=8, loc="best")
-    return axes
+    return finish(axes, "real part, 1/s", "imaginary part, rad/s")
 
 
 def plot_sensitivity(
@@ -193,14 +174,10 @@ def plot_sensitivity(
         shown = f"{label}, peak {peak:.2f}" if isfinite(peak) else f"{label}, unstable"
         axes.loglog(frequencies, np.abs(loop.sensitivity_response(frequencies)), label=shown, linewidth=1.3, **style)
     if limit:
-        axes.axhline(limit, label=f"limit {limit:g}", **_LIMIT)
+        axes.axhline(limit, label=f"limit {limit:g}", **LIMIT)
     _frequency_axis(axes, lowest_Hz, highest_Hz)
-    axes.set_ylabel("|S|")
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.grid(which="major", color="0.85", linewidth=0.6)
-    axes.legend(fontsize=8, loc="best")
-    return axes
+    plain_numbers(axes.yaxis)
+    return finish(axes, y="|S|")
 
 
 def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[str, Sequence[float]]) -> Axes:
@@ -221,20 +198,14 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
             y.append(1e3 * after)
         axes.semilogy(x, np.where(np.isfinite(y), y, np.nan), label=label, linewidth=1.3, **style)
     axes.set_xlim(masses_kg[0], masses_kg[-1])
-    axes.set_xlabel("outer end mass, kg")
-    axes.set_ylabel("critical gain, mA/V")
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.grid(which="both", color="0.88", linewidth=0.6)
-    axes.legend(fontsize=8, loc="best")
-    return axes
+    plain_numbers(axes.yaxis)
+    return finish(axes, "outer end mass, kg", "critical gain, mA/V")
 
 
 def _frequency_axis(axes: Axes, lowest_Hz: float, highest_Hz: float) -> None:
     axes.set_xlim(lowest_Hz, highest_Hz)
     axes.set_xlabel("frequency, Hz")
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    plain_numbers(axes.xaxis)
 
 
 def _powers_of_ten(axes: Axes) -> None:
@@ -246,11 +217,6 @@ def _powers_of_ten(axes: Axes) -> None:
 
 def _styles(count: int) -> list[dict[str, str]]:
     return [STYLES[i % len(STYLES)] for i in range(count)]
-
-
-def _legend(axes: Axes, count: int) -> None:
-    if count:
-        axes.legend(fontsize=8, loc="best")
 
 
 _STYLES = (*STYLES, {"color": "0.45", "linestyle": "--"})
@@ -273,16 +239,12 @@ def plot_envelope(axes: Axes, envelope: Envelope, asked_N: float | None = None) 
         line.set(**style)
     axes.loglog(frequency, least, color="black", linewidth=2.4, label="envelope")
     if asked_N is not None:
-        axes.axhline(asked_N, color="black", linewidth=0.8, linestyle=(0, (8, 3)), label=f"asked for, {asked_N:g} N")
+        axes.axhline(asked_N, **LIMIT, label=f"asked for, {asked_N:g} N")
     _name_stretches(axes, envelope, bottom)
     axes.set_xlim(float(frequency[0]), float(frequency[-1]))
     axes.set_ylim(bottom, top)
-    axes.set_xlabel("frequency, Hz")
-    axes.set_ylabel("amplitude of the force on the tip, N")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.set_minor_formatter(NullFormatter())
-    axes.grid(which="major", color="0.85", linewidth=0.6)
+    plain_numbers(axes.xaxis, axes.yaxis)
+    finish(axes, "frequency, Hz", "amplitude of the force on the tip, N", legend=None)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return axes
 
@@ -300,8 +262,6 @@ def _name_stretches(axes: Axes, envelope: Envelope, bottom: float) -> None:
             axes.axvline(float(end), color="0.6", linewidth=0.7, linestyle=":")
         if np.log(end / frequency[start]) > 0.08 * whole:
             words = names[start].replace(" ", "\n")
-            axes.annotate(
-                words, (float(np.sqrt(frequency[start] * end)), bottom), xytext=(0, 5), textcoords="offset points",
-                fontsize=8, ha="center", va="bottom", style="italic",
-            )  # fmt: skip
+            middle = float(np.sqrt(frequency[start] * end))
+            note(axes, words, (middle, bottom), (0, 5), va="bottom", style="italic")
         start = k

@@ -18,7 +18,7 @@ from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.report.canvas import new_figure
+from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
     plot_compliance,
@@ -250,27 +250,12 @@ def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: t
             if not crossing.finite:
                 continue
             axes.plot([crossing.value] * 2, [-row - 0.25, -row + 0.33], color="black", linewidth=1.2)
-            axes.annotate(
-                f"{crossing.value:.4g} kg\n{crossing.frequency_Hz:.3g} Hz",
-                (crossing.value, -row + 0.33),
-                xytext=(0, 1),
-                textcoords="offset points",
-                ha="center",
-                va="bottom",
-                fontsize=8,
-            )
+            words = f"{crossing.value:.4g} kg\n{crossing.frequency_Hz:.3g} Hz"
+            note(axes, words, (crossing.value, -row + 0.33), (0, 1), va="bottom")
         if asked_kg is not None:
             axes.plot(asked_kg, [-row - 0.34] * 2, "|-", color="black", linewidth=1.6, markersize=7)
     if asked_kg is not None:
-        axes.annotate(
-            "range asked for",
-            (sum(asked_kg) / 2, -len(maps) + 1 - 0.34),
-            xytext=(0, -3),
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            fontsize=8,
-        )
+        note(axes, "range asked for", (sum(asked_kg) / 2, -len(maps) + 1 - 0.34), (0, -3), va="top")
     end = max(nearest(found.high) for found in maps.values())
     axes.set_xlim(-0.015 * end, 1.015 * end)
     axes.set_ylim(-len(maps) + 1 - 0.75, 0.85)
@@ -344,7 +329,7 @@ def plot_stable_gains(
     axes.set_xlim(masses_kg[0], masses_kg[-1])
     axes.set_xlabel("outer end mass, kg")
     axes.set_ylabel("gain, mA/V")
-    axes.legend(fontsize=8, loc="best")
+    axes.legend(fontsize=8, loc="best")  # no grid over the shading
     return axes
 
 
@@ -373,10 +358,6 @@ def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, count
             fillstyle="none",
             label=f"{mass:g} kg",
         )
-    axes.axvline(0.0, color="black", linewidth=0.8, linestyle=(0, (8, 3)))
+    axes.axvline(0.0, **LIMIT)
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
-    axes.set_xlabel("real part, 1/s (stable to the left of the line)")
-    axes.set_ylabel("imaginary part, Hz")
-    axes.grid(color="0.9", linewidth=0.6)
-    axes.legend(fontsize=8, loc="best")
-    return axes
+    return finish(axes, "real part, 1/s (stable to the left of the line)", "imaginary part, Hz")

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.files import write_whole
-from beamdesign.report.canvas import STYLES, inline_svg, new_figure, save
+from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figure, save
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.report.quantity import quantity
 from beamdesign.spelling import in_plot
@@ -102,20 +102,15 @@ def _draw(axes: Axes, panel: _Panel, record: PlottedRecord, times: np.ndarray) -
         if name in record.limits and peak > 0.2 * record.limits[name][0]:
             limit, words = record.limits[name]
             for sign in (1, -1):
-                axes.axhline(
-                    sign * factor * limit, color="black", linewidth=0.8, linestyle=(0, (8, 3)),
-                    label=f"{words} {factor * limit:g} {unit}" if sign > 0 else None,
-                )  # fmt: skip
+                named = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
+                axes.axhline(sign * factor * limit, **LIMIT, label=named)
             drawn = True
     if record.diverged_at_s is not None:
         end = "diverged" if panel.label == "displacement" else None
         axes.axvline(record.diverged_at_s, color="0.45", linewidth=1.2, linestyle=":", label=end)
         drawn = drawn or end is not None
-    axes.set_ylabel(f"{panel.label}, {unit}")
-    axes.grid(color="0.88", linewidth=0.6)
     axes.margins(x=0)
-    if drawn:
-        axes.legend(fontsize=8, loc="upper left")
+    finish(axes, y=f"{panel.label}, {unit}", legend="upper left" if drawn else None)
 
 
 def _envelope(times: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from matplotlib.text import Text
 from beamdesign.design.codesign import Front
 from beamdesign.design.remedies import Remedy
 from beamdesign.files import LARGEST_TABLE, read_bytes
-from beamdesign.report.canvas import STYLES
+from beamdesign.report.canvas import STYLES, finish
 
 NAME = "front.csv"
 
@@ -55,8 +55,7 @@ def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, flo
     }
     _draw_curves(axes, curves)
     axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
-    axes.legend(fontsize=8, loc="best")
-    return axes
+    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
 
 
 def plot_front(axes: Axes, front: Front) -> Axes:
@@ -75,8 +74,7 @@ def plot_front(axes: Axes, front: Front) -> Axes:
             design.bandwidth_Hz, 0.97, marker="x", color="black", linestyle="none", transform=axes.get_xaxis_transform()
         )
     axes.set_title("Lightest proved designs; x: no proved design found")
-    axes.legend()
-    return axes
+    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
 
 
 def _draw_curves(axes: Axes, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
@@ -85,9 +83,6 @@ def _draw_curves(axes: Axes, curves: Mapping[str, Sequence[tuple[float, float]]]
         bandwidths, masses = zip(*sorted(points), strict=True) if points else ((), ())
         style = STYLES[k % len(STYLES)]
         axes.plot(bandwidths, masses, marker="o", label=label, color=style["color"], linestyle=style["linestyle"])
-    axes.set_xlabel("guaranteed bandwidth, Hz")
-    axes.set_ylabel("moving mass, kg")
-    axes.grid(True, color="0.85")
 
 
 def plot_remedies(axes: Axes, remedies: Sequence[Remedy]) -> Axes:
