@@ -79,99 +79,72 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     goal, span = prototype.goal, mass_range_text(bounds)
     curves = {f"{decimal(mass)} kg": loop.at(mass) for mass in InStage(prototype, bounds).looked_at_kg}
 
-    compliance = new_figure(150, 95)
+    pictures: list[CaptionedFigure] = []
+
+    def framed(name: str, height_mm: float, caption: str, rows: int = 1, columns: int = 1) -> list[Axes]:
+        """The axes of a further picture."""
+        figure = new_figure(150, height_mm)
+        pictures.append(CaptionedFigure(name, figure, caption))
+        found = figure.subplots(rows, columns, sharex=True, sharey=columns > 1, squeeze=False)
+        return [axes for row in found for axes in row]
+
+    guarantee = prototype.guarantee
+    promised = guarantee.bandwidth_Hz if guarantee and guarantee.outer_end_mass_kg == bounds else None
+    caption = (
+        "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
+        f" tip; dots where each curve first passes the limit. Shaded: between the least and the largest at {FAMILY}"
+        " masses of the range, drawn and not proved."
+    )
+    if promised is not None:
+        caption += (
+            f" The thick line is proved: for every mass of {span} no curve passes above it, up to"
+            f" {at_least(promised, 'Hz')}."
+        )
+    (axes,) = framed("compliance", 95, caption)
     family = [loop.at(float(mass)) for mass in np.linspace(*bounds, FAMILY)]
-    axes = shade_compliance(compliance.subplots(), family, f"{FAMILY} masses of {span}")
+    shade_compliance(axes, family, f"{FAMILY} masses of {span}")
     plot_compliance(axes, curves, goal.compliance_m_per_N)
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-    guarantee = prototype.guarantee
-    promised = ""
-    if guarantee and guarantee.outer_end_mass_kg == bounds:
-        axes.plot(
-            [axes.get_xlim()[0], guarantee.bandwidth_Hz],
-            [goal.compliance_m_per_N] * 2,
-            color="black",
-            linewidth=3,
-            solid_capstyle="butt",
-        )
-        promised = (
-            f" The thick line is proved: for every mass of {span} no curve passes above it, up to"
-            f" {at_least(guarantee.bandwidth_Hz, 'Hz')}."
-        )
-    pictures = [
-        CaptionedFigure(
-            "compliance",
-            compliance,
-            "Closed-loop compliance, displacement of the outer tip per disturbance force on it, for masses on the outer"
-            f" tip; dots where each curve first passes the limit. Shaded: between the least and the largest at {FAMILY}"
-            f" masses of the range, drawn and not proved.{promised}",
-        )
-    ]
+    if promised is not None:
+        proved = [axes.get_xlim()[0], promised], [goal.compliance_m_per_N] * 2
+        axes.plot(*proved, color="black", linewidth=3, solid_capstyle="butt")
 
-    sensitivity = new_figure(150, 75)
-    plot_sensitivity(sensitivity.subplots(), curves, goal.peak_sensitivity)
-    pictures.append(
-        CaptionedFigure(
-            "sensitivity", sensitivity, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help."
-        )
-    )
+    (axes,) = framed("sensitivity", 75, "Sensitivity |1/(1+L)|: how much the loop amplifies where it does not help.")
+    plot_sensitivity(axes, curves, goal.peak_sensitivity)
 
-    bode = new_figure(150, 115)
-    upper, lower = bode.subplots(2, 1, sharex=True)
+    upper, lower = framed("loop", 115, "The loop transfer function L.", rows=2)
     plot_loop_bode(upper, lower, curves)
-    pictures.append(CaptionedFigure("loop", bode, "The loop transfer function L."))
 
-    poles = new_figure(150, 90)
-    plot_pole_paths(poles.subplots(), loop, *bounds)
-    pictures.append(
-        CaptionedFigure(
-            "poles", poles, f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots."
-        )
-    )
+    caption = f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots."
+    plot_pole_paths(framed("poles", 90, caption)[0], loop, *bounds)
 
-    locus = new_figure(150, 88)
-    panels = locus.subplots(1, 2, sharex=True, sharey=True)
     reach = max(_locus_reach(loop, mass) for mass in bounds)
-    for panel, mass in zip(panels, bounds, strict=True):
-        _draw_locus(panel, loop, mass, reach)
-    panels[1].set_ylabel("")
-    panels[1].get_legend().remove()
-    pictures.append(
-        CaptionedFigure(
-            "locus",
-            locus,
-            f"Root locus: closed-loop poles as the gain goes from none to {LOCUS_GAIN:g} times this design's, with"
-            f" {bounds[0]:g} kg and {bounds[1]:g} kg on the outer tip. Squares: at this design's gain of"
-            f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; poles faster than"
-            f" {decimal(reach / (2 * np.pi), 3)} Hz lie outside.",
-        )
+    caption = (
+        f"Root locus: closed-loop poles as the gain goes from none to {LOCUS_GAIN:g} times this design's, with"
+        f" {bounds[0]:g} kg and {bounds[1]:g} kg on the outer tip. Squares: at this design's gain of"
+        f" {quantity(controller.gain_A_per_V, 'A/V')}. Left of the dashed line is stable; poles faster than"
+        f" {decimal(reach / (2 * np.pi), 3)} Hz lie outside."
     )
+    left, right = framed("locus", 88, caption, columns=2)
+    for panel, mass in ((left, bounds[0]), (right, bounds[1])):
+        _draw_locus(panel, loop, mass, reach)
+    right.set_ylabel("")
+    if (legend := right.get_legend()) is not None:  # it says what the left one does
+        legend.remove()
 
     wide = wider_map(loop, *bounds)
-    ranges = new_figure(150, 48)
-    plot_stable_ranges(ranges.subplots(), {"": wide}, bounds)
-    pictures.append(
-        CaptionedFigure(
-            "ranges",
-            ranges,
-            "Stable and unstable masses on the outer tip, exact, beyond the range asked for as well; where the verdict"
-            " changes a pole pair crosses the axis at the frequency given.",
-        )
+    caption = (
+        "Stable and unstable masses on the outer tip, exact, beyond the range asked for as well; where the verdict"
+        " changes a pole pair crosses the axis at the frequency given."
     )
+    plot_stable_ranges(framed("ranges", 48, caption)[0], {"": wide}, bounds)
 
-    gains = new_figure(150, 85)
-    end = int(wide.ranges[-1].high.p) / int(wide.ranges[-1].high.q)
-    plot_stable_gains(
-        gains.subplots(), loop, controller.gain_A_per_V, [float(m) for m in np.linspace(0, end, 121)], bounds
+    masses = [float(mass) for mass in np.linspace(0, nearest(wide.ranges[-1].high), 121)]
+    caption = (
+        "Stable gains over the outer end mass with this design's breaks and inner end mass: exact at 121 masses,"
+        " joined by lines."
     )
-    pictures.append(
-        CaptionedFigure(
-            "gains",
-            gains,
-            "Stable gains over the outer end mass with this design's breaks and inner end mass: exact at 121 masses,"
-            " joined by lines.",
-        )
-    )
+    plot_stable_gains(framed("gains", 85, caption)[0], loop, controller.gain_A_per_V, masses, bounds)
     return pictures
 
 
@@ -349,15 +322,8 @@ def plot_pole_paths(axes: Axes, loop: Loop, low_kg: float, high_kg: float, count
     axes.plot(track.real, track.imag / (2 * np.pi), ".", color="0.45", markersize=2.5)
     for poles, mass, marker in ((paths[0], low_kg, "o"), (paths[-1], high_kg, "s")):
         upper = poles[poles.imag >= 0]
-        axes.plot(
-            upper.real,
-            upper.imag / (2 * np.pi),
-            marker,
-            color="black",
-            markersize=5,
-            fillstyle="none",
-            label=f"{mass:g} kg",
-        )
+        (marks,) = axes.plot(upper.real, upper.imag / (2 * np.pi), marker, color="black", label=f"{mass:g} kg")
+        marks.set(markersize=5, fillstyle="none")
     axes.axvline(0.0, **LIMIT)
     axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
     return finish(axes, "real part, 1/s (stable to the left of the line)", "imaginary part, Hz")
