@@ -10,14 +10,12 @@ from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, st
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.bench_simulation import replay
 from beamdesign.gap.bench.data import read_bench_set, saturates_at
-from beamdesign.gap.bench.diagnose import BenchDiagnosis, diagnose_bench_set, probabilities
+from beamdesign.gap.bench.diagnose import diagnose_bench_set, probabilities
+from beamdesign.gap.bench.diagnosis import BenchDiagnosis
 from beamdesign.gap.bench.fit import held_out
-from beamdesign.gap.bench.hypothesis import BenchHypothesis, candidates
-from beamdesign.gap.bench.model import NOTHING, steady
-from beamdesign.gap.bench.observed import observations, scatter
-from beamdesign.gap.bench.priors import believed
+from beamdesign.gap.bench.hypothesis import NOTHING, BenchHypothesis, believed, candidates
+from beamdesign.gap.bench.motions import observations, scatter, steady, steady_motions
 from beamdesign.gap.bench.replay import amended
-from beamdesign.gap.bench.steady import steady_motions
 from beamdesign.records import InputError
 
 COULOMB_N = 120.0
@@ -107,8 +105,8 @@ def test_joint_causes_are_named_with_their_figures(joint: BenchDiagnosis):
     }  # fmt: skip
     assert joint.verdict in ("effect", "ambiguous")
     named = {cause.name: cause for cause in joint.causes}
-    value, std = named["seal_friction"].parameters["coulomb_N"]
-    assert value == pytest.approx(COULOMB_N - 4.0, abs=max(3 * std, 5.0))
+    coulomb = named["seal_friction"].parameters["coulomb_N"]
+    assert coulomb.value == pytest.approx(COULOMB_N - 4.0, abs=max(3 * coulomb.std, 5.0))
     assert named["valve_deadband"].probability < 0.5
     assert joint.gap.after < 0.25 * joint.gap.before
     assert joint.gap.closed > 0.9
@@ -117,7 +115,7 @@ def test_joint_causes_are_named_with_their_figures(joint: BenchDiagnosis):
 
 
 def test_neither_of_two_causes_helps_alone(joint: BenchDiagnosis):
-    error = {each.hypothesis: each.held_out.total for each in joint.ranked}
+    error = {each.hypothesis: each.total for each in joint.ranked}
     none, areas = error[BenchHypothesis()], error[BenchHypothesis(unequal_areas=True)]
     root, both = error[BenchHypothesis(orifices=True)], error[BenchHypothesis(orifices=True, unequal_areas=True)]
     assert both < 0.5 * none < min(areas, root)

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only
 
-from beamdesign.gap.causes import causes, classes
 from beamdesign.gap.diagnose import verdict_of
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share, fit
 from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.fitting.starts import resonances, starts
-from beamdesign.gap.judgement import STRAINED, evidence, held_out_score, judge
+from beamdesign.gap.judgement import THRESHOLDS, causes, classes, evidence, held_out_score, judge
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"
@@ -109,7 +108,7 @@ def test_what_explains_as_much_as_a_plainly_wrong_figure_is_not_slight():
 
 
 def test_strained_figures_leave_doubt():
-    strained = made((LAG,), 1.1 * EXPECTED, sensor_gain=STRAINED + 1)
+    strained = made((LAG,), 1.1 * EXPECTED, sensor_gain=THRESHOLDS.strained + 1)
     search = found(made((), 20 * EXPECTED), strained)
     judged = judge(search)
     assert judged.strained == ("sensor_gain",)

@@ -11,21 +11,26 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis, ConditionRow
-from beamdesign.gap.bench.diagnosis import Cause as BenchCause
-from beamdesign.gap.bench.diagnosis import Gap as BenchGap
-from beamdesign.gap.bench.diagnosis import NextExperiment as BenchNext
-from beamdesign.gap.bench.presented import presented
+from beamdesign.gap.bench.diagnosis import BenchDiagnosis, ConditionRow, asked_for, rows_of, where_of
 from beamdesign.gap.bench.replay import ReplayError
 from beamdesign.gap.data.dataset import Dataset, read_dataset
 from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range, terms
-from beamdesign.gap.diagnosis import Cause, Diagnosis, Estimate, NextExperiment, Where, Witness
-from beamdesign.gap.diagnosis_fields import diagnosis_fields
+from beamdesign.gap.diagnosis import (
+    Cause,
+    Diagnosis,
+    Errors,
+    Estimate,
+    Gap,
+    NextExperiment,
+    Where,
+    Witness,
+    diagnosis_fields,
+)
 from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share
 from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.shrink import Errors, errors, gap
+from beamdesign.gap.shrink import errors, gap
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
 from beamdesign.report.gap_pictures import bands, diverged, in_bands, zoom
@@ -310,25 +315,28 @@ def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
         actuator=BenchActuator(bore_m=0.016, rod_m=0.01, piston_area_m2=1.618e-4, stroke_m=0.2, supply_pressure_Pa=4e6),
         servovalve=BenchServovalve(flow_gain_m3_per_s_per_V=1e-5),
     )
-    made = BenchDiagnosis(
+    chosen = ("pressure_dependent_flow",)
+    causes = (Cause(chosen[0], "servovalve", 0.97, 1.0, {"supply_pressure_Pa": Estimate(4.1e6, 2e4)}),)
+    table = (ConditionRow("1 V", 1, 1.0, 0.05, 0.001, (1e6, 2e6), 60.0, (1.0, 1.0), (0.06, 1e6, 2e6)),)
+    replay = (ReplayError("1 V", {"displacement_m": 0.08}, {"displacement_m": 0.02}, {"displacement_m": 0.01}),)
+    shown = BenchDiagnosis(
+        "a bench",
         "ambiguous",
         "Orifices. And more.",
-        ("pressure_dependent_flow",),
-        (BenchCause("pressure_dependent_flow", "servovalve", 0.97, 1.0, {"supply_pressure_Pa": (4.1e6, 2e4)}),),
+        causes,
+        chosen,
+        np.nan,
+        where_of(table, rig.actuator.stroke_m, causes, chosen),
+        Gap(0.2, 0.19, 0.05, 0.01, 0.94, (0.9, 0.97), rows_of(replay)),
         (),
-        BenchGap(0.2, 0.19, 0.05, 0.01, 0.94, (0.9, 0.97)),
-        (ConditionRow("1 V", 1, 1.0, 0.05, 0.001, (1e6, 2e6), 60.0, (1.0, 1.0), (0.06, 1e6, 2e6)),),
-        (ReplayError("1 V", {"displacement_m": 0.08}, {"displacement_m": 0.02}, {"displacement_m": 0.01}),),
-        True,
-        BenchNext(0.3, "speed", 7.5),
+        asked_for(7.5, 0.3, "speed", ()),
         rig.but(effects={"pressure_dependent_flow": {"supply_pressure_Pa": 4.1e6}}),
-        ("areas and orifices help only together",),
+        notes=("areas and orifices help only together",),
     )
-    shown = presented("a bench", made)
     assert shown.where.subsystem == "servovalve"
     assert shown.where.band_Hz == (0.0, 0.25)  # 0.05 m/s over a stroke of 0.2 m
     paths, fields = write_gap_folder(tmp_path, shown)
-    assert read_any_prototype(paths["prototype"]) == made.prototype
+    assert read_any_prototype(paths["prototype"]) == shown.prototype
     assert fields["effects"][0]["parameters"] == {"supply_pressure_Pa": {"value": 4.1e6, "std": 2e4}}
     assert fields["gap"]["closed"] == 0.94
     assert "0.3 V" in fields["next_experiment"]["text"]

@@ -1,10 +1,23 @@
 """`beamdesign gap`: from records of a built rig back to the model."""
 
+import sys
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
 import typer
 
-from beamdesign.cli.gap_blindcheck import blindcheck
-from beamdesign.cli.gap_diagnose import diagnose
-from beamdesign.cli.gap_predict import predict
+from beamdesign.cli.completion import data_sets, toml_files
+from beamdesign.cli.output import JsonOption, default_folder, folder_to_write, progress, say, say_table, write_json
+from beamdesign.files import fresh_folder, settled
+
+if TYPE_CHECKING:
+    from beamdesign.gap.blind.blindcheck import Check
+    from beamdesign.gap.blind.outcome import Outcome
+    from beamdesign.gap.blind.seal import Seal
+    from beamdesign.gap.designer_terms import LoopTerms
+    from beamdesign.gap.diagnosis import Diagnosis
 
 gap = typer.Typer(
     no_args_is_help=True,
@@ -12,5 +25,327 @@ gap = typer.Typer(
     pretty_exceptions_enable=False,
     help="Compare a built rig with its model. Where they differ, why, and how far the difference closes.",
 )
-for command in (diagnose, predict, blindcheck):
-    gap.command(command.__name__)(command)
+
+INTERRUPTED = 130
+"""Exit status of a run that was interrupted, as shells have it."""
+_WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
+
+DataSet = Annotated[
+    Path,
+    typer.Argument(autocompletion=data_sets, help="Folder with dataset.toml, the prototype believed and CSV files."),
+]
+
+
+def _interrupted(words: str) -> typer.Exit:
+    print(f"interrupted: {words}", file=sys.stderr)
+    return typer.Exit(INTERRUPTED)
+
+
+@gap.command()
+def diagnose(
+    dataset: DataSet,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            callback=folder_to_write,
+            help="Folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here.",
+        ),
+    ] = None,
+    redesign: Annotated[
+        bool, typer.Option("--redesign", help="Tune and prove a controller for the diagnosed prototype as well.")
+    ] = False,
+    workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that fit at the same time.")] = 2,
+    json: JsonOption = None,
+) -> None:
+    """Diagnose the gap between a prototype and its rig.
+
+    Every cause that is known, alone and in pairs, is fitted to all records with the tolerances of the prototype. The
+    gap is then measured by fits without some of the records, on those. Exit status 0 whatever the verdict is. An
+    interrupted run is taken up where it stopped by the same command: finished fits are kept in the folder `fits` of
+    the results.
+    """
+    from beamdesign.gap.data.dataset_index import index_of, kind_of
+
+    folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
+    if kind_of(dataset) == "actuator_bench":
+        return _diagnose_bench(dataset, folder, redesign, json)
+    _diagnose(dataset, folder, redesign, workers, json)
+
+
+def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path | None) -> None:
+    from beamdesign.gap.data.dataset import read_dataset
+    from beamdesign.gap.designer_terms import designer_terms, payload_range
+    from beamdesign.gap.diagnose import diagnose as engine
+    from beamdesign.gap.fitting.fit import kept_fits
+    from beamdesign.report.gap_folder import write_gap_folder
+    from beamdesign.study.redesign import redesign
+
+    data = read_dataset(dataset)
+    kept = kept_fits(folder / "fits", data)
+    renewed = None
+    try:
+        with progress("diagnosing") as update:
+            found = engine(data, workers, update, kept)
+        say_diagnosis(found)
+        if renew:
+            with progress("redesigning") as update:
+                renewed = redesign(found.prototype, payload_range(data), update)
+        new = [] if renewed is None else [stage for _, stage in renewed.proofs]
+        terms = designer_terms(data, found.prototype, new)
+        with progress("drawing"):
+            paths, fields = write_gap_folder(folder, found, data, terms, renewed)
+    except KeyboardInterrupt:
+        words = f"{kept.count} fits are kept in {kept.folder}; the same command goes on from there"
+        raise _interrupted(words) from None
+    _say_terms(terms)
+    if renewed is not None and renewed.reason:
+        say(f"no new controller: {renewed.reason}")
+    _say_written(json, paths, fields)
+    if renewed is None:
+        low, high = payload_range(data)
+        say(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+
+
+def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None) -> None:
+    from beamdesign.gap.bench.data import read_bench_set
+    from beamdesign.gap.bench.diagnose import diagnose_bench_set
+    from beamdesign.records import InputError
+    from beamdesign.report.gap_folder import write_gap_folder
+
+    if renew:
+        raise InputError("--redesign", [(str(dataset), "a bench has no controller to design")])
+    data = read_bench_set(dataset)
+    with progress("diagnosing"):
+        found = diagnose_bench_set(data)
+    say_diagnosis(found)
+    paths, fields = write_gap_folder(folder, found)
+    _say_written(json, paths, fields)
+
+
+def _say_written(json: Path | None, paths: dict[str, Path], fields: dict[str, Any]) -> None:
+    write_json(json, fields)
+    for path in paths.values():
+        say(str(path))
+
+
+def _say_terms(terms: Sequence["LoopTerms"]) -> None:
+    from beamdesign.report.gap_tables import controller_text, terms_rows
+
+    for loop in terms:
+        title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
+        say_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
+
+
+def say_diagnosis(found: "Diagnosis") -> None:
+    """The answer for people."""
+    say(f"{found.name}: {found.verdict.replace('_', ' ')}")
+    say(found.sentences)
+    for words in found.warnings:
+        say(f"warning: {words}")
+    say("")
+    if found.causes:
+        _say_causes(found)
+    where = found.where
+    if where.subsystem:
+        low, high = where.band_Hz
+        condition = f", {where.condition}" if where.condition else ""
+        kind = f", {where.kind}" if where.kind else ""
+        say(f"where: {where.subsystem}, {low:g} to {high:g} Hz{kind}{condition}")
+    if where.sentence:
+        say(where.sentence)
+    _say_gap(found)
+    for words in found.notes:
+        say(words)
+    told = found.separability
+    for alike in told.classes if told is not None else ():
+        say(f"known before any fit: these data cannot tell apart {', '.join(alike)}")
+    if told is not None and told.invisible:
+        say(f"known before any fit: these data cannot show {', '.join(told.invisible)}")
+    for rivals in found.classes:
+        say(f"these data cannot tell apart: {'; '.join(rivals)}")
+    if found.next_experiment is not None:
+        say(f"measure next: {found.next_experiment.text}")
+
+
+def _say_causes(found: "Diagnosis") -> None:
+    rows = [(c.name, c.subsystem, f"{c.probability:.1%}", f"{c.share:.0%}") for c in found.causes]
+    if isfinite(found.probability_unknown):
+        rows.append(("none that is known here", "", f"{found.probability_unknown:.1%}", ""))
+    say_table("causes", ("cause", "subsystem", "probability", "share of the gap"), rows)
+    for cause in found.causes:
+        if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
+            for key, q in cause.parameters.items():
+                say(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
+            for flag in cause.flags:
+                say(f"{cause.name}: {flag}")
+
+
+def _say_gap(found: "Diagnosis") -> None:
+    from beamdesign.report.gap_tables import closed_text
+
+    gap = found.gap
+    if not gap.records:
+        return
+    rows: list[tuple[Any, ...]] = [
+        (record.record, "held out" if record.held_out else "fitted", *map(_share, _errors(record)))
+        for record in gap.records
+    ]
+    of_all = "held out" if any(record.held_out for record in gap.records) else "all"
+    rows.append((f"{of_all} together", "", *map(_share, _errors(gap))))
+    columns = ("record", "", "believed", "re-tuned", "with cause", "noise")
+    say_table("prediction error, per cent", columns, rows)
+    low, high = (closed_text(value) for value in gap.closed_interval)
+    say(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
+
+
+def _errors(of: Any) -> tuple[float, float, float, float]:
+    return of.before, of.tuned, of.after, of.noise_floor
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.3g}" if isfinite(value) else ""
+
+
+@gap.command()
+def predict(
+    prototype: Annotated[
+        Path,
+        typer.Argument(autocompletion=toml_files, help="The prototype.toml to simulate, with the effects it names."),
+    ],
+    dataset: DataSet,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for one CSV file per record.")
+    ],
+    json: JsonOption = None,
+) -> None:
+    """Predict the records of a data set from its inputs alone.
+
+    Times, forces, commands, end masses and controllers are read; measured columns are not, and may be missing or not
+    finite. Displacements are stated as the data set states them: the sensor's volts over the gain believed there. A
+    loop that diverges ends its record there, and the exit status is 1.
+    """
+    from beamdesign.gap.predict import predict_set
+    from beamdesign.simulate import write_tables
+
+    with progress("simulating") as update:
+        found = predict_set(prototype, dataset, update)
+    with fresh_folder(out) as fresh:
+        written = write_tables({record.name: (record.columns, record.samples) for record in found}, fresh)
+    paths = settled(written, fresh, out)
+    column = found[0].columns.index("displacement_m")
+    rows = [
+        (record.name, len(record.samples), float(abs(record.samples[:, column]).max()), record.reason or "complete")
+        for record in found
+    ]
+    say_table(f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), rows)
+    say(f"records: {len(paths)} files in {out}")
+    reasons = {record.name: record.reason for record in found if record.reason}
+    write_json(json, {"records": paths, "complete": not reasons, "reasons": reasons})
+    if reasons:
+        raise typer.Exit(1)
+
+
+@gap.command()
+def blindcheck(
+    out: Annotated[
+        Path,
+        typer.Option(metavar="DIR", callback=folder_to_write, help="Folder of the check; one that is there goes on."),
+    ] = Path("blindcheck"),
+    cases: Annotated[int, typer.Option(min=1, max=10000, help="How many cases.")] = 200,
+    seed: Annotated[int, typer.Option(min=0, help="Of the plan; another one gives other cases.")] = 1,
+    short: Annotated[bool, typer.Option("--short/--full", help="Few short records, or eight of 4 s each.")] = False,
+    workers: Annotated[int, typer.Option(min=1, max=64, help="Cases that are diagnosed at the same time.")] = 2,
+    draw_only: Annotated[
+        bool, typer.Option("--draw-only", help="Draw the cases and seal the answers; no more.")
+    ] = False,
+    rejudge: Annotated[
+        bool,
+        typer.Option("--rejudge", help="Take the fits of the folder, even those of another version of the program."),
+    ] = False,
+    score_only: Annotated[
+        bool, typer.Option("--score-only", help="Diagnose no more; score the cases that are finished.")
+    ] = False,
+    json: JsonOption = None,
+) -> None:
+    """Check the diagnosis blind.
+
+    Cases are drawn from a truth model of its own: nulls, single effects, wrong figures, pairs, and effects that the
+    library does not hold. Their answers are sealed by SHA-256 before the first diagnosis. Each case is diagnosed from
+    its data alone, in a process that cannot open an answer. Then the answers are opened, checked against the seal and
+    scored against the targets and against three baselines: result.json, result.md and result.svg in the folder.
+
+    A check that was stopped goes on by the same command; what is finished is not done again. After a change of how fits
+    are judged, the same command judges anew with the fits that are there.
+    """
+    from beamdesign.gap.blind.blindcheck import begin_check, diagnose_all, draw_and_seal
+
+    try:
+        with progress("drawing") as update:
+            check = begin_check(out, cases, seed, short)
+            seal = draw_and_seal(check, workers, update)
+        say(f"sealed: {len(seal.answers)} answers in {check.seal}, SHA-256 {seal.whole}")
+        if draw_only:
+            return
+        if not score_only:
+            with progress("diagnosing") as update:
+                diagnose_all(check, workers, update, rejudge)
+    except KeyboardInterrupt:
+        raise _interrupted(f"the same command goes on with what is in {out}") from None
+    _score(check, seal, score_only, json)
+
+
+def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) -> None:
+    from beamdesign.files import write_whole
+    from beamdesign.gap.blind.blindcheck import open_all
+    from beamdesign.gap.blind.outcome import outcome
+    from beamdesign.report.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
+    from beamdesign.report.canvas import save
+
+    opened = open_all(check, unfinished)
+    if not opened:
+        say("no case is finished")
+        raise typer.Exit(1)
+    found = [outcome(case) for case in opened]
+    length = "short" if check.short else "full"
+    setting = {
+        "records": "Five records of 1.75 s each." if check.short else "Eight records of 4 s each.",
+        "planned": len(check.cases),
+        "scored": len(found),
+        "seed": check.seed,
+        "short": check.short,
+        "seal": seal.whole,
+        "truth": seal.truth,
+        "fitted_by": _all(case.found.get(key) for case in opened for key in ("fitted_by", "added_by")),
+        "judged_by": _all(case.found.get("judged_by") for case in opened),
+        "not_drawn": check.not_drawn,
+        "command": f"beamdesign gap blindcheck --cases {len(check.cases)} --seed {check.seed} --{length}",
+    }
+    fields = result_fields(found, setting)
+    paths = check.folder / "result.json", check.folder / "result.md"
+    write_json(json, fields)
+    write_whole(paths[0], result_text(fields))
+    write_whole(paths[1], markdown(found, setting))
+    drawn = save(blindcheck_picture(found), check.folder / "result", ("svg",))
+    say_result(found)
+    for path in (*paths, *drawn):
+        say(str(path))
+
+
+def _all(digests: Iterable[Any]) -> str:
+    """One digest, or several where a check was made by several versions of the program."""
+    return ", ".join(sorted({str(digest) for digest in digests if digest}))
+
+
+def say_result(found: "Sequence[Outcome]") -> None:
+    """The scores for people."""
+    from beamdesign.gap.blind.scoring import confusion, scores, split
+    from beamdesign.report.blindcheck_result import BASELINE_COLUMNS, TARGET_COLUMNS, baseline_rows, target_rows
+
+    large, small = split(found)
+    title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"
+    say_table(title, TARGET_COLUMNS, target_rows(scores(large)))
+    say_table("baselines on the same cases", BASELINE_COLUMNS, baseline_rows(large))
+    named = confusion(large)
+    rows = [(label, ", ".join(f"{name} {count}" for name, count in row.items())) for label, row in named.items()]
+    say_table("named first", ("truth", "named"), rows)

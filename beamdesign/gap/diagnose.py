@@ -10,21 +10,21 @@ from itertools import combinations
 import numpy as np
 
 from beamdesign.gap.amended import amended
-from beamdesign.gap.causes import causes, classes
 from beamdesign.gap.data.dataset import Dataset, TimeRecord
 from beamdesign.gap.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.gap.examination.plausibility import examine
 from beamdesign.gap.experiment import next_experiment
-from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
+from beamdesign.gap.fitting.evidence import RecordEvidence, evidence_of
 from beamdesign.gap.fitting.fit import Fit, KeptFits
 from beamdesign.gap.fitting.followed import followed
 from beamdesign.gap.fitting.search import Progress, Search, refit, search
 from beamdesign.gap.gains.classes import explain_gains
-from beamdesign.gap.judgement import Judgement, judge
-from beamdesign.gap.second_look import SecondLook, second_look
+from beamdesign.gap.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
+from beamdesign.gap.second_look import second_look
 from beamdesign.gap.separability import indistinguishable
 from beamdesign.gap.shrink import errors, gap
 from beamdesign.gap.where.locate import locate
+from beamdesign.prototype import Prototype
 
 _SHARE = 0.25
 
@@ -88,18 +88,12 @@ def _masses(record: TimeRecord) -> tuple[float, float]:
     return record.outer_end_mass, record.inner_end_mass
 
 
-CONFIDENT = 0.7
-"""Probability of the best hypothesis from which the verdict is not called ambiguous."""
-_WORSE = 1.1  # times the error of re-tuned tolerances: what held-out conditions speak against
-_NEAR = 2.0  # times the noise: what they never do
-
-
 def diagnose(
     data: Dataset,
     workers: int = 2,
     progress: Progress = lambda share, words: None,
     kept: KeptFits | None = None,
-) -> Diagnosis:
+) -> Diagnosis[Prototype]:
     """Diagnose the gap between a prototype and its rig.
 
     Time records, with or without other figures, are explained by fits; figures alone by `explain_gains`, also where no
@@ -131,17 +125,24 @@ def diagnose(
         found, judged, words = again.search, again.judged, (*words, again.warning)
     best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
     progress(0.96, "what the data can tell")
-    told = indistinguishable(data, evidence_of(data))
+    evidence = evidence_of(data)
+    told = indistinguishable(data, evidence)
     progress(0.97, "records held out")
     tuned, outside = plain, best
     if kept_out:
         tuned, outside = again.refit(seen, plain, best, workers, kept) if again else refit(seen, best, workers, kept)
     ranked = causes(found, judged)
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
-    measured, in_step = _measured(data, (tuned, outside, best), kept_out, again)
+    records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
+    from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
+    measured = in_step = gap(from_rest, kept_out)
+    if again is not None:
+        # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
+        in_step = gap([errors(followed(piece), data.prototype, tuned, outside, best) for piece in records], kept_out)
+        measured = in_step if again.oscillates else measured
     verdict = verdict_of(judged, examined.limits_confidence or not confirmed(in_step))
     progress(1.0, "where the gap lies")
-    where = locate(data, found, best, evidence_of(data), [c for c in ranked if c.name in chosen], judged.unknown)
+    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
@@ -156,24 +157,10 @@ def diagnose(
         amended(data.prototype, best).but(tolerance=stated),
         words,
         found,
-        (tuned, outside),
         told,
+        cause_sets(found, judged),
+        from_rest,
     )
-
-
-def _measured(
-    data: Dataset, fits: tuple[Fit, Fit, Fit], kept_out: Sequence[int], again: SecondLook | None
-) -> tuple[Gap, Gap]:
-    """The gap that is told, and that by which held-out conditions confirm what is chosen.
-
-    They are the same but for a second look: what cannot be predicted from rest neither confirms nor refutes.
-    """
-    alone = record_evidence(data)
-    from_rest = gap([errors(piece, data.prototype, *fits) for piece in alone], kept_out)
-    if again is None:
-        return from_rest, from_rest
-    in_step = gap([errors(followed(piece), data.prototype, *fits) for piece in alone], kept_out)
-    return (in_step if again.oscillates else from_rest), in_step
 
 
 def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
@@ -189,12 +176,12 @@ def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
         return "ambiguous" if named else "unknown"
     if not named:
         return "no_gap"
-    return "effect" if judged.sure >= CONFIDENT * (1 - judged.unknown) else "ambiguous"
+    return "effect" if judged.sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
 
 
 def confirmed(measured: Gap) -> bool:
     """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
-    return measured.after <= max(_WORSE * measured.tuned, _NEAR * measured.noise_floor)
+    return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
 
 
 def rivals(found: Search, judged: Judgement) -> list[Fit]:

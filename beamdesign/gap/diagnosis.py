@@ -1,13 +1,15 @@
-"""What a diagnosis says, as records that a report prints and a program reads."""
+"""What a diagnosis says, whatever the evidence: records that a report prints, and the fields of its JSON file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
-from beamdesign.gap.fitting.fit import Fit
+import numpy as np
+
+from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.gap.fitting.search import Search
 from beamdesign.gap.separability import Separability
-from beamdesign.prototype import Prototype
+from beamdesign.json_text import plain
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
 
@@ -158,8 +160,52 @@ class NextExperiment:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """The answer.
+class Errors:
+    """Displacement errors of three models on one record, over the rms of what was measured.
+
+    Attributes:
+        name: of the record.
+        times: (N,) s.
+        measured: (N,) m.
+        before: (N,) error of the believed prototype.
+        tuned: (N,) with the tolerated figures fitted.
+        after: (N,) with the chosen causes, by a fit without the held-out records.
+        written: (N,) with the chosen causes, by the fit to all records, as the written prototype has it.
+        noise: noise of the sensor over the rms.
+    """
+
+    name: str
+    times: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
+    before: np.ndarray = field(repr=False)
+    tuned: np.ndarray = field(repr=False)
+    after: np.ndarray = field(repr=False)
+    written: np.ndarray = field(repr=False)
+    noise: float
+
+
+@dataclass(frozen=True)
+class CauseSet:
+    """Causes that were fitted together.
+
+    Attributes:
+        names: of the causes; none where only tolerated figures were moved.
+        probability: of these and no others.
+        share_left: misfit that they leave beyond noise, as a share of what tolerances alone leave; NaN where it was not
+            worked out.
+    """
+
+    names: tuple[str, ...]
+    probability: float
+    share_left: float
+
+
+Rig = TypeVar("Rig", bound=AnyPrototype)
+
+
+@dataclass(frozen=True)
+class Diagnosis(Generic[Rig]):
+    """The answer, from whatever evidence; kinds of evidence with more to say have a record of their own under it.
 
     Attributes:
         name: of the data set.
@@ -167,7 +213,8 @@ class Diagnosis:
         sentences: the verdict for people, two sentences.
         causes: best first.
         chosen: names held responsible, the dominant one first.
-        probability_unknown: that something outside the library is behind the gap.
+        probability_unknown: that something outside the library is behind the gap; NaN where only known causes are
+            weighed.
         where: it lies.
         gap: before and after.
         classes: causes that these data cannot tell apart, each class with what is common to it.
@@ -175,10 +222,17 @@ class Diagnosis:
         prototype: believed one with the fitted figures and the chosen effects.
         warnings: about the data.
         search: all fits, to all of the data.
-        outside: tolerances alone and the chosen causes, fitted without the records that are held out.
         separability: what the data could tell before any fit.
+        hypotheses: sets of causes, most probable first.
+        errors: of the time records as predicted from rest.
+        notes: what else has to be said, in words.
     """
 
+    MEASURE: ClassVar[str] = (
+        "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
+        " cause is chosen by fits to all."
+    )
+    """What the errors of its gap are."""
     name: str
     verdict: Verdict
     sentences: str
@@ -189,8 +243,53 @@ class Diagnosis:
     gap: Gap
     classes: tuple[tuple[str, ...], ...]
     next_experiment: NextExperiment | None
-    prototype: Prototype
+    prototype: Rig
     warnings: tuple[str, ...] = ()
     search: Search | None = field(default=None, repr=False)
-    outside: tuple[Fit, Fit] | None = field(default=None, repr=False)
     separability: Separability | None = field(default=None, repr=False)
+    hypotheses: tuple[CauseSet, ...] = ()
+    errors: tuple[Errors, ...] = field(default=(), repr=False)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def own_fields(self) -> dict[str, Any]:
+        """What its JSON file holds beside the fields of any diagnosis."""
+        return {}
+
+
+def in_words(names: str) -> str:
+    """Names of causes as sentences have them."""
+    return names.replace("parameter:", "a wrong ").replace("_", " ")
+
+
+_LISTED = 12  # sets of causes
+_LEAST_PROBABILITY = 1e-6
+
+
+def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
+    """Everything a diagnosis says as plain fields for programs: names and units of its JSON file.
+
+    `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of the fits that
+    measure it (those that choose a cause see all); `next_experiment` is None where the verdict is clear.
+    """
+    fields = {
+        "verdict": found.verdict,
+        "sentences": found.sentences,
+        "effects": found.causes,
+        "chosen": found.chosen,
+        "probability_unknown": found.probability_unknown,
+        "where": found.where,
+        "gap": found.gap,
+        "classes": found.classes,
+        "next_experiment": found.next_experiment,
+        "warnings": found.warnings,
+        "hypotheses": [one for one in found.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY],
+        "data_set": found.name,
+    }
+    if (told := found.separability) is not None:
+        fields["before_fitting"] = {
+            "not_told_apart": told.classes,
+            "nearly_alike": told.close,
+            "not_visible": told.invisible,
+        }
+    return {name: plain(value) for name, value in (fields | found.own_fields).items()}

@@ -1,11 +1,11 @@
 """How far a gap closes: prediction errors on records left out of the fits that measure them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from beamdesign.gap.diagnosis import BandGap, Gap, RecordGap
+from beamdesign.gap.diagnosis import BandGap, Errors, Gap, RecordGap
 from beamdesign.gap.fitting.evidence import RecordEvidence
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.followed import FollowedRecord
@@ -17,31 +17,6 @@ BANDS_HZ = (0.2, 5.0, 15.0, 40.0, 80.0, 150.0, 300.0, 1000.0)
 _BLOCK_S = 0.25
 _DRAWS = 2000
 _AMPLIFIED = 2.0
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Displacement errors of three models on one record, over the rms of what was measured.
-
-    Attributes:
-        name: of the record.
-        times: (N,) s.
-        measured: (N,) m.
-        before: (N,) error of the believed prototype.
-        tuned: (N,) with the tolerated figures fitted.
-        after: (N,) with the chosen causes, by a fit without the held-out records.
-        written: (N,) with the chosen causes, by the fit to all records, as the written prototype has it.
-        noise: noise of the sensor over the rms.
-    """
-
-    name: str
-    times: np.ndarray = field(repr=False)
-    measured: np.ndarray = field(repr=False)
-    before: np.ndarray = field(repr=False)
-    tuned: np.ndarray = field(repr=False)
-    after: np.ndarray = field(repr=False)
-    written: np.ndarray = field(repr=False)
-    noise: float
 
 
 def errors(
@@ -95,17 +70,37 @@ def gap(all_errors: Sequence[Errors], held_out: Sequence[int], seed: int = 0) ->
         RecordGap(e.name, k in held_out, _rms([e.before]), _rms([e.tuned]), _rms([e.after]), e.noise)
         for k, e in enumerate(all_errors)
     )
-    closed = _closed(before, after, floor)
+    closed = float(_shares(before**2, after**2, floor**2))
     return Gap(before, tuned, after, floor, closed, _interval(counted, floor, seed), records, tuple(_bands(counted)))
+
+
+def gap_of_pieces(
+    errors: np.ndarray, records: tuple[RecordGap, ...], seed: int, draws: int, most: float = np.inf
+) -> Gap:
+    """Sum up the errors of pieces of evidence, each as predicted from the others.
+
+    Args:
+        errors: (N, 4) root mean square errors of each piece: before, with tolerances re-tuned, after, and noise.
+        records: rows to be shown.
+        seed: of the bootstrap over pieces, 90 % interval.
+        draws: of it.
+        most: that can be closed.
+    """
+
+    def closed(squares: np.ndarray) -> np.ndarray:
+        before, _, after, floor = np.moveaxis(squares, -1, 0)
+        return np.minimum(most, _shares(before, after, floor))
+
+    squares = errors**2
+    pick = np.random.default_rng(seed).integers(len(squares), size=(draws, len(squares)))
+    low, high = np.quantile(closed(squares[pick].mean(axis=1)), (0.05, 0.95))
+    mean = squares.mean(axis=0)
+    before, tuned, after, floor = (float(v) for v in np.sqrt(mean))
+    return Gap(before, tuned, after, floor, float(closed(mean)), (float(low), float(high)), records)
 
 
 def _rms(signals: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean([np.mean(s**2) for s in signals])))
-
-
-def _closed(before: float, after: float, floor: float) -> float:
-    explainable = before**2 - floor**2
-    return (before**2 - after**2) / explainable if explainable > 0 else 0.0
 
 
 def _interval(counted: Sequence[Errors], floor: float, seed: int) -> tuple[float, float]:
@@ -137,7 +132,8 @@ def _interval(counted: Sequence[Errors], floor: float, seed: int) -> tuple[float
     return float(min(ends)), float(max(ends))
 
 
-def _shares(before: np.ndarray, after: np.ndarray, floors: np.ndarray) -> np.ndarray:
+def _shares(before: Any, after: Any, floors: Any) -> np.ndarray:
+    """What is closed of mean squares before: (before - after) / (before - floor), none where nothing is explainable."""
     explainable = before - floors
     return np.where(explainable > 0, (before - after) / np.where(explainable > 0, explainable, 1.0), 0.0)
 

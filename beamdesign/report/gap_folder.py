@@ -3,24 +3,18 @@
 The report is one self-contained HTML page: no requests, both themes, fit for print.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from beamdesign.files import write_set
-from beamdesign.gap.bench.presented import PresentedBench
 from beamdesign.gap.data.dataset import Dataset
 from beamdesign.gap.designer_terms import LoopTerms, payload_range
-from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.diagnosis_fields import diagnosis_fields
-from beamdesign.gap.fitting.evidence import record_evidence
+from beamdesign.gap.diagnosis import Diagnosis, Errors, diagnosis_fields, in_words
 from beamdesign.gap.fitting.hypothesis import Hypothesis
-from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.gains.classes import GainDiagnosis
-from beamdesign.gap.judgement import judge
-from beamdesign.gap.shrink import Errors, errors
 from beamdesign.json_text import json_text, plain
 from beamdesign.loop import loop
 from beamdesign.prototype import Guarantee, Prototype
@@ -116,16 +110,7 @@ VERDICTS = {
     "unknown": "cause unknown",
 }
 _MOST_PICTURES = 12
-_LISTED = 8
-_MEASURE = (
-    "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a cause "
-    "is chosen by fits to all."
-)
-_MEASURE_OF_FIGURES = "Relative errors of each figure as predicted from all the others."
-_MEASURE_OF_BENCH = (
-    "Together: relative errors of steady speed and of chamber pressures over the supply, each condition predicted from"
-    " the others. By condition: errors of the simulated records over the stroke or the supply pressure."
-)
+_LISTED, _LEAST_PROBABILITY = 8, 1e-4  # sets of causes
 _BANDS = "Errors on the records that count, rms per band over the rms of the signal."
 
 
@@ -154,10 +139,10 @@ def gap_report_html(
         renewed: a controller tuned on the diagnosed prototype, where that was asked for.
     """
     fit = chosen_fit(found)
-    seen = _errors(found, data)
+    held_out = {record.record for record in found.gap.records if record.held_out}
+    seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
     witnesses = [(w, witness_table(w.table)) for w in found.where.witnesses]
-    held_out = {record.record for record in found.gap.records if record.held_out}
     template = page_template(
         "gap_report.html",
         share=share_text,
@@ -165,13 +150,12 @@ def gap_report_html(
         figure=_figure,
         closed=closed_text,
         mass_range=mass_range_text,
+        in_words=in_words,
     )
     return template.render(
         found=found,
         verdict=VERDICTS[found.verdict],
         files=files,
-        notes=getattr(found, "notes", ()),
-        measure=_measure(found),
         maps=error_maps(seen, conditions) if seen else (),
         witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in witnesses],
         hypotheses=_hypotheses(found),
@@ -188,19 +172,6 @@ def gap_report_html(
     )  # fmt: skip
 
 
-def _errors(found: Diagnosis, data: Dataset | None) -> list[Errors]:
-    """Of all time records, those held out first."""
-    if data is None or found.outside is None or not data.records:
-        return []
-    tuned, chosen = found.outside
-    # What was left out of the diagnosis as unsound is not drawn either.
-    used = {record.record for record in found.gap.records}
-    sound = replace(data, records=tuple(record for record in data.records if record.name in used))
-    of_all = [errors(piece, data.prototype, tuned, chosen) for piece in record_evidence(sound)]
-    held_out = {record.record for record in found.gap.records if record.held_out}
-    return sorted(of_all, key=lambda e: e.name not in held_out)
-
-
 def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
     state = "held out of the fits that are drawn" if held_out else "seen by them"
     lost = [words for name, words in (("before", "believed"), ("tuned", "re-tuned")) if diverged(of, name)]
@@ -214,26 +185,16 @@ def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:
 
 def _hypotheses(found: Diagnosis) -> list[tuple[str, float, str, str]]:
     """The most probable sets of causes: names, probability, and what each leaves of the misfit."""
-    if found.search is None:
-        return []
-    fits = {str(fit.hypothesis): fit for fit in (*reversed(found.search.fits), found.search.null)}
-    judged = found.ranked if isinstance(found, GainDiagnosis) else _judged(found.search)
     return [
-        (name, p, f"{100 * p:.1f} %", f"{100 * max(0.0, found.search.excess(fits[name])):.3g} %")
-        for name, p in judged[:_LISTED]
-        if p > 1e-4
+        (
+            str(Hypothesis(one.names)),
+            one.probability,
+            f"{100 * one.probability:.1f} %",
+            f"{100 * max(0.0, one.share_left):.3g} %" if isfinite(one.share_left) else "",
+        )
+        for one in found.hypotheses[:_LISTED]
+        if one.probability > _LEAST_PROBABILITY
     ]
-
-
-def _measure(found: Diagnosis) -> str:
-    """What the errors of its gap are."""
-    if isinstance(found, PresentedBench):
-        return _MEASURE_OF_BENCH
-    return _MEASURE_OF_FIGURES if isinstance(found, GainDiagnosis) else _MEASURE
-
-
-def _judged(search: Search) -> tuple[tuple[str, float], ...]:
-    return tuple((str(Hypothesis(causes)), p) for causes, p in judge(search).of_causes.items())
 
 
 def _compliance(

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from beamdesign.gap.diagnosis import BandGap
-from beamdesign.gap.shrink import Errors
+from beamdesign.gap.diagnosis import BandGap, Errors
 from beamdesign.loop import LoopAtMass
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.figures import plot_compliance

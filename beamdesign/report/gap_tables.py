@@ -10,9 +10,9 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.designer_terms import LoopTerms, Terms
-from beamdesign.gap.diagnosis import Diagnosis
+from beamdesign.gap.diagnosis import Diagnosis, Errors
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.shrink import BANDS_HZ, Errors
+from beamdesign.gap.shrink import BANDS_HZ
 from beamdesign.parameters import PARAMETERS
 from beamdesign.report.gap_pictures import in_bands
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, quantity

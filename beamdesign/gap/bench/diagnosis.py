@@ -1,46 +1,16 @@
-"""What a diagnosis of a bench says, as records."""
+"""What a bench's diagnosis holds beside any other: steady motion by condition, and the records simulated."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.gap.bench.fit import HeldOut
-from beamdesign.gap.bench.hypothesis import BenchHypothesis
+from beamdesign.gap.bench.hypothesis import NOTHING
+from beamdesign.gap.bench.motions import SteadyMotion, steady
 from beamdesign.gap.bench.replay import ReplayError
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """One set of causes.
-
-    Attributes:
-        hypothesis: the causes.
-        probability: among the candidates; see `diagnose_bench`.
-        held_out: how it predicts conditions it has not seen.
-    """
-
-    hypothesis: BenchHypothesis
-    probability: float
-    held_out: HeldOut = field(repr=False)
-
-
-@dataclass(frozen=True)
-class Cause:
-    """One cause, whatever others are at work beside it.
-
-    Attributes:
-        name: as contracts spell it.
-        subsystem: where it sits.
-        probability: sum over the candidates that have it.
-        share: of the gap that comes back when it alone is taken out of the chosen set, at most 1; 0 where it is not in
-            that set.
-        parameters: value and standard deviation by contract name, where chosen.
-    """
-
-    name: str
-    subsystem: str
-    probability: float
-    share: float
-    parameters: dict[str, tuple[float, float]]
+from beamdesign.gap.diagnosis import Cause, Diagnosis, NextExperiment, RecordGap, Where, Witness
 
 
 @dataclass(frozen=True)
@@ -72,71 +42,111 @@ class ConditionRow:
 
 
 @dataclass(frozen=True)
-class Gap:
-    """Root mean square of relative speed errors and of pressure errors over the supply, on conditions held out.
+class BenchDiagnosis(Diagnosis[BenchPrototype]):
+    """A diagnosis from steady motions; its gap is that of these on conditions held out.
+
+    Its rows are of simulated records, by condition and channel; nothing lies between believed and diagnosed there.
 
     Attributes:
-        before: of the prototype as it was believed.
-        retuned: with the figures that have tolerances fitted.
-        after: with the chosen causes.
-        noise_floor: of means over replicates.
-        closed: (before^2 - after^2)/(before^2 - floor^2).
-        closed_interval: 5 and 95 % of a bootstrap over conditions, of which there are few.
-    """
-
-    before: float
-    retuned: float
-    after: float
-    noise_floor: float
-    closed: float
-    closed_interval: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class NextExperiment:
-    """The command at which the candidates that are left differ most.
-
-    Attributes:
-        command_V: both directions.
-        channel: in which they do.
-        separation: standard deviation of the candidates' predictions over the deviation of that channel.
-    """
-
-    command_V: float
-    channel: str
-    separation: float
-
-
-@dataclass(frozen=True)
-class BenchDiagnosis:
-    """What a bench's data set says.
-
-    Attributes:
-        verdict: `no_gap`, `effect`, `ambiguous` or `unknown`.
-        reason: in two sentences.
-        chosen: contract names of the causes held responsible: those more likely at work than not.
-        causes: all of them, most probable first.
-        ranked: sets of causes, most probable first.
-        gap: on steady motions.
+        ranked: sets of causes that were fitted, most probable first.
         table: by condition and direction.
         replay: errors of the simulated records, before and after, on conditions held out.
-        confirmed: whether the replay is better with the chosen causes on every condition and in every channel.
-        next_experiment: where the verdict is not certain.
-        prototype: with the chosen causes, and the displacement's reading at the retracted stop and where it is clipped.
-        notes: what cannot be told apart, what greedy selection would have done, flagged figures.
-        warnings: oddities of the data.
     """
 
-    verdict: str
-    reason: str
-    chosen: tuple[str, ...]
-    causes: tuple[Cause, ...]
-    ranked: tuple[Ranked, ...] = field(repr=False)
-    gap: Gap
-    table: tuple[ConditionRow, ...] = field(repr=False)
-    replay: tuple[ReplayError, ...] = field(repr=False)
-    confirmed: bool
-    next_experiment: NextExperiment | None
-    prototype: BenchPrototype = field(repr=False)
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    MEASURE = (
+        "Together: relative errors of steady speed and of chamber pressures over the supply, each condition predicted"
+        " from the others. By condition: errors of the simulated records over the stroke or the supply pressure."
+    )
+
+    ranked: tuple[HeldOut, ...] = field(default=(), repr=False)
+    table: tuple[ConditionRow, ...] = field(default=(), repr=False)
+    replay: tuple[ReplayError, ...] = field(default=(), repr=False)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the replay is better with the chosen causes on every condition and in every channel."""
+        return all(each.after[channel] < each.before[channel] for each in self.replay for channel in each.before)
+
+
+def condition_rows(
+    prototype: BenchPrototype, motions: Sequence[SteadyMotion], chosen: HeldOut
+) -> tuple[ConditionRow, ...]:
+    """Steady motion by condition and direction, beside that of the fit without the condition."""
+    actuator = prototype.actuator
+    areas = {
+        1: actuator.piston_area_m2 * (1 + actuator.asymmetry),
+        -1: actuator.piston_area_m2 * (1 - actuator.asymmetry),
+    }
+    supply = float(np.mean([m.stall for m in motions if (m.direction > 0) == (m.side == "a")]))
+    tank = float(np.mean([m.stall for m in motions if (m.direction > 0) == (m.side == "b")]))
+    rows = []
+    for condition, direction in dict.fromkeys((m.condition, m.direction) for m in motions):
+        own = [m for m in motions if (m.condition, m.direction) == (condition, direction)]
+        speeds = np.array([m.speed for m in own])
+        a, b = (float(np.mean([m.pressure for m in own if m.side == side])) for side in "ab")
+        full, empty = (a, b) if direction > 0 else (b, a)
+        speed, volts = float(speeds.mean()), own[0].command_V
+        into, out = areas[direction] * abs(speed), areas[-direction] * abs(speed)
+        opening = (into / max(supply - full, 1.0) ** 0.5, out / max(empty - tank, 1.0) ** 0.5)
+        fitted = chosen.without[condition]
+        opened = volts - prototype.servovalve.null_V
+        found = steady(NOTHING | fitted.values, np.array([opened]), fitted.hypothesis.orifices)
+        rows.append(
+            ConditionRow(
+                condition,
+                direction,
+                volts,
+                speed,
+                float(speeds.std(ddof=1)) if len(speeds) > 1 else 0.0,
+                (a, b),
+                areas[1] * a - areas[-1] * b,
+                opening,
+                (float(found.speed[0]), float(found.pressure_a[0]), float(found.pressure_b[0])),
+            )
+        )
+    return tuple(rows)
+
+
+_NAMES = {1: "extending", -1: "retracting"}
+
+
+def where_of(table: Sequence[ConditionRow], stroke_m: float, causes: Sequence[Cause], chosen: Sequence[str]) -> Where:
+    """Steady motion is slow: the band ends at the strokes per second of the fastest condition."""
+    fastest = max(abs(row.speed) for row in table) / stroke_m
+    worst = max(table, key=lambda row: abs(row.predicted[0] - row.speed))
+    place = next((c.subsystem for c in causes if c.name in chosen), "")
+    shown: dict[str, tuple[object, ...]] = {
+        "condition": tuple(row.condition for row in table),
+        "direction": tuple(_NAMES[row.direction] for row in table),
+        "speed_m_per_s": tuple(row.speed for row in table),
+        "predicted_m_per_s": tuple(row.predicted[0] for row in table),
+        "pressure_a_Pa": tuple(row.pressures[0] for row in table),
+        "pressure_b_Pa": tuple(row.pressures[1] for row in table),
+        "net_force_N": tuple(row.net_force_N for row in table),
+    }
+    text = (
+        "Speed and pressures while the piston moves steadily, against those of the chosen causes fitted without each"
+        f" condition; the largest error of speed is left at {worst.condition}, {_NAMES[worst.direction]}."
+    )
+    witness = Witness("steady motions", place, 1.0 if place else 0.0, text, shown)
+    condition = "in steady motion, at every command that was tried"
+    return Where(place, (0.0, float(f"{fastest:.3g}")), condition if place else "", "static", (witness,))
+
+
+def rows_of(replayed: Sequence[ReplayError]) -> tuple[RecordGap, ...]:
+    """Errors of the simulated records, by condition and channel."""
+    return tuple(
+        RecordGap(f"{each.condition}, {key}", True, before, np.nan, each.after[key], float(each.floor.get(key, np.nan)))
+        for each in replayed
+        for key, before in each.before.items()
+    )
+
+
+def asked_for(separation: float, command_V: float, channel: str, ranked: Sequence[HeldOut]) -> NextExperiment:
+    """A run at a command both ways, and the channel in which what is left differs there."""
+    text = (
+        f"Run the piston out and back at {command_V:.3g} V and measure {channel.replace('_', ' ')}:"
+        " there the sets of causes that are left differ most."
+    )
+    names = tuple(" + ".join(each.hypothesis.names) or "no cause" for each in ranked[:4])
+    return NextExperiment(text, names, separation, {"command_V": command_V, "channel": channel})

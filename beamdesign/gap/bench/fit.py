@@ -2,20 +2,24 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import lgamma, log, pi
 
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.gap.bench.hypothesis import BenchHypothesis
-from beamdesign.gap.bench.model import NOTHING, steady
-from beamdesign.gap.bench.observed import CHANNELS, EDGES, Observations, averaged, errors
-from beamdesign.gap.bench.priors import Prior, priors
+from beamdesign.gap.bench.hypothesis import BenchHypothesis, unknowns
+from beamdesign.gap.bench.motions import CHANNELS, EDGES, Observations, averaged, errors
+from beamdesign.gap.fitting.hypothesis import Unknown
+from beamdesign.gap.judgement import SUSPICIOUS
 
 _STALL_STD = 0.01  # of the supply: pressures against a stop are the supply's and the tank's, to the gauges' error
 _DEGREES = 4.0  # of freedom of Student's distribution: the deviation comes from few conditions
 _ROUNDS = 3
 _FIRST_DEVIATION = 0.03
+_STEPS, _CONVERGED, _DIFFERENCE = 30, 1e-2, 1e-4
+_DAMPINGS = np.array([0.0, 1.0, 10.0, 100.0, 1e3, 1e4])  # beside priors, whose share of the normal matrix is one
+_AT_BOUND, _INSIDE = 1e-3, 0.05  # of a prior standard deviation
 
 
 @dataclass(frozen=True)
@@ -24,21 +28,46 @@ class SteadyFit:
 
     Attributes:
         hypothesis: the causes.
-        values: by figure.
-        covariance: (n, n) of the coordinates, logarithms where the prior is relative.
-        std: standard deviation by figure, in its own unit.
+        unknowns: in the order of z.
+        z: (K,) in prior standard deviations.
+        covariance: (K, K) of z.
         deviation: by channel, what is left in units of `errors`, at least the scatter of runs.
-        flags: figures at a bound or more than two deviations off their tolerance, in words.
-        strain: sum of squares of how many tolerances the figures that have one are moved.
     """
 
     hypothesis: BenchHypothesis
-    values: dict[str, float]
+    unknowns: tuple[Unknown, ...]
+    z: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
-    std: dict[str, float]
     deviation: dict[str, float]
-    flags: tuple[str, ...] = ()
-    strain: float = 0.0
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """SI value of every unknown by name."""
+        return {u.name: u.value(z) for u, z in zip(self.unknowns, self.z, strict=True)}
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """SI, by name."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        return {u.name: abs(u.slope(z)) * float(s) for u, z, s in zip(self.unknowns, self.z, deviation, strict=True)}
+
+    @property
+    def strain(self) -> float:
+        """Sum of squares of how many tolerances the figures that have one are moved."""
+        return float(sum(z**2 for u, z in zip(self.unknowns, self.z, strict=True) if u.kind == "figure"))
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Figures at a bound, and figures more than two tolerances off, in words."""
+        found = []
+        for u, z in zip(self.unknowns, self.z, strict=True):
+            low, high = u.bounds
+            # A cause that is not there is no bound to be driven to.
+            if z > high - _AT_BOUND or (z < low + _AT_BOUND and low != 0):
+                found.append(f"{u.name} is driven to its bound")
+            elif u.kind == "figure" and abs(z) > SUSPICIOUS:
+                found.append(f"{u.name} is moved by {abs(z):.1f} tolerances")
+        return tuple(found)
 
 
 def fit(
@@ -59,132 +88,86 @@ def fit(
         floor: least deviation by channel.
         near: figures to start from, those of the priors where not given.
     """
-    problem = _Problem(prototype, hypothesis, seen)
-    z = problem.start(near or {})
+    moved = unknowns(prototype, hypothesis, float(np.abs(seen.volts).max()))
+    evidence = SteadyEvidence(moved, hypothesis.orifices, prototype.actuator.supply_pressure_Pa, seen)
+    low, high = evidence.bounds
+    z = np.clip([u.z(near[u.name]) if near else 0.0 for u in moved], low + _INSIDE, high - _INSIDE)
     deviation = {channel: max(floor[channel], _FIRST_DEVIATION) for channel in (*CHANNELS, EDGES)}
     for _ in range(_ROUNDS):
-        z = _minimise(problem, z, deviation)
-        left = problem.errors(z[None, :])
+        z = _minimise(evidence, z, deviation)
+        left = evidence.errors(z[None, :])
         deviation = {c: max(floor[c], float(np.sqrt(np.mean(left[c] ** 2)))) for c in (*CHANNELS, EDGES)}
-    jacobian = problem.jacobian(z, deviation)[1]
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
-    values = {name: float(value[0, 0]) for name, value in problem.figures(z[None, :]).items()}
-    root = np.sqrt(np.diag(covariance))
-    slopes = [values[name] if prior.relative else 1.0 for name, prior in problem.prior.items()]
-    std = {name: float(r * slope) for name, r, slope in zip(problem.prior, root, slopes, strict=True)}
-    return SteadyFit(hypothesis, values, covariance, std, deviation, tuple(problem.flags(z)), problem.strain(z))
+    jacobian = evidence.linearised(z, deviation)[1]
+    return SteadyFit(hypothesis, moved, z, np.linalg.inv(jacobian.T @ jacobian), deviation)
 
 
-class _Problem:
-    """Residuals of one fit over coordinates z, many points at a time."""
+@dataclass(frozen=True)
+class SteadyEvidence:
+    """Steady motions as evidence, priors included: residuals over z, many points at a time.
 
-    def __init__(self, prototype: BenchPrototype, hypothesis: BenchHypothesis, seen: Observations):
-        self.prior = priors(prototype, hypothesis, float(np.abs(seen.volts).max()))
-        self.orifices, self.seen = hypothesis.orifices, seen
-        self.supply = prototype.actuator.supply_pressure_Pa
-        self.volts, self.row = np.unique(seen.volts, return_inverse=True)
-        self.out, self.back = (
-            np.array([int(np.searchsorted(self.volts, pair[k])) for pair in seen.both_ways]) for k in (1, 2)
-        )
-        self.measured = seen.contrasts()
-        self.low, self.high, self.middle = (
-            np.array([_coordinate(prior, getattr(prior, name)) for prior in self.prior.values()])
-            for name in ("low", "high", "middle")
-        )
-        self.spread = np.array([prior.spread for prior in self.prior.values()])
+    Attributes:
+        unknowns: in the order of z.
+        orifices: whether flow goes with the root of the pressure drop.
+        supply: pressure that was believed, Pa.
+        seen: the motions.
+    """
 
-    def start(self, near: Mapping[str, float]) -> np.ndarray:
-        given = [
-            _coordinate(p, near[n]) if n in near else m
-            for (n, p), m in zip(self.prior.items(), self.middle, strict=True)
-        ]
-        margin = 0.05 * self.spread
-        return np.clip(given, self.low + margin, self.high - margin)
+    unknowns: tuple[Unknown, ...]
+    orifices: bool
+    supply: float
+    seen: Observations
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest z, (K,) each."""
+        low, high = zip(*(u.bounds for u in self.unknowns), strict=True)
+        return np.array(low), np.array(high)
 
     def figures(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """(m, 1) each, of m points."""
-        return {
-            name: (np.exp(z[:, k]) if prior.relative else z[:, k])[:, None]
-            for k, (name, prior) in enumerate(self.prior.items())
-        }
+        moved = [(u, u.spread * z[:, k, None]) for k, u in enumerate(self.unknowns)]
+        return {u.name: u.nominal + by if u.linear else u.nominal * np.exp(by) for u, by in moved}
 
     def errors(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(m, n) each: as `errors`, less the rows of the chamber not recorded."""
-        found = steady(dict(NOTHING) | self.figures(z), self.volts, self.orifices)
-        seen, error = self.seen, {"speed": found.speed[:, self.row] / self.seen.speed - 1}
-        for side in "ab":
-            there = seen.side == side
-            error[f"pressure_{side}"] = (found.pressure(side)[:, self.row[there]] - seen.pressure[there]) / self.supply
-        speeds = found.speed[:, self.out], -found.speed[:, self.back]
-        empty = found.pressure_b[:, self.out], found.pressure_a[:, self.back]
-        return error | {EDGES: seen.contrast(speeds, empty) - self.measured}
+        """(m, n) each, see `motions.errors`."""
+        return errors(self.seen, self.figures(z), self.orifices, self.supply)
 
-    def residuals(self, z: np.ndarray, deviation: Mapping[str, float]) -> np.ndarray:
+    def residual(self, z: np.ndarray, deviation: Mapping[str, float]) -> np.ndarray:
         """(m, r)."""
-        error, figure = self.errors(z), self.figures(z)
+        figure = self.figures(z)
+        error = errors(self.seen, figure, self.orifices, self.supply)
         held = np.where(self.seen.filled, figure["supply_pressure"], figure["tank_pressure"])
         stalls = (held - self.seen.stall) / (_STALL_STD * self.supply)
-        return np.hstack(
-            [*(error[c] / deviation[c] for c in (*CHANNELS, EDGES)), stalls, (z - self.middle) / self.spread]
-        )
+        return np.hstack([*(error[c] / deviation[c] for c in (*CHANNELS, EDGES)), stalls, z])
 
-    def jacobian(self, z: np.ndarray, deviation: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (r,) and their slopes (r, n), by differences that stay within the bounds."""
-        step = np.where(z + _DIFFERENCE * self.spread > self.high, -1, 1) * _DIFFERENCE * self.spread
-        found = self.residuals(np.vstack([z, z + np.diag(step)]), deviation)
+    def linearised(self, z: np.ndarray, deviation: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (r,) and their slopes (r, K), by differences that stay within the bounds."""
+        step = np.where(z + _DIFFERENCE > self.bounds[1], -_DIFFERENCE, _DIFFERENCE)
+        found = self.residual(np.vstack([z, z + np.diag(step)]), deviation)
         return found[0], ((found[1:] - found[0]) / step[:, None]).T
 
-    def strain(self, z: np.ndarray) -> float:
-        """Sum of squared deviations of the tolerated figures."""
-        moved = [(z[k] - self.middle[k]) / self.spread[k] for k, name in enumerate(self.prior) if name in _TOLERATED]
-        return float(np.sum(np.square(moved)))
 
-    def flags(self, z: np.ndarray) -> list[str]:
-        """Figures at a bound, and figures more than two tolerances off, in words."""
-        found = []
-        for k, name in enumerate(self.prior):
-            away, near = abs(z[k] - self.middle[k]) / self.spread[k], 1e-3 * self.spread[k]
-            at_none = self.low[k] == self.middle[k]  # a cause that is not there is no bound to be driven to
-            if z[k] > self.high[k] - near or (z[k] < self.low[k] + near and not at_none):
-                found.append(f"{name} is driven to its bound")
-            elif name in _TOLERATED and away > 2:
-                found.append(f"{name} is moved by {away:.1f} tolerances")
-        return found
-
-
-def _minimise(problem: _Problem, z: np.ndarray, deviation: Mapping[str, float]) -> np.ndarray:
+def _minimise(evidence: SteadyEvidence, z: np.ndarray, deviation: Mapping[str, float]) -> np.ndarray:
+    low, high = evidence.bounds
     for _ in range(_STEPS):
-        residual, jacobian = problem.jacobian(z, deviation)
+        residual, jacobian = evidence.linearised(z, deviation)
         gradient = jacobian.T @ residual
-        margin = 1e-9 * problem.spread
-        stuck = ((z <= problem.low + margin) & (gradient > 0)) | ((z >= problem.high - margin) & (gradient < 0))
-        free = ~stuck
-        scaled = jacobian[:, free] * problem.spread[free]
-        normal, slope = scaled.T @ scaled, scaled.T @ residual
-        step = np.zeros((len(_DAMPINGS), len(z)))  # Levenberg's, from Gauss and Newton's on down
-        for k, damping in enumerate(_DAMPINGS):
-            step[k, free] = -np.linalg.solve(normal + damping * np.eye(len(slope)), slope) * problem.spread[free]
-        trial = np.clip(z + step, problem.low, problem.high)
-        cost = np.sum(problem.residuals(trial, deviation) ** 2, axis=1)
+        free = ~(((z <= low + 1e-9) & (gradient > 0)) | ((z >= high - 1e-9) & (gradient < 0)))
+        normal, slope = jacobian[:, free].T @ jacobian[:, free], gradient[free]
+        # Levenberg's steps, from Gauss and Newton's on down
+        damped = normal + _DAMPINGS[:, None, None] * np.eye(len(slope))
+        step = np.zeros((len(_DAMPINGS), len(z)))
+        step[:, free] = -np.linalg.solve(damped, slope[:, None])[..., 0]
+        trial = np.clip(z + step, low, high)
+        cost = np.sum(evidence.residual(trial, deviation) ** 2, axis=1)
         best = int(np.argmin(cost))
         if not cost[best] < float(residual @ residual):
             break
-        moved = float(np.max(np.abs(trial[best] - z) / problem.spread))
+        moved = float(np.max(np.abs(trial[best] - z)))
         z = trial[best]
         if moved < _CONVERGED:
             break
     return z
-
-
-_STEPS, _CONVERGED, _DIFFERENCE = 30, 1e-2, 1e-4
-_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4)  # beside priors, whose share of the normal matrix is one
-
-
-def _coordinate(prior: Prior, value: float) -> float:
-    return log(value) if prior.relative else value
-
-
-_TOLERATED = ("flow_gain", "piston_area", "supply_pressure")
 
 
 @dataclass(frozen=True)
@@ -196,12 +179,19 @@ class HeldOut:
         error: by condition and channel, root of the mean square over both directions.
         density: by condition, logarithm of the predictive density of its mean speeds and pressures.
         without: by condition, the fit that has not seen it.
+        probability: among the candidates that were tried.
     """
 
     fit: SteadyFit
     error: dict[str, dict[str, float]]
     density: dict[str, float]
     without: dict[str, SteadyFit] = field(repr=False)
+    probability: float = np.nan
+
+    @property
+    def hypothesis(self) -> BenchHypothesis:
+        """The causes."""
+        return self.fit.hypothesis
 
     @property
     def total(self) -> float:
@@ -219,31 +209,27 @@ def held_out(
     everything = fit(prototype, hypothesis, seen, floor)
     for condition in conditions:
         others = seen.of([c for c in conditions if c != condition])
-        trained = fit(prototype, hypothesis, others, floor, everything.values)
-        left = seen.of([condition])
-        missed = averaged(left, errors(left, trained.values, hypothesis.orifices, supply))
-        error[condition] = {channel: float(np.sqrt(np.mean(missed[channel] ** 2))) for channel in CHANNELS}
-        density[condition] = _density(trained, left, prototype)
-        without[condition] = trained
+        trained = without[condition] = fit(prototype, hypothesis, others, floor, everything.values)
+        left = SteadyEvidence(trained.unknowns, hypothesis.orifices, supply, seen.of([condition]))
+        found = left.errors(np.vstack([trained.z, trained.z + _DIFFERENCE * np.eye(len(trained.z))]))
+        means = averaged(left.seen, found)
+        error[condition] = {channel: float(np.sqrt(np.mean(means[channel][0] ** 2))) for channel in CHANNELS}
+        density[condition] = _density(trained, means | {EDGES: found[EDGES]})
     return HeldOut(everything, error, density, without)
 
 
-def _density(trained: SteadyFit, left: Observations, prototype: BenchPrototype) -> float:
-    """Logarithm of Student's density of what was missed, means over replicates; uncertain figures widen it."""
-    problem = _Problem(prototype, trained.hypothesis, left)
-    z = np.array([_coordinate(prior, trained.values[name]) for name, prior in problem.prior.items()])
-    step = _DIFFERENCE * problem.spread
-    error = problem.errors(np.vstack([z, z + np.diag(step)]))
+def _density(trained: SteadyFit, missed: Mapping[str, np.ndarray]) -> float:
+    """Logarithm of Student's density of what was missed, means over replicates; uncertain figures widen it.
+
+    Args:
+        trained: the fit.
+        missed: by channel, (K + 1, n) at its z and `_DIFFERENCE` beside it in each direction.
+    """
     total = 0.0
-    for channel, values in error.items():
-        groups = [np.full(values.shape[1], True)]
-        if channel != EDGES:
-            volts = left.volts if channel == "speed" else left.volts[left.side == channel[-1]]
-            groups = [np.sign(volts) == sign for sign in (-1, 1)]
-        means = np.array([values[:, group].mean(axis=1) for group in groups])
-        slopes = (means[:, 1:] - means[:, :1]) / step
+    for channel, means in missed.items():
+        slopes = (means[1:] - means[0]).T / _DIFFERENCE
         spread = trained.deviation[channel] ** 2 + np.sum(slopes @ trained.covariance * slopes, axis=1)
         constant = lgamma((_DEGREES + 1) / 2) - lgamma(_DEGREES / 2) - 0.5 * log(_DEGREES * pi)
-        tail = (_DEGREES + 1) / 2 * np.log1p(means[:, 0] ** 2 / spread / _DEGREES)
+        tail = (_DEGREES + 1) / 2 * np.log1p(means[0] ** 2 / spread / _DEGREES)
         total += float(np.sum(constant - 0.5 * np.log(spread) - tail))
     return total

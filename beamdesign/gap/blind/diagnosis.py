@@ -23,8 +23,7 @@ from beamdesign.gap.blind.baselines import baselines
 from beamdesign.gap.blind.seal import folder_digest
 from beamdesign.gap.data.dataset import Dataset, read_dataset
 from beamdesign.gap.diagnose import diagnose
-from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.diagnosis_fields import diagnosis_fields
+from beamdesign.gap.diagnosis import Diagnosis, diagnosis_fields
 from beamdesign.gap.fitting.fit import KeptFits, digest
 from beamdesign.gap.fitting.search import search
 from beamdesign.gap.predict import predict, read_inputs

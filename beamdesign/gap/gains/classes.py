@@ -4,55 +4,67 @@ How far the gap closes is told in relative errors of each figure as predicted fr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import exp, log, tau
+from typing import Any
 
 import numpy as np
 
-from beamdesign.gap import causes as listing
 from beamdesign.gap.amended import amended
 from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.diagnosis import Diagnosis, Gap, RecordGap, Verdict, Where
+from beamdesign.gap.diagnosis import Diagnosis, Gap, RecordGap, Verdict, Where, diagnosis_fields, in_words
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
 from beamdesign.gap.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
 from beamdesign.gap.gains.next_gain import another_size, next_experiment
 from beamdesign.gap.gains.search import Figure, Progress, figures_of, log_posterior, search_few
 from beamdesign.gap.gains.shares import CommonFactor, GainShares, common_factor, gain_shares
-from beamdesign.gap.judgement import EFFECT_ODDS, Judgement, judge, odds
+from beamdesign.gap.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
+from beamdesign.gap.shrink import gap_of_pieces
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
-SEPARATE = 3.0
-"""Difference in the logarithm of the probability from which data are said to tell two hypotheses apart: 20 to 1."""
-
-CONFIDENT = 0.8
-"""Probability of causes, whatever else may be at work beside them, from which they are said to be behind the gap."""
 OUTSIDE = "unknown"
 """Stands in a class for something that the library does not hold."""
 _CERTAIN = 50.0  # in the logarithm of odds: more is no more
 
 
 @dataclass(frozen=True)
-class GainDiagnosis(Diagnosis):
+class GainDiagnosis(Diagnosis[Prototype]):
     """A diagnosis from figures of the loop instead of time records; errors of its gap are relative ones.
 
     Attributes:
-        ranked: hypotheses with 1 % of the probability or more, best first, with that probability; the null among them.
         silent: effects that leave no trace in such data, whatever their size.
         shares: what the sensor's filter and the piston's smaller side of the published rig would carry of the mean
             distance, and what is left to one common factor; None without critical gains.
         factor: one common factor on the model's gains.
         on_predictions: the same from another starting point, where the data set holds what the designers predicted: the
             gap between measurement and these predictions, of which the model tells the changes only.
-        notes: what else has to be said.
     """
 
-    ranked: tuple[tuple[str, float], ...] = ()
+    MEASURE = "Relative errors of each figure as predicted from all the others."
+
     silent: tuple[str, ...] = ()
     shares: GainShares | None = None
     factor: CommonFactor | None = None
     on_predictions: "GainDiagnosis | None" = None
-    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def ranked(self) -> tuple[tuple[str, float], ...]:
+        """Hypotheses with 1 % of the probability or more, best first, with that probability; the null among them."""
+        return tuple(
+            (str(Hypothesis(one.names)), one.probability)
+            for one in self.hypotheses
+            if one.probability >= LEAST_PROBABILITY
+        )
+
+    @property
+    def own_fields(self) -> dict[str, Any]:
+        """Beside those of any diagnosis."""
+        found = {name: getattr(self, name) for name in ("notes", "silent", "shares", "factor", "ranked")}
+        if self.on_predictions is not None:
+            found["on_predictions"] = diagnosis_fields(self.on_predictions)
+        return found
 
 
 def explain_gains(
@@ -116,9 +128,9 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     chosen = chosen_of(verdict, rivals)
     holder = next((f for f in fits if f.hypothesis == Hypothesis(tuple(sorted(chosen)))), found.null)
     after = rivals[0] if verdict in ("effect", "ambiguous") else found.null
-    listed = tuple(c for c in listing.causes(found, judged) if c.name not in silent)
+    listed = tuple(c for c in causes(found, judged) if c.name not in silent)
     names = [str(f.hypothesis) for f in rivals]
-    if unknown > of[judged.best.hypothesis] * exp(-SEPARATE):
+    if unknown > of[judged.best.hypothesis] * exp(-THRESHOLDS.separate):
         names.append(OUTSIDE)
     classes = (tuple(names),) if verdict in ("effect", "ambiguous") and len(names) > 1 else ()
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
@@ -144,7 +156,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
         amended(data.prototype, holder),
         data.warnings,
         found,
-        ranked=tuple((str(h), p) for h, p in of.items() if p >= listing.LEAST_PROBABILITY),
+        hypotheses=cause_sets(found, judged),
         silent=silent,
         shares=shares,
         factor=factor,
@@ -166,7 +178,7 @@ def log_outside(evidence: Sequence[Figure], null: Fit, spread: float = 1.0) -> f
     r, j, units = r / np.sqrt(spread), j / np.sqrt(spread), units * np.sqrt(spread)
     covariance = np.eye(len(r)) + j @ j.T + np.diag((FREE / units) ** 2)
     _, volume = np.linalg.slogdet(covariance)
-    return -0.5 * (float(r @ np.linalg.solve(covariance, r)) + float(volume)) + EFFECT_ODDS
+    return -0.5 * (float(r @ np.linalg.solve(covariance, r)) + float(volume)) + THRESHOLDS.effect_odds
 
 
 def rivals_of(ranked: Sequence[Fit], logs: Sequence[float], silent: Sequence[str]) -> list[Fit]:
@@ -178,7 +190,7 @@ def rivals_of(ranked: Sequence[Fit], logs: Sequence[float], silent: Sequence[str
     near = [
         (f, value)
         for f, value in zip(ranked, logs, strict=True)
-        if value > logs[0] - SEPARATE and not set(silent) & set(f.hypothesis.names)
+        if value > logs[0] - THRESHOLDS.separate and not set(silent) & set(f.hypothesis.names)
     ]
 
     def spared(simple: Fit, simple_log: float, f: Fit, value: float) -> bool:
@@ -196,7 +208,7 @@ def verdict_of(judged: Judgement, rivals: Sequence[Fit], silent: Sequence[str]) 
     if sum(p for h, p in judged.of.items() if set(h.names) <= set(silent)) > 0.5:
         return "no_gap"
     named = set(rivals[0].hypothesis.names)
-    sure = sum(p for h, p in judged.of.items() if named <= set(h.names)) >= CONFIDENT
+    sure = sum(p for h, p in judged.of.items() if named <= set(h.names)) >= THRESHOLDS.confident_by_gains
     return "effect" if named and sure else "ambiguous"
 
 
@@ -287,19 +299,8 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
         )
         for k, piece in enumerate(evidence)
     ]
-    squares = np.array(rows) ** 2
-    means = squares.mean(axis=0)
-    rng = np.random.default_rng(0)
-    drawn = squares[rng.integers(len(rows), size=(_DRAWS, len(rows)))].mean(axis=1)
-    low, high = (float(v) for v in np.quantile([_closed(row) for row in drawn], (0.05, 0.95)))
-    before, tuned, left, floor = (float(v) for v in np.sqrt(means))
     records = tuple(RecordGap(piece.name, True, *row) for piece, row in zip(evidence, rows, strict=True))
-    return Gap(before, tuned, left, floor, _closed(means), (low, high), records)
-
-
-def _closed(squares: np.ndarray) -> float:
-    before, _, after, floor = squares
-    return min(1.0, float((before - after) / (before - floor))) if before > floor else 0.0
+    return gap_of_pieces(np.array(rows), records, 0, _DRAWS, most=1.0)
 
 
 _DIFFERS = 0.1  # of a gain, from which the model is said to be another than the designers'
@@ -313,16 +314,16 @@ def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], ga
         f" {gap.tuned:.0%} with tolerances fitted and by {gap.after:.0%} with the best explanation; their own errors"
         f" are {gap.noise_floor:.0%}."
     )
-    named = [_plain(name) for name in rivals]
+    named = [_said(name) for name in rivals]
     match verdict:
         case "no_gap":
             first = "There is no gap that the tolerances of the prototype would not explain."
             return f"{first} {errors}"
         case "effect":
-            first = f"The gap is caused by {_plain(' + '.join(chosen))}."
+            first = f"The gap is caused by {_said(' + '.join(chosen))}."
         case "ambiguous":
             more = f"; and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
-            common = f"All of them hold {_plain(' + '.join(chosen))}." if chosen else "No single culprit can be named."
+            common = f"All of them hold {_said(' + '.join(chosen))}." if chosen else "No single culprit can be named."
             first = f"These figures cannot tell apart: {'; '.join(named[:_SHOWN])}{more}. {common}"
         case _:
             first = "Nothing that is known here explains these figures."
@@ -377,5 +378,5 @@ def notes_on_predictions(evidence: Sequence[Figure], factor: CommonFactor | None
     return tuple(said)
 
 
-def _plain(name: str) -> str:
-    return "something unknown" if name == "unknown" else name.replace("parameter:", "a wrong ").replace("_", " ")
+def _said(name: str) -> str:
+    return "something unknown" if name == OUTSIDE else in_words(name)
