@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, FiniteFloat, SerializeAsAny, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -29,22 +29,20 @@ LENGTHS_APART = 10.0
 class Beam(Record):
     """One cantilever: its geometry, its measured (lumped) figures, or both; where both stand the measured one wins."""
 
-    stiffness_N_per_m: Annotated[q.Stiffness | None, Field(description="tip stiffness K on the free length")] = None
-    effective_mass_kg: Annotated[
-        q.Mass | None, Field(description="lumped mass at the tip, equation (5), without payload or added end mass")
-    ] = None
-    damping_ratio: Annotated[q.StructuralDamping, Field(description="zeta of the bare beam; b = 2 zeta sqrt(K M)")] = (
-        0.05
+    stiffness_N_per_m: q.Stiffness | None = Field(None, description="tip stiffness K on the free length")
+    effective_mass_kg: q.Mass | None = Field(
+        None, description="lumped mass at the tip, equation (5), without payload or added end mass"
     )
-    width_m: Annotated[q.Width | None, Field(description="outside width of the square tube")] = None
-    wall_m: Annotated[q.Wall | None, Field(description="wall thickness of the square tube")] = None
-    corner_radius_m: Annotated[q.Gap, Field(description="outside corner radius; 0 is a sharp corner")] = 0.0
-    length_m: Annotated[q.Length | None, Field(description="full length of the tube, clamp included")] = None
-    free_length_m: Annotated[q.Length | None, Field(description="length from the clamp to the tip")] = None
-    material: Annotated[str | None, Field(description="name of an alloy in beamdesign.materials")] = None
-    end_mass_kg: Annotated[
-        q.MassOrNone, Field(description="M_end of equation (5): what is always fixed to the tip (actuator module)")
-    ] = 0.0
+    damping_ratio: q.StructuralDamping = Field(0.05, description="zeta of the bare beam; b = 2 zeta sqrt(K M)")
+    width_m: q.Width | None = Field(None, description="outside width of the square tube")
+    wall_m: q.Wall | None = Field(None, description="wall thickness of the square tube")
+    corner_radius_m: q.Gap = Field(0.0, description="outside corner radius; 0 is a sharp corner")
+    length_m: q.Length | None = Field(None, description="full length of the tube, clamp included")
+    free_length_m: q.Length | None = Field(None, description="length from the clamp to the tip")
+    material: str | None = Field(None, description="name of an alloy in beamdesign.materials")
+    end_mass_kg: q.MassOrNone = Field(
+        0.0, description="M_end of equation (5): what is always fixed to the tip (actuator module)"
+    )
 
     @property
     def has_geometry(self) -> bool:
@@ -73,11 +71,9 @@ class Beam(Record):
 class Actuator(Record):
     """The hydraulic cylinder between the beam tips."""
 
-    piston_area_m2: Annotated[q.PistonArea, Field(description="A, average of the two sides")]
-    oil_stiffness_N_per_m: Annotated[q.Stiffness, Field(description="K_c, oil spring between piston and outer beam")]
-    stroke_m: Annotated[
-        q.Stroke | None, Field(description="from one end stop to the other; the rig rests in the middle")
-    ] = None
+    piston_area_m2: q.PistonArea = Field(description="A, average of the two sides")
+    oil_stiffness_N_per_m: q.Stiffness = Field(description="K_c, oil spring between piston and outer beam")
+    stroke_m: q.Stroke | None = Field(None, description="from one end stop to the other; the rig rests in the middle")
 
 
 class Servovalve(Record):
@@ -86,55 +82,51 @@ class Servovalve(Record):
     Source: Zalucky and Hardt (1984), equations (13) and (14).
     """
 
-    flow_gain_m3_per_s_per_A: Annotated[q.FlowPerCurrent, Field(description="K_q, no-load flow gain")]
-    leakage_m3_per_s_per_Pa: Annotated[q.Leakage, Field(description="K_pq = K_q / K_p")]
-    natural_frequency_Hz: Annotated[q.ComponentFrequency, Field(description="f_n of the spool")]
-    damping_ratio: Annotated[
-        q.SpoolDamping, Field(description="xi; the paper does not give it, 0.5 reproduces its critical gains")
-    ] = 0.5
-    rated_current_A: Annotated[q.Current | None, Field(description="current at which it is fully open")] = None
+    flow_gain_m3_per_s_per_A: q.FlowPerCurrent = Field(description="K_q, no-load flow gain")
+    leakage_m3_per_s_per_Pa: q.Leakage = Field(description="K_pq = K_q / K_p")
+    natural_frequency_Hz: q.ComponentFrequency = Field(description="f_n of the spool")
+    damping_ratio: q.SpoolDamping = Field(
+        0.5, description="xi; the paper does not give it, 0.5 reproduces its critical gains"
+    )
+    rated_current_A: q.Current | None = Field(None, description="current at which it is fully open")
 
 
 class Supply(Record):
     """The hydraulic supply. It has no part in the linear model."""
 
-    pressure_Pa: Annotated[q.SupplyPressure, Field(description="p_S, above the tank")] = 20e6
-    flow_m3_per_s: Annotated[q.FlowRate | None, Field(description="largest that it keeps up its pressure at")] = None
+    pressure_Pa: q.SupplyPressure = Field(20e6, description="p_S, above the tank")
+    flow_m3_per_s: q.FlowRate | None = Field(None, description="largest that it keeps up its pressure at")
 
 
 class Sensor(Record):
     """Displacement sensor with its amplifier, and the low-pass filter that may follow it."""
 
-    gain_V_per_m: Annotated[q.SensorGain, Field(description="F, sensor and op-amp gain")]
-    filter_Hz: Annotated[
-        q.ComponentFrequency | None, Field(description="break frequency of a first-order low-pass filter")
-    ] = None
-    noise_V: Annotated[q.Noise | None, Field(description="RMS of what the sensor gives when nothing moves")] = None
-    resolution_m: Annotated[q.Resolution | None, Field(description="least displacement it tells")] = None
+    gain_V_per_m: q.SensorGain = Field(description="F, sensor and op-amp gain")
+    filter_Hz: q.ComponentFrequency | None = Field(None, description="break frequency of a first-order low-pass filter")
+    noise_V: q.Noise | None = Field(None, description="RMS of what the sensor gives when nothing moves")
+    resolution_m: q.Resolution | None = Field(None, description="least displacement it tells")
 
 
 class Compliance(Record):
     """What a compliant [controller] stands for: the servo's command moves by the force on the tip over a stiffness."""
 
-    end_stiffness_N_per_m: Annotated[q.Stiffness, Field(description="static stiffness F / x of the end, as commanded")]
-    force_filter_Hz: Annotated[
-        q.ComponentFrequency, Field(description="break frequency of the low-pass that the estimated force goes through")
-    ]
-    servo: Annotated[SerializeAsAny[Cascade], Field(description="law that holds the tip at a command")]
+    end_stiffness_N_per_m: q.Stiffness = Field(description="static stiffness F / x of the end, as commanded")
+    force_filter_Hz: q.ComponentFrequency = Field(
+        description="break frequency of the low-pass that the estimated force goes through"
+    )
+    servo: SerializeAsAny[Cascade] = Field(description="law that holds the tip at a command")
 
 
 class Payload(Record):
     """Masses at the tips beyond the bare rig."""
 
-    outer_end_mass_kg: Annotated[
-        tuple[q.MassOrNone, q.MassOrNone] | None,
-        Field(description="range [least, most] of mass on the outer beam's tip"),
-    ] = None
-    inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass added to the inner beam's tip")] = 0.0
-    largest_force_N: Annotated[
-        q.ForceOrNone | None,
-        Field(description="steady force on the tip beside the payload's weight, for effects of the load"),
-    ] = None
+    outer_end_mass_kg: tuple[q.MassOrNone, q.MassOrNone] | None = Field(
+        None, description="range [least, most] of mass on the outer beam's tip"
+    )
+    inner_end_mass_kg: q.MassOrNone = Field(0.0, description="mass added to the inner beam's tip")
+    largest_force_N: q.ForceOrNone | None = Field(
+        None, description="steady force on the tip beside the payload's weight, for effects of the load"
+    )
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -157,76 +149,57 @@ class Arm(Record):
     The first compensator acts in z, the second one in y, from one and the same inner beam.
     """
 
-    offset_m: Annotated[
-        Point, Field(description="payload's centre from the tip: along the beam, sideways, upwards")
-    ] = (
-        0.0,
-        0.0,
-        0.0,
+    offset_m: Point = Field(
+        (
+            0.0,
+            0.0,
+            0.0,
+        ),
+        description="payload's centre from the tip: along the beam, sideways, upwards",
     )
-    tool_m: Annotated[
-        Point | None, Field(description="where the error counts, likewise; the payload's centre where absent")
-    ] = None
-    sensor_m: Annotated[
-        Point | None, Field(description="where the servos measure, likewise; the tip, on the axis, where absent")
-    ] = None
-    end_polar_inertia_kg_m2: Annotated[
-        q.PolarInertia, Field(description="of the end module about the beam's axis, without the tube")
-    ] = 0.0
-    payload_polar_inertia_kg_m2: Annotated[
-        q.PolarInertia, Field(description="of the payload about its own centre line along x, whatever its mass")
-    ] = 0.0
-    torsional_stiffness_N_m_per_rad: Annotated[
-        q.TorsionalStiffness | None,
-        Field(description="of the outer beam from clamp to tip; else from its section and material"),
-    ] = None
-    torsional_damping_ratio: Annotated[
-        q.StructuralDamping | None, Field(description="zeta of torsion without payload; else that of the outer beam")
-    ] = None
-    second_controller: Annotated[
-        SerializeAsAny[Controller] | None,
-        Field(description="law of the compensator in y; that of [controller] where absent"),
-    ] = None
+    tool_m: Point | None = Field(
+        None, description="where the error counts, likewise; the payload's centre where absent"
+    )
+    sensor_m: Point | None = Field(
+        None, description="where the servos measure, likewise; the tip, on the axis, where absent"
+    )
+    end_polar_inertia_kg_m2: q.PolarInertia = Field(
+        0.0, description="of the end module about the beam's axis, without the tube"
+    )
+    payload_polar_inertia_kg_m2: q.PolarInertia = Field(
+        0.0, description="of the payload about its own centre line along x, whatever its mass"
+    )
+    torsional_stiffness_N_m_per_rad: q.TorsionalStiffness | None = Field(
+        None, description="of the outer beam from clamp to tip; else from its section and material"
+    )
+    torsional_damping_ratio: q.StructuralDamping | None = Field(
+        None, description="zeta of torsion without payload; else that of the outer beam"
+    )
+    second_controller: SerializeAsAny[Controller] | None = Field(
+        None, description="law of the compensator in y; that of [controller] where absent"
+    )
+
+
+def _deviation(of: str) -> Any:
+    return Field(0.0, description=f"relative standard deviation of {of}")
 
 
 class Tolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
-    stiffness: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the tip stiffness of either beam")
-    ] = 0.0
-    effective_mass: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the effective mass of either beam")
-    ] = 0.0
-    beam_damping_ratio: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the damping ratio of either beam")
-    ] = 0.0
-    oil_stiffness: Annotated[q.RelativeStd, Field(description="relative standard deviation of the oil spring")] = 0.0
-    piston_area: Annotated[q.RelativeStd, Field(description="relative standard deviation of the piston area")] = 0.0
-    flow_gain: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the flow gain of the valve")
-    ] = 0.0
-    leakage: Annotated[q.RelativeStd, Field(description="relative standard deviation of the leakage of the valve")] = (
-        0.0
-    )
-    valve_natural_frequency: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the valve's natural frequency")
-    ] = 0.0
-    valve_damping_ratio: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the valve's damping ratio")
-    ] = 0.0
-    sensor_gain: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the gain of the sensor")
-    ] = 0.0
-    sensor_filter: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the break frequency of the sensor's filter")
-    ] = 0.0
-    outer_end_mass: Annotated[q.RelativeStd, Field(description="relative standard deviation of the outer end mass")] = (
-        0.0
-    )
-    inner_end_mass: Annotated[q.RelativeStd, Field(description="relative standard deviation of the inner end mass")] = (
-        0.0
-    )
+    stiffness: q.RelativeStd = _deviation("the tip stiffness of either beam")
+    effective_mass: q.RelativeStd = _deviation("the effective mass of either beam")
+    beam_damping_ratio: q.RelativeStd = _deviation("the damping ratio of either beam")
+    oil_stiffness: q.RelativeStd = _deviation("the oil spring")
+    piston_area: q.RelativeStd = _deviation("the piston area")
+    flow_gain: q.RelativeStd = _deviation("the flow gain of the valve")
+    leakage: q.RelativeStd = _deviation("the leakage of the valve")
+    valve_natural_frequency: q.RelativeStd = _deviation("the valve's natural frequency")
+    valve_damping_ratio: q.RelativeStd = _deviation("the valve's damping ratio")
+    sensor_gain: q.RelativeStd = _deviation("the gain of the sensor")
+    sensor_filter: q.RelativeStd = _deviation("the break frequency of the sensor's filter")
+    outer_end_mass: q.RelativeStd = _deviation("the outer end mass")
+    inner_end_mass: q.RelativeStd = _deviation("the inner end mass")
 
 
 class Goal(Record):
@@ -235,39 +208,36 @@ class Goal(Record):
     Source: Zalucky and Hardt (1984), whose goal is -100 dB of inch per pound-force.
     """
 
-    compliance_m_per_N: Annotated[q.ComplianceLimit, Field(description="limit of |x / F_d|")] = COMPLIANCE_LIMIT_M_PER_N
-    peak_sensitivity: Annotated[q.PeakSensitivity, Field(description="limit of max |1 / (1 + L)|")] = 2.0
-    loop_gain: Annotated[
-        q.LoopGain | None,
-        Field(description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"),
-    ] = None
-    loop_gain_from_Hz: Annotated[q.Frequency, Field(description="from where on loop_gain is a limit")] = 250.0
-    controller_effort_A_per_V: Annotated[
-        q.LawGain | None,
-        Field(description="limit of |C / (1 + L)|, current over volts of noise or command; none: no limit"),
-    ] = None
+    compliance_m_per_N: q.ComplianceLimit = Field(COMPLIANCE_LIMIT_M_PER_N, description="limit of |x / F_d|")
+    peak_sensitivity: q.PeakSensitivity = Field(2.0, description="limit of max |1 / (1 + L)|")
+    loop_gain: q.LoopGain | None = Field(
+        None, description="limit of |L| from loop_gain_from_Hz up, where the model leaves out modes; none: no limit"
+    )
+    loop_gain_from_Hz: q.Frequency = Field(250.0, description="from where on loop_gain is a limit")
+    controller_effort_A_per_V: q.LawGain | None = Field(
+        None, description="limit of |C / (1 + L)|, current over volts of noise or command; none: no limit"
+    )
 
 
 class Guarantee(Record):
     """What a certificate proves of this prototype."""
 
-    bandwidth_Hz: Annotated[NonNegative, Field(description="up to which the compliance is proved to keep to its goal")]
-    peak_sensitivity: Annotated[Positive, Field(description="proved bound of max |1 / (1 + L)|")]
-    outer_end_mass_kg: Annotated[
-        tuple[q.MassOrNone, q.MassOrNone],
-        Field(description="range [least, most] of mass on the outer tip that it holds for"),
-    ]
-    certificate: Annotated[FileName, Field(description="file of the proof, beside the prototype")]
-    certificate_sha256: Annotated[str, Field(description="SHA-256 digest of that file")]
+    bandwidth_Hz: NonNegative = Field(description="up to which the compliance is proved to keep to its goal")
+    peak_sensitivity: Positive = Field(description="proved bound of max |1 / (1 + L)|")
+    outer_end_mass_kg: tuple[q.MassOrNone, q.MassOrNone] = Field(
+        description="range [least, most] of mass on the outer tip that it holds for"
+    )
+    certificate: FileName = Field(description="file of the proof, beside the prototype")
+    certificate_sha256: str = Field(description="SHA-256 digest of that file")
 
 
 class Prototype(Record):
     """A twin-beam rig in SI: one record that is designed, certified, built, measured and diagnosed."""
 
-    name: Annotated[str, Field(min_length=1, description="what the rig is called in tables and reports")]
-    kind: Annotated[
-        Literal["twin_beam"], Field(description="kind of rig: two beams with an actuator between their tips")
-    ] = "twin_beam"
+    name: str = Field(min_length=1, description="what the rig is called in tables and reports")
+    kind: Literal["twin_beam"] = Field(
+        "twin_beam", description="kind of rig: two beams with an actuator between their tips"
+    )
     outer_beam: Beam
     inner_beam: Beam
     actuator: Actuator

@@ -19,8 +19,8 @@ CHANNELS = ("disturbance_N", "command_V")
 class _Amplitude(Record):
     """A signal on one channel: a force where `amplitude_N` is given, a command where `amplitude_V` is."""
 
-    amplitude_N: Annotated[q.SignedForce | None, Field(description="peak of a force on the outer tip")] = None
-    amplitude_V: Annotated[q.SignedVoltage | None, Field(description="peak of a command")] = None
+    amplitude_N: q.SignedForce | None = Field(None, description="peak of a force on the outer tip")
+    amplitude_V: q.SignedVoltage | None = Field(None, description="peak of a command")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -45,47 +45,46 @@ class _Amplitude(Record):
 class Step(_Amplitude):
     """From zero to the amplitude along half a cosine, and back where it has a length."""
 
-    kind: Annotated[Literal["step"], Field(description="shape of the signal")] = "step"
-    at_s: Annotated[q.DurationOrNone, Field(description="when it begins")] = 0.1
-    rise_s: Annotated[q.Duration, Field(description="how long it takes to rise")] = 0.002
-    length_s: Annotated[q.Duration | None, Field(description="after which it goes back to zero; none: it stays")] = None
+    kind: Literal["step"] = Field("step", description="shape of the signal")
+    at_s: q.DurationOrNone = Field(0.1, description="when it begins")
+    rise_s: q.Duration = Field(0.002, description="how long it takes to rise")
+    length_s: q.Duration | None = Field(None, description="after which it goes back to zero; none: it stays")
 
 
 class Sine(_Amplitude):
     """A sine from time zero, faded in over a given time."""
 
-    kind: Annotated[Literal["sine"], Field(description="shape of the signal")] = "sine"
-    frequency_Hz: Annotated[q.Frequency, Field(description="of the sine")]
-    fade_s: Annotated[q.DurationOrNone, Field(description="over which it fades in; 0: at once")] = 0.1
+    kind: Literal["sine"] = Field("sine", description="shape of the signal")
+    frequency_Hz: q.Frequency = Field(description="of the sine")
+    fade_s: q.DurationOrNone = Field(0.1, description="over which it fades in; 0: at once")
 
 
 class Multisine(_Amplitude):
     """Equal lines at multiples of 1/duration within a band, with random phases; scaled to the amplitude as its peak."""
 
-    kind: Annotated[Literal["multisine"], Field(description="shape of the signal")] = "multisine"
-    low_Hz: Annotated[q.Frequency, Field(description="lower end of the band")] = 1.0
-    high_Hz: Annotated[q.Frequency, Field(description="upper end of the band")] = 100.0
-    seed: Annotated[int, Field(ge=0, description="of the random phases; the same seed gives the same signal")] = 0
-    fade_s: Annotated[q.DurationOrNone, Field(description="over which it fades in; 0: at once")] = 0.1
+    kind: Literal["multisine"] = Field("multisine", description="shape of the signal")
+    low_Hz: q.Frequency = Field(1.0, description="lower end of the band")
+    high_Hz: q.Frequency = Field(100.0, description="upper end of the band")
+    seed: int = Field(0, ge=0, description="of the random phases; the same seed gives the same signal")
+    fade_s: q.DurationOrNone = Field(0.1, description="over which it fades in; 0: at once")
 
 
 class LoadSteps(_Amplitude):
     """One level after another, as shares of the amplitude, each reached along half a cosine."""
 
-    kind: Annotated[Literal["load_steps"], Field(description="shape of the signal")] = "load_steps"
-    levels: Annotated[
-        tuple[q.Level, ...],
-        Field(min_length=1, description="one after another, as shares of the amplitude"),
-    ] = (1.0, 0.0, -1.0, 0.0)
-    dwell_s: Annotated[q.Duration, Field(description="how long each level lasts")] = 0.5
-    rise_s: Annotated[q.Duration, Field(description="how long each change takes")] = 0.01
+    kind: Literal["load_steps"] = Field("load_steps", description="shape of the signal")
+    levels: tuple[q.Level, ...] = Field(
+        (1.0, 0.0, -1.0, 0.0), min_length=1, description="one after another, as shares of the amplitude"
+    )
+    dwell_s: q.Duration = Field(0.5, description="how long each level lasts")
+    rise_s: q.Duration = Field(0.01, description="how long each change takes")
 
 
 class FromCsv(Record):
     """Measured inputs: a CSV file with uniform `t_s` and `disturbance_N`, `command_V` or both."""
 
-    kind: Annotated[Literal["csv"], Field(description="shape of the signal")] = "csv"
-    file: Annotated[FileName, Field(description="CSV file, looked for beside the scenario")]
+    kind: Literal["csv"] = Field("csv", description="shape of the signal")
+    file: FileName = Field(description="CSV file, looked for beside the scenario")
 
 
 Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discriminator="kind")]
@@ -94,85 +93,76 @@ Input = Annotated[Step | Sine | Multisine | LoadSteps | FromCsv, Field(discrimin
 class Sampled(Record):
     """A controller that works at sample times instead of continuously."""
 
-    period_s: Annotated[q.Duration, Field(description="from sample to sample; a whole multiple of sample_s")]
-    delay_periods: Annotated[int, Field(ge=0, le=100, description="how many periods late its output is")] = 0
-    least_volt_V: Annotated[q.Noise, Field(description="step of the converter that reads the sensor")] = 0.0
+    period_s: q.Duration = Field(description="from sample to sample; a whole multiple of sample_s")
+    delay_periods: int = Field(0, ge=0, le=100, description="how many periods late its output is")
+    least_volt_V: q.Noise = Field(0.0, description="step of the converter that reads the sensor")
 
 
 class Measurement(Record):
     """What the instruments add to the written channels (not to what the controller sees)."""
 
-    seed: Annotated[int, Field(ge=0, description="of the random noise; the same seed gives the same noise")] = 0
-    disturbance_std_N: Annotated[
-        q.ForceOrNone, Field(description="standard deviation of the noise on the force channel")
-    ] = 0.0
-    current_std_A: Annotated[q.Noise, Field(description="standard deviation of the noise on the current channel")] = 0.0
-    displacement_std_m: Annotated[
-        q.Resolution, Field(description="standard deviation of the noise on the displacement channels")
-    ] = 0.0
-    displacement_step_m: Annotated[q.Resolution, Field(description="resolution; 0 for none")] = 0.0
+    seed: int = Field(0, ge=0, description="of the random noise; the same seed gives the same noise")
+    disturbance_std_N: q.ForceOrNone = Field(0.0, description="standard deviation of the noise on the force channel")
+    current_std_A: q.Noise = Field(0.0, description="standard deviation of the noise on the current channel")
+    displacement_std_m: q.Resolution = Field(
+        0.0, description="standard deviation of the noise on the displacement channels"
+    )
+    displacement_step_m: q.Resolution = Field(0.0, description="resolution; 0 for none")
 
 
 class WallAhead(Record):
     """A wall before the outer tip: a spring and a dashpot that the tip touches from one side."""
 
-    at_m: Annotated[q.Position, Field(description="where it stands: it presses on a tip that is beyond")]
-    stiffness_N_per_m: Annotated[q.Stiffness, Field(description="of its spring")]
-    damping_N_s_per_m: Annotated[q.Damping, Field(description="of its dashpot")] = 0.0
-    rounding_m: Annotated[
-        q.Rounding,
-        Field(description="over which touch sets in; half of it is what the spring yields at the face itself"),
-    ] = 1e-7
+    at_m: q.Position = Field(description="where it stands: it presses on a tip that is beyond")
+    stiffness_N_per_m: q.Stiffness = Field(description="of its spring")
+    damping_N_s_per_m: q.Damping = Field(0.0, description="of its dashpot")
+    rounding_m: q.Rounding = Field(
+        1e-7, description="over which touch sets in; half of it is what the spring yields at the face itself"
+    )
 
 
 class PayloadChange(Record):
     """A payload that is gripped, released or exchanged during a record."""
 
-    at_s: Annotated[q.DurationOrNone, Field(description="when")]
-    outer_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the outer tip from then on")]
-    joining: Annotated[
-        Literal["matched", "from_rest"],
-        Field(description="whether what joins has the tip's velocity, or is at rest and takes some of it"),
-    ] = "matched"
+    at_s: q.DurationOrNone = Field(description="when")
+    outer_end_mass_kg: q.MassOrNone = Field(description="mass on the outer tip from then on")
+    joining: Literal["matched", "from_rest"] = Field(
+        "matched", description="whether what joins has the tip's velocity, or is at rest and takes some of it"
+    )
 
 
 class ScenarioRecord(Record):
     """One time record to be made."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="also of its CSV file")]
-    input: Annotated[tuple[Input, ...], Field(description="signals that add up; none: nothing is done to the rig")] = ()
-    outer_end_mass_kg: Annotated[q.MassOrNone, Field(description="mass on the outer tip")] = 0.0
-    inner_end_mass_kg: Annotated[
-        q.MassOrNone | None, Field(description="mass added to the inner tip; none: that of the prototype's payload")
-    ] = None
-    preload_N: Annotated[q.SignedForce, Field(description="constant force on the outer tip, on top of the inputs")] = (
-        0.0
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="also of its CSV file")
+    input: tuple[Input, ...] = Field((), description="signals that add up; none: nothing is done to the rig")
+    outer_end_mass_kg: q.MassOrNone = Field(0.0, description="mass on the outer tip")
+    inner_end_mass_kg: q.MassOrNone | None = Field(
+        None, description="mass added to the inner tip; none: that of the prototype's payload"
     )
-    wall: Annotated[WallAhead | None, Field(description="what the outer tip may touch; none: nothing")] = None
-    controller: Annotated[
-        SerializeAsAny[Controller] | None, Field(description="the law during this record; none: the prototype's")
-    ] = None
-    payload_change: Annotated[
-        PayloadChange | None, Field(description="scheduled controller: a payload that changes during the record")
-    ] = None
-    start_m: Annotated[
-        q.StartPosition | None,
-        Field(description="actuator bench: where the piston starts; none: at the retracted stop"),
-    ] = None
+    preload_N: q.SignedForce = Field(0.0, description="constant force on the outer tip, on top of the inputs")
+    wall: WallAhead | None = Field(None, description="what the outer tip may touch; none: nothing")
+    controller: SerializeAsAny[Controller] | None = Field(
+        None, description="the law during this record; none: the prototype's"
+    )
+    payload_change: PayloadChange | None = Field(
+        None, description="scheduled controller: a payload that changes during the record"
+    )
+    start_m: q.StartPosition | None = Field(
+        None, description="actuator bench: where the piston starts; none: at the retracted stop"
+    )
 
 
 class Scenario(Record):
     """Records to be made of one rig."""
 
-    name: Annotated[str, Field(description="what the scenario is called in tables")]
-    duration_s: Annotated[q.Duration, Field(description="length of every record")]
-    sample_s: Annotated[q.SamplePeriod, Field(description="from row to row of the records")] = 0.5e-3
-    start: Annotated[
-        Literal["rest", "loaded"], Field(description="rest: before the preload comes on; loaded: at rest under it")
-    ] = "loaded"
-    displacement_limit_m: Annotated[
-        q.Excursion, Field(description="of the outer tip; a loop that passes it has diverged")
-    ] = 0.02
+    name: str = Field(description="what the scenario is called in tables")
+    duration_s: q.Duration = Field(description="length of every record")
+    sample_s: q.SamplePeriod = Field(0.5e-3, description="from row to row of the records")
+    start: Literal["rest", "loaded"] = Field(
+        "loaded", description="rest: before the preload comes on; loaded: at rest under it"
+    )
+    displacement_limit_m: q.Excursion = Field(0.02, description="of the outer tip; a loop that passes it has diverged")
     sampled: Sampled | None = None
     measurement: Measurement = Measurement()
     record: tuple[ScenarioRecord, ...]

@@ -1,9 +1,7 @@
-"""Kinds of controller, one file each: what a command may ask of a law, and what it is refused with which reason."""
+"""Kinds of controller: what a command may ask of a law, and what it is refused with which reason."""
 
-from beamdesign.controllers.cascade import Break, Cascade
-from beamdesign.controllers.lag import Lag
+from beamdesign.controllers.cascade import Break, Cascade, Section
 from beamdesign.controllers.observer import Observer
-from beamdesign.controllers.proportional import Proportional
 from beamdesign.controllers.protocol import (
     KINDS,
     SENSED,
@@ -15,7 +13,7 @@ from beamdesign.controllers.protocol import (
     register,
 )
 from beamdesign.controllers.scheduled import Estimator, Scheduled, Stage
-from beamdesign.controllers.structured import Section, Structured
+from beamdesign.controllers.structured import Lag, Proportional, Structured
 
 __all__ = [
     "KINDS",

@@ -7,7 +7,7 @@ from functools import cache, reduce
 from itertools import chain
 from math import pi, prod
 from operator import mul
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import Field
 
@@ -95,10 +95,10 @@ class Break(Factor):
 class Section(Record, Factor):
     """C_i(s) = (1 + 2 d s / z + s^2 / z^2) / (1 + 2 e s / p + s^2 / p^2), one second-order section of a controller."""
 
-    zero_Hz: Annotated[q.Frequency, Field(description="z, natural frequency of the numerator")]
-    zero_damping_ratio: Annotated[q.SectionDamping, Field(description="d, of the numerator; small is a notch")]
-    pole_Hz: Annotated[q.Frequency, Field(description="p, natural frequency of the denominator")]
-    pole_damping_ratio: Annotated[q.SectionDamping, Field(description="e, of the denominator; small is a resonance")]
+    zero_Hz: q.Frequency = Field(description="z, natural frequency of the numerator")
+    zero_damping_ratio: q.SectionDamping = Field(description="d, of the numerator; small is a notch")
+    pole_Hz: q.Frequency = Field(description="p, natural frequency of the denominator")
+    pole_damping_ratio: q.SectionDamping = Field(description="e, of the denominator; small is a resonance")
     order: ClassVar[int] = 2
     open_between: ClassVar[Mapping[str, tuple[float, float]]] = {
         "zero_Hz": (2.0, 2000.0),
@@ -123,7 +123,7 @@ class Cascade(Controller):
     A kind states its factors, in the order of its fields, whose floats are their figures; all else follows.
     """
 
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
+    gain_A_per_V: q.LawGain = Field(description="K_sa, servo-amplifier gain at zero frequency")
 
     @property
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import pi
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -34,18 +34,18 @@ class Observer(Controller):
     """
 
     checked: ClassVar[bool] = True
-    kind: Annotated[Literal["observer"], Field(description="which law, with its own figures")] = "observer"
-    gain_A_per_V: Annotated[q.LawGain, Field(description="factor on the whole law, so that it alone scales the loop")]
-    sensors: Annotated[
-        tuple[Sensed, ...], Field(description="what it senses, each once, displacement_m first; they order b and d")
-    ]
-    a: Annotated[tuple[Entries, ...], Field(description="n rows of n, 1/s; n up to 12, and [] for a static gain")]
-    b: Annotated[tuple[Entries, ...], Field(description="n rows of one entry per sensor")]
-    c: Annotated[Entries, Field(description="n entries")]
-    d: Annotated[Entries, Field(description="one entry per sensor")]
-    b_command: Annotated[
-        Entries, Field(description="n entries, what command_V does to z' beside its part of e_1; [] for nothing")
-    ] = ()
+    kind: Literal["observer"] = Field("observer", description="which law, with its own figures")
+    gain_A_per_V: q.LawGain = Field(description="factor on the whole law, so that it alone scales the loop")
+    sensors: tuple[Sensed, ...] = Field(
+        description="what it senses, each once, displacement_m first; they order b and d"
+    )
+    a: tuple[Entries, ...] = Field(description="n rows of n, 1/s; n up to 12, and [] for a static gain")
+    b: tuple[Entries, ...] = Field(description="n rows of one entry per sensor")
+    c: Entries = Field(description="n entries")
+    d: Entries = Field(description="one entry per sensor")
+    b_command: Entries = Field(
+        (), description="n entries, what command_V does to z' beside its part of e_1; [] for nothing"
+    )
 
     @property
     def order(self) -> int:

@@ -3,33 +3,29 @@
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from math import inf
-from typing import Annotated, Any, ClassVar, Literal, NoReturn, Self
+from typing import Any, ClassVar, Literal, NoReturn, Self
 
 from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign.controllers.cascade import Section
-from beamdesign.controllers.lag import Lag
 from beamdesign.controllers.protocol import Controller, Laws, Need, Row, refuse
-from beamdesign.controllers.structured import Structured
+from beamdesign.controllers.structured import Lag, Structured
 from beamdesign.records import Problem, Record, numbers
 
 
 class Stage(Record):
     """One law of a scheduled controller: a lag, or one with second-order sections, and the payloads that it is for."""
 
-    outer_end_mass_kg: Annotated[
-        tuple[q.MassOrNone, q.MassOrNone],
-        Field(
-            description="payloads [least, most] for which this law's guarantee holds; overlaps with the next stage's"
-        ),
-    ]
-    gain_A_per_V: Annotated[q.LawGain, Field(description="K_sa, servo-amplifier gain at zero frequency")]
-    pole_Hz: Annotated[q.Frequency, Field(description="lower break frequency")]
-    zero_Hz: Annotated[q.Frequency, Field(description="upper break frequency")]
-    section: Annotated[
-        tuple[Section, ...], Field(max_length=3, description="second-order sections before the lag; as many in all")
-    ] = ()
+    outer_end_mass_kg: tuple[q.MassOrNone, q.MassOrNone] = Field(
+        description="payloads [least, most] for which this law's guarantee holds; overlaps with the next stage's"
+    )
+    gain_A_per_V: q.LawGain = Field(description="K_sa, servo-amplifier gain at zero frequency")
+    pole_Hz: q.Frequency = Field(description="lower break frequency")
+    zero_Hz: q.Frequency = Field(description="upper break frequency")
+    section: tuple[Section, ...] = Field(
+        (), max_length=3, description="second-order sections before the lag; as many in all"
+    )
 
     @property
     def law(self) -> Lag | Structured:
@@ -52,22 +48,17 @@ class Stage(Record):
 class Estimator(Record):
     """How the payload is estimated from current and volts, and when an estimate counts; see `scheduling.estimator`."""
 
-    noise_V: Annotated[q.EstimatorNoise, Field(description="RMS of the sensor's noise as the law samples it")] = 0.002
-    window_s: Annotated[q.Window, Field(description="length of the records that the models are fitted to")] = 0.08
-    update_s: Annotated[q.Update, Field(description="time between estimates")] = 0.01
-    forgetting_s: Annotated[
-        q.Duration, Field(description="time of useful records after which an old one counts for 1/e")
-    ] = 0.3
-    model_error: Annotated[
-        q.Unexplained,
-        Field(description="share of the motion that may stay unexplained in a useful record"),
-    ] = 0.1
-    largest_std_kg: Annotated[
-        q.Mass, Field(description="excitation threshold: estimates less certain than this change nothing")
-    ] = 0.15
-    band_kg: Annotated[q.Mass, Field(description="error of the estimate that the stages' overlaps leave room for")] = (
-        0.4
+    noise_V: q.EstimatorNoise = Field(0.002, description="RMS of the sensor's noise as the law samples it")
+    window_s: q.Window = Field(0.08, description="length of the records that the models are fitted to")
+    update_s: q.Update = Field(0.01, description="time between estimates")
+    forgetting_s: q.Duration = Field(0.3, description="time of useful records after which an old one counts for 1/e")
+    model_error: q.Unexplained = Field(
+        0.1, description="share of the motion that may stay unexplained in a useful record"
     )
+    largest_std_kg: q.Mass = Field(
+        0.15, description="excitation threshold: estimates less certain than this change nothing"
+    )
+    band_kg: q.Mass = Field(0.4, description="error of the estimate that the stages' overlaps leave room for")
 
 
 class Scheduled(Controller):
@@ -76,14 +67,12 @@ class Scheduled(Controller):
     What a linear law can be asked for is asked of its `laws`, one at a time; it refuses that itself.
     """
 
-    kind: Annotated[Literal["scheduled"], Field(description="which law, with its own figures")] = "scheduled"
-    period_s: Annotated[q.SamplePeriod, Field(description="from sample to sample of the law and the estimator")] = (
-        0.5e-3
+    kind: Literal["scheduled"] = Field("scheduled", description="which law, with its own figures")
+    period_s: q.SamplePeriod = Field(0.5e-3, description="from sample to sample of the law and the estimator")
+    dwell_s: q.Duration = Field(0.1, description="least time between two changes of stage")
+    stage: tuple[Stage, ...] = Field(
+        min_length=2, max_length=12, description="from the lightest payloads to the heaviest"
     )
-    dwell_s: Annotated[q.Duration, Field(description="least time between two changes of stage")] = 0.1
-    stage: Annotated[
-        tuple[Stage, ...], Field(min_length=2, max_length=12, description="from the lightest payloads to the heaviest")
-    ]
     estimator: Estimator = Estimator()
 
     @property

@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
-from beamdesign.controllers.lag import as_lag
+from beamdesign.controllers.structured import as_lag
 from beamdesign.design.codesign import (
     ROUNDED_SLACK,
     codesign_program,
