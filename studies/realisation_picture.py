@@ -5,8 +5,8 @@ from math import isfinite
 
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
+from rate_and_word import RateAndWord
 
-from beamdesign.realisation.trade import RateAndWord
 from beamdesign.report.canvas import STYLES
 
 _MARKERS = "s^Dvx+"
@@ -17,7 +17,7 @@ def plot_sensitivity(axes: Axes, rows: Sequence[RateAndWord], goal: float | None
 
     Args:
         axes: drawn on.
-        rows: of `beamdesign.realisation.trade`.
+        rows: of `rate_and_word.trade`.
         goal: limit to be drawn.
     """
     words = sorted({row.word_length for row in rows if row.word_length is not None})
@@ -47,7 +47,7 @@ def plot_rounding(axes: Axes, rows: Sequence[RateAndWord], limit_m: float | None
 
     Args:
         axes: drawn on.
-        rows: of `beamdesign.realisation.trade`.
+        rows: of `rate_and_word.trade`.
         limit_m: motion to be marked, such as the sensor's resolution.
     """
     words = sorted({row.word_length for row in rows if row.word_length is not None})

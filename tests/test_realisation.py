@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
+from compiled_controller import CompiledController, in_volts_and_amperes
 from flint import fmpq, fmpq_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from rate_and_word import sufficient, trade
 from realised_loop import run_closed
 from typer.testing import CliRunner
 
@@ -22,12 +24,12 @@ from beamdesign.controllers import Lag, Proportional, Section, Structured, Trans
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.realisation import c_files, judge, realise, sufficient, trade
+from beamdesign.realisation import c_files, judge, realise
 from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
-from beamdesign.realisation.coefficient import fixed_point
 from beamdesign.realisation.computing_time import ComputedLate, prove_any_computing_time
-from beamdesign.realisation.emulation import FixedPoint, Float32, in_volts_and_amperes, shifted, to_word
-from beamdesign.realisation.folder import CompiledController, compile_library, compiler
+from beamdesign.realisation.emulation import FixedPoint, Float32, shifted, to_word
+from beamdesign.realisation.folder import compiler
+from beamdesign.realisation.law import fixed_point
 from beamdesign.realisation.loop import realised_loop, rounded_loop
 from beamdesign.realisation.margins import continuous_figures, law_polynomials, sampled_figures
 from beamdesign.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms
@@ -427,7 +429,7 @@ def test_the_emulation_gives_the_recorded_currents() -> None:
 def made(folder: Path, r: Realisation) -> CompiledController:
     for name, text in c_files(r, "a rig").items():
         (folder / name).write_text(text)
-    return CompiledController(compile_library(folder), r)
+    return CompiledController(folder, r)
 
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler; the emulation is tested all the same")
@@ -475,7 +477,7 @@ def test_the_self_test_finds_a_wrong_bit(tmp_path: Path) -> None:
     assert wrong != files[LAW]
     for name, text in (files | {LAW: wrong}).items():
         (tmp_path / name).write_text(text)
-    assert 0 < CompiledController(compile_library(tmp_path), r).self_test() <= len(vectors(r).currents)
+    assert 0 < CompiledController(tmp_path, r).self_test() <= len(vectors(r).currents)
 
 
 def test_files_state_their_units_and_cannot_be_broken_by_a_name() -> None:

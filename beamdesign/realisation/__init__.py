@@ -3,19 +3,15 @@
 from beamdesign.realisation.c_code import c_files
 from beamdesign.realisation.realise import Realisation, realise
 from beamdesign.realisation.sections import DiscreteLaw, Section, discretised
-from beamdesign.realisation.trade import RateAndWord, sufficient, trade
 from beamdesign.realisation.verdict import Judgement, judge
 
 __all__ = [
     "DiscreteLaw",
     "Judgement",
-    "RateAndWord",
     "Realisation",
     "Section",
     "c_files",
     "discretised",
     "judge",
     "realise",
-    "sufficient",
-    "trade",
 ]

@@ -11,7 +11,7 @@ from math import pi, sin
 import numpy as np
 
 from beamdesign.realisation.emulation import FixedPoint, Float32, to_word
-from beamdesign.realisation.law import one_period
+from beamdesign.realisation.law import Arithmetic, one_period
 from beamdesign.realisation.realise import Realisation
 from beamdesign.spelling import in_c
 
@@ -278,7 +278,7 @@ def _short(name: str) -> str:
     return "e" if name == "error" else f"{name}_read"
 
 
-class _Lines:
+class _Lines(Arithmetic[str]):
     """Statements written so far; the expressions of the law are names of variables."""
 
     kind = ""
@@ -292,9 +292,6 @@ class _Lines:
     def _let(self, name: str, expression: str) -> str:
         self.written.append(f"const {self.kind} {name} = {expression};")
         return name
-
-    def begin(self, channel: int) -> None:
-        pass
 
     def _title(self, state: str) -> None:
         if state in self.titles:

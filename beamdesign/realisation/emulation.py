@@ -7,7 +7,7 @@ from operator import add
 
 import numpy as np
 
-from beamdesign.realisation.law import one_period
+from beamdesign.realisation.law import Arithmetic, one_period
 from beamdesign.realisation.realise import Realisation
 
 
@@ -17,7 +17,7 @@ def shifted(value: int, places: int) -> int:
     return (value + half) >> places if value >= 0 else -((half - value) >> places)
 
 
-class FixedPoint:
+class FixedPoint(Arithmetic[int]):
     """The fixed-point controller.
 
     Attributes:
@@ -46,21 +46,12 @@ class FixedPoint:
         given = [self.signal("", reading) for reading in readings]
         return one_period(self.realisation.channels, given, self)
 
-    def begin(self, channel: int) -> None:  # noqa: D102
-        pass
-
     def read(self, state: str) -> int:  # noqa: D102
         return shifted(self.states[state], self._extra)
 
     def multiply(self, coefficient: str, value: int) -> int:  # noqa: D102
         integer, places = self._given[coefficient]
         return shifted(integer * value, places)
-
-    def add(self, one: int, other: int) -> int:  # noqa: D102
-        return one + other
-
-    def subtract(self, one: int, other: int) -> int:  # noqa: D102
-        return one - other
 
     def signal(self, name: str, value: int) -> int:  # noqa: D102
         return max(-self._most, min(self._most, value))
@@ -80,7 +71,7 @@ class FixedPoint:
         self.states[state] = max(-most, min(most, after))
 
 
-class Float32:
+class Float32(Arithmetic[np.float32]):
     """The controller in floats of 32 bits; every operation rounds once, to the nearest."""
 
     def __init__(self, realisation: Realisation):
@@ -101,20 +92,11 @@ class Float32:
         """The current (A) of one sample (V, m, Pa); the error first."""
         return one_period(self.realisation.channels, [np.float32(reading) for reading in readings], self)
 
-    def begin(self, channel: int) -> None:  # noqa: D102
-        pass
-
     def read(self, state: str) -> np.float32:  # noqa: D102
         return self.states[state]
 
     def multiply(self, coefficient: str, value: np.float32) -> np.float32:  # noqa: D102
         return self._given[coefficient] * value
-
-    def add(self, one: np.float32, other: np.float32) -> np.float32:  # noqa: D102
-        return one + other
-
-    def subtract(self, one: np.float32, other: np.float32) -> np.float32:  # noqa: D102
-        return one - other
 
     def signal(self, name: str, value: np.float32) -> np.float32:  # noqa: D102
         return value
@@ -134,16 +116,3 @@ def to_word(realisation: Realisation, reading: float, channel: int = 0) -> int:
     """A reading (V, m, Pa) as a word: the nearest, halves away from zero."""
     scaled = reading * 2.0 ** realisation.places[channel]
     return floor(scaled + 0.5) if scaled >= 0 else ceil(scaled - 0.5)
-
-
-def in_volts_and_amperes(realisation: Realisation, *readings: Sequence[float]) -> list[float]:
-    """Currents (A) of series of readings (V, m, Pa), the errors first, from rest."""
-    if realisation.word_length is None:
-        float_machine = Float32(realisation)
-        return [float(float_machine.step(*sample)) for sample in zip(*readings, strict=True)]
-    machine = FixedPoint(realisation)
-    unit = 2.0**-realisation.current_places
-    return [
-        machine.step(*(to_word(realisation, value, k) for k, value in enumerate(sample))) * unit
-        for sample in zip(*readings, strict=True)
-    ]

@@ -1,11 +1,9 @@
 """The folder of a realised controller: its C files, what is said at their head, and how to compile and run them."""
 
-import ctypes
 import os
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 from beamdesign.files import write_set
 from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, c_files
@@ -48,68 +46,24 @@ def compiler() -> str | None:
     return next((found for name in names if (found := shutil.which(name))), None)
 
 
-def compile_library(folder: Path) -> Path:
-    """Compile the files of a folder to a shared library in it.
+def compile_self_test(folder: Path) -> Path:
+    """Compile the program whose exit status is 0 where the self-test of the files of a folder passes.
 
     Raises:
         ValueError: without a compiler, or where it finds fault with the files, in its own words.
     """
-    return _compiled(folder, [LAW, SELF_TEST], folder / "controller.so", ("-shared", "-fPIC"))
+    return compiled(folder, folder / "controller_self_test", "-DCONTROLLER_SELF_TEST_MAIN")
 
 
-def compile_self_test(folder: Path) -> Path:
-    """Compile the program whose exit status is 0 where the self-test passes; errors as of `compile_library`."""
-    return _compiled(folder, [LAW, SELF_TEST], folder / "controller_self_test", ("-DCONTROLLER_SELF_TEST_MAIN",))
-
-
-def _compiled(folder: Path, sources: list[str], target: Path, more: tuple[str, ...]) -> Path:
+def compiled(folder: Path, target: Path, *more: str) -> Path:
+    """Compile the files of a folder to a target with further flags; errors as of `compile_self_test`."""
     program = compiler()
     if program is None:
         raise ValueError("no C compiler found: neither cc, gcc nor clang is on the path")
     done = subprocess.run(
-        [program, *FLAGS, *more, "-o", str(target), *(str(folder / name) for name in sources)],
+        [program, *FLAGS, *more, "-o", str(target), *(str(folder / name) for name in (LAW, SELF_TEST))],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode:
         raise ValueError(f"{program} finds fault with {folder / HEADER} or what belongs to it:\n{done.stderr.strip()}")
     return target
-
-
-class CompiledController:
-    """The compiled controller with the interface of the emulation: words in fixed point, floats otherwise."""
-
-    def __init__(self, library: Path, realisation: Realisation):
-        self.realisation = realisation
-        bits = realisation.word_length
-        word: Any = ctypes.c_float if bits is None else ctypes.c_int16 if bits <= 16 else ctypes.c_int32
-        wide: Any = ctypes.c_float if bits is None else ctypes.c_int32 if bits <= 16 else ctypes.c_int64
-        fields = [(name, wide) for name in realisation.states] + [("limited", ctypes.c_int)]
-        self._state = type("State", (ctypes.Structure,), {"_fields_": fields})()
-        loaded = ctypes.CDLL(str(library))
-        self._reset, self._step, self.self_test = (
-            loaded.controller_reset, loaded.controller_step, loaded.controller_self_test,
-        )  # fmt: skip
-        pointer = ctypes.POINTER(type(self._state))
-        given = [word] * len(realisation.channels)
-        self._reset.argtypes, self._reset.restype = [pointer, *given], None
-        self._step.argtypes, self._step.restype = [pointer, *given], word
-        self.reset(*(0 for _ in given))
-
-    @property
-    def states(self) -> dict[str, float]:
-        """By name, as the machine holds them."""
-        return {name: getattr(self._state, name) for name in self.realisation.states}
-
-    @property
-    def limited(self) -> int:
-        """Whether the last current was at its limit: -1, 0 or 1."""
-        return int(self._state.limited)
-
-    def reset(self, *readings: float) -> None:
-        """At rest under constant readings."""
-        self._reset(ctypes.byref(self._state), *readings)
-
-    def step(self, *readings: float) -> float:
-        """The current of one sample."""
-        current = self._step(ctypes.byref(self._state), *readings)
-        return float(current) if self.realisation.word_length is None else int(current)

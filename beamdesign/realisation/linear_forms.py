@@ -11,8 +11,7 @@ from typing import Literal
 
 from flint import fmpq, fmpq_mat
 
-from beamdesign.realisation.coefficient import Coefficient
-from beamdesign.realisation.law import one_period, states_of
+from beamdesign.realisation.law import Arithmetic, Coefficient, one_period, states_of
 from beamdesign.realisation.sections import DiscreteLaw
 
 Form = dict[str, fmpq]
@@ -87,7 +86,7 @@ def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_flo
 
 
 @dataclass
-class _Forms:
+class _Forms(Arithmetic[Form]):
     """Arithmetic on forms; collects signals, roundings and the states after the period."""
 
     coefficients: Mapping[str, Coefficient]

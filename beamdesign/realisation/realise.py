@@ -16,8 +16,7 @@ from flint import fmpq_mat
 
 from beamdesign.controllers import Controller, TransferFunction
 from beamdesign.prototype import Prototype
-from beamdesign.realisation.coefficient import Coefficient, fixed_point, float32
-from beamdesign.realisation.law import coefficients_of, states_of
+from beamdesign.realisation.law import Coefficient, coefficients_of, fixed_point, float32, states_of
 from beamdesign.realisation.linear_forms import LinearLaw, linear_law
 from beamdesign.realisation.sections import Channel, DiscreteLaw, Section, discretised
 

@@ -63,9 +63,7 @@ def integrate_on(
 ) -> tuple[np.ndarray, np.ndarray]:
     """As `integrate`, with the states (n,) at the last sample that was kept, to go on from."""
     code, width = compiled(kinds), len(assemble(kinds).outputs)
-    state = np.array(start, dtype=float)
-    y = _stepped(code, times, inputs, state, len(state), parameters, substeps, bound, digital, width)
-    return y, state
+    return stepped(code, times, inputs, start, len(start), parameters, substeps, bound, digital, width)
 
 
 def stepped(
@@ -79,8 +77,8 @@ def stepped(
     bound: float,
     digital: np.ndarray,
     width: int,
-) -> np.ndarray:
-    """Rows (M, width) of a code's `output` along the record that its `law` makes; arguments as of `integrate`.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (M, width) of a code's `output` along the record that its `law` makes, and the states at the last of them.
 
     Args:
         code: functions `law` and `output`, the fifth of whose entries is held against `bound`.
@@ -94,29 +92,11 @@ def stepped(
         digital: as of `beamdesign.rig.stepper`.
         width: entries that `output` gives.
     """
-    return _stepped(
-        code, times, inputs, np.array(start, dtype=float), checked, parameters, substeps, bound, digital, width
-    )
-
-
-def _stepped(
-    code: MachineCode,
-    times: np.ndarray,
-    inputs: np.ndarray,
-    state: np.ndarray,
-    checked: int,
-    parameters: np.ndarray,
-    substeps: int,
-    bound: float,
-    digital: np.ndarray,
-    width: int,
-) -> np.ndarray:
-    """As `stepped`, but overwriting the states by those at the last sample that was kept."""
     from beamdesign.rig.stepper import steps
 
     if len(inputs) != 2 * substeps * (len(times) - 1) + 1:
         raise ValueError(f"{len(inputs)} input points do not fit {len(times)} samples of {substeps} steps")
-    y = np.zeros((len(times), width))
+    y, state = np.zeros((len(times), width)), np.array(start, dtype=float)
     kept = steps(
         code.address["law"],
         code.address["output"],
@@ -130,4 +110,4 @@ def _stepped(
         np.ascontiguousarray(digital, dtype=float),
         y,
     )
-    return y[:kept]
+    return y[:kept], state

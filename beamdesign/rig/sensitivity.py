@@ -69,7 +69,7 @@ def integrate_with_sensitivities(
     code = compiled_with_sensitivities(kinds, tuple(free), chosen)
     whole = np.concatenate([np.asarray(start, dtype=float), np.asarray(start_sensitivity, dtype=float).ravel()])
     width = count + len(chosen) * len(free)
-    rows = stepped(code, times, inputs, whole, len(start), parameters, substeps, bound, NOT_SAMPLED, width)
+    rows, _ = stepped(code, times, inputs, whole, len(start), parameters, substeps, bound, NOT_SAMPLED, width)
     return rows[:, :count], rows[:, count:].reshape(len(rows), len(chosen), len(free))
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from beamdesign.controllers import Controller
-from beamdesign.realisation.coefficient import float64
-from beamdesign.realisation.law import coefficients_of, one_period
+from beamdesign.realisation.law import Arithmetic, coefficients_of, float64, one_period
 from beamdesign.realisation.linear_forms import LinearLaw, linear_law
 from beamdesign.realisation.sections import DiscreteLaw, discretised, factored, highest_Hz, laws_of
 
@@ -52,14 +51,11 @@ class DifferenceEquation:
 _LETTERS = {"error": "e"}
 
 
-class _Lines:
+class _Lines(Arithmetic[str]):
     """Arithmetic on names and expressions."""
 
     def __init__(self) -> None:
         self.statements: list[str] = []
-
-    def begin(self, channel: int) -> None:
-        pass
 
     def read(self, state: str) -> str:
         return state
