@@ -4,7 +4,8 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Linear, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Parameter, Site
+from beamdesign.rig.effects.current_saturation import LIMIT, LINEAR
 
 _LEAST = 1e-6  # of the limit: below it the demand counts as that much in the power, which has no slope at none
 
@@ -20,16 +21,11 @@ EFFECT = Effect(
     subsystem="amplifier",
     laws={"current_A": _law},
     parameters=(
-        Parameter("limit_A", 10e-3, 0.2e-3, 0.2, 0.7, "largest current; rated currents are 8 to 40 mA"),
+        LIMIT,
         Parameter("sharpness", 8.0, 2.0, 30.0, 0.5, "i = u / (1 + |u/limit|^n)^(1/n); the larger n, the harder"),
     ),
     states=(),
     source="C. Rapp, solid-state power amplifiers, 2nd European Conf. on Satellite Communications (1991) 179",
-    linear=Linear(
-        "gain from none to the whole, the sector in which a saturation lies; performance below the limit",
-        "limit cycles and recovery from large signals",
-        laws={},
-        gain=lambda own, at: Span(0.0, 1.0, 1.0, (1.0, 1.0)),
-    ),
+    linear=LINEAR,
     realises="current_saturation",
 )

@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
+from beamdesign.rig.effect import Effect, Elements, Law, Linear, Operation, Parameter, Site, Span, Spans
 
 _ATMOSPHERE_PA = 101_325.0
 POLYTROPIC = 1.4
@@ -39,6 +39,26 @@ def _stiffness(own: Mapping[str, float], at: Operation) -> Span:
     return Span(ratio((at.supply_Pa - difference) / 2), 1.0, ratio(at.supply_Pa / 2))
 
 
+def soft_oil(covers: str, leaves_out: str, stiffness: Spans) -> Linear:
+    """Both chambers alike, their stiffness a share of that of oil free of air which lies in a span."""
+    laws: dict[str, Law] = {
+        f"bulk_ratio_{side}": lambda signal, site: signal * site.parameter["stiffness_factor"] for side in "ab"
+    }
+    return Linear(
+        covers,
+        leaves_out,
+        laws=laws,
+        figures={"stiffness_factor": stiffness},
+        with_load=True,
+        elements=lambda own, figure: Elements(oil=own["stiffness_factor"]),
+    )
+
+
+AIR = (
+    Parameter("air_fraction", 0.05, 1e-4, 0.3, 0.8, "share of the volume that is free air at atmospheric pressure"),
+    Parameter("oil_bulk_modulus_Pa", 1.4e9, 0.7e9, 2.2e9, 0.15, "of the oil free of air"),
+)
+
 EFFECT = Effect(
     name="entrained_air",
     subsystem="oil",
@@ -46,21 +66,12 @@ EFFECT = Effect(
         "bulk_ratio_a": lambda signal, site: signal * _law(site.port["pressure_a_Pa"], site),
         "bulk_ratio_b": lambda signal, site: signal * _law(site.port["pressure_b_Pa"], site),
     },
-    parameters=(
-        Parameter("air_fraction", 0.05, 1e-4, 0.3, 0.8, "share of the volume that is free air at atmospheric pressure"),
-        Parameter("oil_bulk_modulus_Pa", 1.4e9, 0.7e9, 2.2e9, 0.15, "of the oil free of air"),
-    ),
+    parameters=AIR,
     states=(),
     source="H. E. Merritt, Hydraulic Control Systems (1967), chapter 2: oil and air (n = 1.4) at one pressure",
-    linear=Linear(
+    linear=soft_oil(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air, alike in both chambers",
         "chambers of different stiffness",
-        laws={
-            "bulk_ratio_a": lambda signal, site: signal * site.parameter["stiffness_factor"],
-            "bulk_ratio_b": lambda signal, site: signal * site.parameter["stiffness_factor"],
-        },
-        figures={"stiffness_factor": _stiffness},
-        with_load=True,
-        elements=lambda own, figure: Elements(oil=own["stiffness_factor"]),
+        _stiffness,
     ),
 )

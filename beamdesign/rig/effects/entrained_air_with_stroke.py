@@ -14,8 +14,8 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
-from beamdesign.rig.effects.entrained_air import bulk_ratio
+from beamdesign.rig.effect import Effect, Operation, Parameter, Site, Span
+from beamdesign.rig.effects.entrained_air import AIR, bulk_ratio, soft_oil
 
 _MOST = 0.9  # of the length of a chamber: no stroke empties it
 
@@ -69,8 +69,7 @@ EFFECT = Effect(
         "leakage_b_m3_per_s": lambda signal, site: _leakage(signal, -1.0, site),
     },
     parameters=(
-        Parameter("air_fraction", 0.05, 1e-4, 0.3, 0.8, "share of the volume that is free air at atmospheric pressure"),
-        Parameter("oil_bulk_modulus_Pa", 1.4e9, 0.7e9, 2.2e9, 0.15, "of the oil free of air"),
+        *AIR,
         Parameter(
             "polytropic_exponent", 1.2, 1.0, 1.4, 0.1, "1 for bubbles that keep their temperature, 1.4 without heat"
         ),
@@ -80,17 +79,11 @@ EFFECT = Effect(
     ),
     states=(),
     source="Merritt, Hydraulic Control Systems (1967), chapters 2 and 6: oil and air; volumes of the chambers",
-    linear=Linear(
+    linear=soft_oil(
         "oil spring from that at the lowest pressure of a chamber to that of oil free of air at the stroke of the "
         "largest load, alike in both chambers",
         "chambers of different stiffness, and the share of the leakage between them; strokes beyond that of the load",
-        laws={
-            "bulk_ratio_a": lambda signal, site: signal * site.parameter["stiffness_factor"],
-            "bulk_ratio_b": lambda signal, site: signal * site.parameter["stiffness_factor"],
-        },
-        figures={"stiffness_factor": _stiffness},
-        with_load=True,
-        elements=lambda own, figure: Elements(oil=own["stiffness_factor"]),
+        _stiffness,
     ),
     realises="entrained_air",
 )
