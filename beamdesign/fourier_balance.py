@@ -12,7 +12,7 @@ import numpy as np
 
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
-from beamdesign.rig.equilibrium import scales
+from beamdesign.rig.equilibrium import Linearisation, equilibrium, linearise, scales
 from beamdesign.rig.parameters import parameters_of, structure_of
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")
@@ -48,6 +48,15 @@ class FreeRig:
         p = self.parameters.copy()
         p[self.gain_at] = gain
         return p
+
+    def rest(self, gain: float, preload: float = 0.0) -> np.ndarray:
+        """States (n,) at rest under a constant force on the tip (N)."""
+        return equilibrium(self.assembly, np.array([preload, 0.0, 0.0]), self.at_gain(gain))
+
+    def linear(self, gain: float, preload: float = 0.0) -> Linearisation:
+        """The rig linearised there."""
+        p, u = self.at_gain(gain), np.array([preload, 0.0, 0.0])
+        return linearise(self.assembly, self.rest(gain, preload), u, p)
 
     def along(self, x: np.ndarray, u: np.ndarray, gain: float) -> list[np.ndarray]:
         """Along N points: rate, displacement, the derivatives of both by x, and of the rate by the gain."""

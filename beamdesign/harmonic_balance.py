@@ -25,7 +25,7 @@ from beamdesign.fourier_balance import DISPLACEMENT, FreeRig, NoBalance, Unknown
 from beamdesign.loop import CriticalGain
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import assemble
-from beamdesign.rig.equilibrium import equilibrium, linearise, scales
+from beamdesign.rig.equilibrium import scales
 from beamdesign.rig.parameters import structure_of
 
 __all__ = ["LimitCycle", "Motion", "NoBalance", "forced_motion", "limit_cycles", "linear_critical_gain"]
@@ -102,10 +102,7 @@ def linear_critical_gain(
     rig = FreeRig(prototype, outer_end_mass)
 
     def poles(logarithm: float) -> np.ndarray:
-        p = rig.at_gain(float(np.exp(logarithm)))
-        u = np.array([preload, 0.0, 0.0])
-        a = linearise(rig.assembly, equilibrium(rig.assembly, u, p), u, p).a
-        found = np.linalg.eigvals(a)
+        found = np.linalg.eigvals(rig.linear(float(np.exp(logarithm)), preload).a)
         # Friction's memory and a rod free in its play are poles at the origin, which are no oscillation.
         return np.asarray(found[np.abs(found.imag) > _SLOWEST])
 
@@ -151,8 +148,7 @@ def limit_cycles(
         first = linear_critical_gain(plain, outer_end_mass, preload)
         shape = _embedded(_eigenmotion(FreeRig(plain, outer_end_mass), first, preload), plain, rig)
     guess = np.zeros((len(rig.states), 2 * harmonics + 1))
-    u = np.array([preload, 0.0, 0.0])
-    guess[:, 0] = equilibrium(rig.assembly, u, rig.at_gain(first.gain_A_per_V))
+    guess[:, 0] = rig.rest(first.gain_A_per_V, preload)
     guess[:, 1], guess[:, 2] = amplitudes[0] * shape.real, -amplitudes[0] * shape.imag
     unknown = (guess, tau * first.frequency_Hz, first.gain_A_per_V)
     found, at = [], amplitudes[0]
@@ -191,9 +187,8 @@ def forced_motion(
     """
     rig = FreeRig(prototype, outer_end_mass)
     gain = rig.gain
-    u = np.array([preload, 0.0, 0.0])
     c = np.zeros((len(rig.states), 2 * harmonics + 1))
-    c[:, 0] = equilibrium(rig.assembly, u, rig.at_gain(gain))
+    c[:, 0] = rig.rest(gain, preload)
     done, step = 0.0, 1.0
     while done < 1.0:
         share = min(1.0, done + step)
@@ -228,8 +223,7 @@ def _continued(rig: FreeRig, start: Unknown, at: float, amplitude: float, preloa
 
 def _eigenmotion(rig: FreeRig, at: CriticalGain, preload: float) -> np.ndarray:
     """Complex states (n,) of the linear oscillation at the critical gain, for a displacement of one."""
-    p, u = rig.at_gain(at.gain_A_per_V), np.array([preload, 0.0, 0.0])
-    model = linearise(rig.assembly, equilibrium(rig.assembly, u, p), u, p)
+    model = rig.linear(at.gain_A_per_V, preload)
     values, vectors = np.linalg.eig(model.a)
     shape = vectors[:, np.argmin(np.abs(values - 1j * tau * at.frequency_Hz))]
     return np.asarray(shape / (model.c[DISPLACEMENT] @ shape))
@@ -237,8 +231,8 @@ def _eigenmotion(rig: FreeRig, at: CriticalGain, preload: float) -> np.ndarray:
 
 def _embedded(shape: np.ndarray, plain: Prototype, rig: FreeRig) -> np.ndarray:
     """The oscillation of the rig without effects, among the states of the one with them."""
-    own = assemble(structure_of(plain)).states
-    return np.array([shape[own.index(name)] if name in own else 0.0 for name in rig.states])
+    of = dict(zip(assemble(structure_of(plain)).states, shape, strict=True))
+    return np.array([of.get(name, 0.0) for name in rig.states])
 
 
 def _motion(rig: FreeRig, c: np.ndarray, omega: float, gain: float) -> Motion:

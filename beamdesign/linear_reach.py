@@ -14,12 +14,11 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from beamdesign.fourier_balance import DISPLACEMENT, FreeRig, NoBalance
+from beamdesign.fourier_balance import DISPLACEMENT, FreeRig
 from beamdesign.harmonic_balance import forced_motion
 from beamdesign.prototype import Prototype
 from beamdesign.rig.assembly import Structure, assemble
 from beamdesign.rig.electronics import PROPORTIONAL
-from beamdesign.rig.equilibrium import equilibrium, linearise
 
 Varied = Literal["load", "force", "air"]
 PUBLISHED_EFFECTS = ("pressure_dependent_flow", "unequal_piston_areas")
@@ -71,18 +70,15 @@ def departure(
     """
     linear = _linear(prototype, frequency, outer_end_mass) if linear is None else linear
     try:
-        return (
-            forced_motion(prototype, force, frequency, outer_end_mass, preload, _HARMONICS).amplitude_m
-            / (linear * force)
-            - 1
-        )
-    except (NoBalance, ValueError):
+        motion = forced_motion(prototype, force, frequency, outer_end_mass, preload, _HARMONICS)
+    except ValueError:
         return inf
+    return motion.amplitude_m / (linear * force) - 1
 
 
 def _linear(prototype: Prototype, frequency: float, outer_end_mass: float) -> float:
-    rig, u = FreeRig(linear_part(prototype), outer_end_mass), np.zeros(3)
-    model = linearise(rig.assembly, equilibrium(rig.assembly, u, rig.parameters), u, rig.parameters)
+    rig = FreeRig(linear_part(prototype), outer_end_mass)
+    model = rig.linear(rig.gain)
     states = np.linalg.solve(2j * np.pi * frequency * np.eye(len(model.a)) - model.a, model.b[:, 0])
     return float(abs(model.c[DISPLACEMENT] @ states + model.d[DISPLACEMENT, 0]))
 
