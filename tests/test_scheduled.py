@@ -3,6 +3,7 @@
 import json
 import tomllib
 from dataclasses import replace
+from math import inf, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.tuning import LawOptions, Tuning, kept_apart, stage_ranges, tune
 from beamdesign.gap.predict import Inputs, predict
+from beamdesign.linear import LinearModel
 from beamdesign.loop import loop
 from beamdesign.members import paper_model, served
 from beamdesign.polynomial import exact
@@ -32,7 +34,16 @@ from beamdesign.proof.mass_family import MassFamily, closed_loop, stage_families
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.scheduling.estimator import NOTHING, Estimate, PayloadEstimator, fitted_payload
+from beamdesign.scheduling.estimator import (
+    CANDIDATES,
+    FREE,
+    NOTHING,
+    Estimate,
+    PayloadEstimator,
+    PlantStep,
+    free_responses,
+    plant_step,
+)  # fmt: skip
 from beamdesign.scheduling.simulation import Course, next_stage, simulate_scheduled
 from beamdesign.simulate import simulate
 
@@ -79,6 +90,64 @@ def after_a_step(prototype: Prototype, mass: float) -> tuple[np.ndarray, np.ndar
 
 
 # The estimate.
+
+
+def response(step: PlantStep, current_A: np.ndarray) -> np.ndarray:
+    """(N,) volts under a held current (N,), from rest without force."""
+    state, volts = np.zeros(len(step.output)), np.empty(len(current_A))
+    for k, value in enumerate(current_A):
+        volts[k] = step.output @ state
+        state = step.transition @ state + step.input * value
+    return volts
+
+
+def unexplained(
+    rig: LinearModel,
+    outer_end_mass: float,
+    inner_end_mass: float,
+    volts: np.ndarray,
+    current_A: np.ndarray,
+    period_s: float,
+) -> float:
+    """Sum of squares (V^2) of a record that no state and no constant force explains at a payload."""
+    step = plant_step(rig, outer_end_mass, inner_end_mass, period_s)
+    rest = volts - response(step, current_A)
+    free = free_responses(step, len(volts))
+    rest = rest - free @ (free.T @ rest)
+    return float(rest @ rest)
+
+
+def fitted_payload(
+    rig: LinearModel,
+    inner_end_mass: float,
+    volts: np.ndarray,
+    current_A: np.ndarray,
+    period_s: float,
+    masses_kg: tuple[float, float],
+) -> tuple[float, float]:
+    """The most likely payload of one record, not bound to candidates, and its standard deviation, kg.
+
+    Args:
+        rig: the plant.
+        inner_end_mass: kg.
+        volts: (N,) of the sensor, under a force that does not move.
+        current_A: (N,) held from sample to sample.
+        period_s: between samples.
+        masses_kg: where to look.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def cost(mass: float) -> float:
+        return unexplained(rig, mass, inner_end_mass, volts, current_A, period_s)
+
+    grid = np.linspace(*masses_kg, CANDIDATES)
+    costs = [cost(mass) for mass in grid]
+    k = int(np.clip(np.argmin(costs), 1, CANDIDATES - 2))
+    found = minimize_scalar(cost, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": 1e-9})
+    width = 0.05 * (grid[1] - grid[0])
+    bend = (cost(found.x + width) - 2 * found.fun + cost(found.x - width)) / width**2
+    variance = found.fun / max(len(volts) - FREE, 1)
+    return float(found.x), sqrt(2 * variance / bend) if bend > 0 else inf
 
 
 @pytest.mark.parametrize("mass", [0.0, 3.217, 6.8])
@@ -132,7 +201,7 @@ def test_when_nothing_moves_nothing_is_learnt(rig: Prototype) -> None:
 
 def test_a_stage_is_kept_through_the_overlap_and_left_beyond_it(rig: Prototype) -> None:
     def chosen(stage: int, mass: float, std: float = 0.05, since: float = 1.0) -> int:
-        return next_stage(schedule_of(rig), stage, Estimate(mass, std, True), since)
+        return next_stage(schedule_of(rig), stage, Estimate(mass, std), since)
 
     low, high = schedule_of(rig).stage[1].outer_end_mass_kg[0], schedule_of(rig).stage[0].outer_end_mass_kg[1]
     middle = (low + high) / 2

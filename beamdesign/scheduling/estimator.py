@@ -52,15 +52,13 @@ class Estimate:
     Attributes:
         outer_end_mass_kg: the most likely payload.
         std_kg: of the estimate, from noise and from what the model left unexplained; infinite where nothing is known.
-        useful: whether the last window told something.
     """
 
     outer_end_mass_kg: float
     std_kg: float
-    useful: bool
 
 
-NOTHING = Estimate(0.0, inf, False)
+NOTHING = Estimate(0.0, inf)
 
 
 @dataclass(frozen=True)
@@ -98,64 +96,6 @@ def free_responses(step: PlantStep, samples: int) -> np.ndarray:
         rows[k], row = row, row @ step.transition
     left, sizes, _ = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), full_matrices=False)
     return np.asarray(left[:, sizes > sizes[0] * 1e-10])
-
-
-def response(step: PlantStep, current_A: np.ndarray) -> np.ndarray:
-    """(N,) volts under a held current (N,), from rest without force."""
-    state, volts = np.zeros(len(step.output)), np.empty(len(current_A))
-    for k, value in enumerate(current_A):
-        volts[k] = step.output @ state
-        state = step.transition @ state + step.input * value
-    return volts
-
-
-def unexplained(
-    rig: LinearModel,
-    outer_end_mass: float,
-    inner_end_mass: float,
-    volts: np.ndarray,
-    current_A: np.ndarray,
-    period_s: float,
-) -> float:
-    """Sum of squares (V^2) of a record that no state and no constant force explains at a payload; see the head."""
-    step = plant_step(rig, outer_end_mass, inner_end_mass, period_s)
-    rest = volts - response(step, current_A)
-    free = free_responses(step, len(volts))
-    rest = rest - free @ (free.T @ rest)
-    return float(rest @ rest)
-
-
-def fitted_payload(
-    rig: LinearModel,
-    inner_end_mass: float,
-    volts: np.ndarray,
-    current_A: np.ndarray,
-    period_s: float,
-    masses_kg: tuple[float, float],
-) -> tuple[float, float]:
-    """The most likely payload of one record, not bound to candidates, and its standard deviation, kg.
-
-    Args:
-        rig: the plant.
-        inner_end_mass: kg.
-        volts: (N,) of the sensor, under a force that does not move.
-        current_A: (N,) held from sample to sample.
-        period_s: between samples.
-        masses_kg: where to look.
-    """
-    from scipy.optimize import minimize_scalar
-
-    def cost(mass: float) -> float:
-        return unexplained(rig, mass, inner_end_mass, volts, current_A, period_s)
-
-    grid = np.linspace(*masses_kg, CANDIDATES)
-    costs = [cost(mass) for mass in grid]
-    k = int(np.clip(np.argmin(costs), 1, CANDIDATES - 2))
-    found = minimize_scalar(cost, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": 1e-9})
-    width = 0.05 * (grid[1] - grid[0])
-    bend = (cost(found.x + width) - 2 * found.fun + cost(found.x - width)) / width**2
-    variance = found.fun / max(len(volts) - FREE, 1)
-    return float(found.x), sqrt(2 * variance / bend) if bend > 0 else inf
 
 
 @dataclass(frozen=True)
@@ -247,15 +187,11 @@ class PayloadEstimator:
         allowed = _NOISE_ROOM * noise + figures.model_error**2 * max(self._volts.var() - noise, 0.0)
         cost = left / max(variance, noise)
         alone = _lowest(known.outer_end_mass_kg, cost)
-        if variance > allowed or alone.std_kg > _WORTH * figures.largest_std_kg:
+        doubt, contradicts = alone.std_kg / figures.largest_std_kg, self._contradicts(alone)
+        if variance > allowed or doubt > (1 if contradicts else _WORTH):
             self._in_a_row = False
-            self.estimate = Estimate(self.estimate.outer_end_mass_kg, self.estimate.std_kg, False)
             return
-        if self._contradicts(alone):
-            if alone.std_kg > figures.largest_std_kg:
-                self._in_a_row = False
-                self.estimate = Estimate(self.estimate.outer_end_mass_kg, self.estimate.std_kg, False)
-                return
+        if contradicts:
             self._cost, self._in_a_row = np.zeros_like(self._cost), False
         # The first of a row of windows is all new, each further one brings its share.
         self._cost = self._forget * self._cost + cost * (share if self._in_a_row else 1.0)
@@ -282,6 +218,6 @@ def _lowest(masses: np.ndarray, cost: np.ndarray) -> Estimate:
     before, here, after = cost[k - 1 : k + 2]
     bend = (before - 2 * here + after) / step**2
     if not bend > 0:
-        return Estimate(float(masses[cost.argmin()]), inf, True)
+        return Estimate(float(masses[cost.argmin()]), inf)
     place = masses[k] - (after - before) / (2 * step) / bend
-    return Estimate(float(np.clip(place, masses[0], masses[-1])), sqrt(2 / bend), True)
+    return Estimate(float(np.clip(place, masses[0], masses[-1])), sqrt(2 / bend))
