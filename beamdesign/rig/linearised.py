@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
+from typing import NamedTuple
 
 import casadi as ca
 from flint import fmpq
@@ -21,6 +22,7 @@ from beamdesign.rig.assembly import INPUTS, OUTPUTS, Assembly, Structure, join
 from beamdesign.rig.effect import Effect, Parameter
 from beamdesign.rig.effects import library
 from beamdesign.rig.electronics import SAMPLED
+from beamdesign.rig.machine_code import trace
 
 STATES = (
     "displacement_m",  # X_m, the outer beam's at its tip
@@ -203,47 +205,34 @@ _OPERATIONS: dict[int, Callable[..., fmpq]] = {
 }
 
 
-@dataclass(frozen=True)
-class _Program:
+class _Program(NamedTuple):
     """The instructions of a function, each with a place of its own for its result.
 
     Attributes:
         places: results, of constants their values.
         inputs: place and number of each entry that is read.
-        steps: place, operation and the places of its operands, the second -1 where there is one alone.
+        steps: place, operation and the places of its operands.
         outputs: of each output the places of its entries.
     """
 
     places: list[fmpq]
     inputs: list[tuple[int, int]]
-    steps: list[tuple[int, Callable[..., fmpq], int, int]]
-    outputs: list[list[int]]
+    steps: list[tuple[int, Callable[..., fmpq], tuple[int, ...]]]
+    outputs: tuple[tuple[int, ...], ...]
 
 
 @cache
 def _program(function: ca.Function) -> _Program:
-    """Read once, since CasADi hands instructions out slowly.
-
-    Raises:
-        NotImplementedError: at an operation that is not rational.
-    """
-    places, held = [fmpq(0)], dict[int, int]()  # by CasADi's own place, which it uses again, the last result in it
-    program = _Program(places, [], [], [[0] * function.nnz_out(k) for k in range(function.n_out())])
-    for k in range(function.n_instructions()):
-        code, source, target = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
-            program.outputs[target[0]][target[1]] = held[source[0]]
-            continue
-        place = len(places)
-        places.append(exact(function.instruction_constant(k)) if code == ca.OP_CONST else fmpq(0))
-        if code == ca.OP_INPUT:
-            program.inputs.append((place, source[1]))
-        elif code in _OPERATIONS:
-            first, second = [*(held[i] for i in source), -1][:2]
-            program.steps.append((place, _OPERATIONS[code], first, second))
-        elif code != ca.OP_CONST:
-            raise NotImplementedError(f"CasADi operation {code} is not rational")
-        held[target[0]] = place
+    """Read once, since CasADi hands instructions out slowly."""
+    traced = trace(function)
+    program = _Program([exact(value.constant) for value in traced.values], [], [], traced.outputs)
+    for place, value in enumerate(traced.values):
+        if value.code == ca.OP_INPUT:
+            program.inputs.append((place, value.of[1]))
+        elif value.code in _OPERATIONS:
+            program.steps.append((place, _OPERATIONS[value.code], value.of))
+        elif value.code != ca.OP_CONST:
+            raise NotImplementedError(f"CasADi operation {value.code} is not rational")
     return program
 
 
@@ -266,8 +255,8 @@ def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list
     work = program.places.copy()
     for place, number in program.inputs:
         work[place] = inputs[number]
-    for place, operation, first, second in program.steps:
-        work[place] = operation(work[first]) if second < 0 else operation(work[first], work[second])
+    for place, operation, of in program.steps:
+        work[place] = operation(*[work[k] for k in of])
     return [[work[place] for place in output] for output in program.outputs]
 
 

@@ -76,7 +76,7 @@ class Trace:
 
 
 def trace(function: ca.Function) -> Trace:
-    """Operations of an SX function (t, x, u, p) -> outputs.
+    """Operations of an SX function, such as (t, x, u, p) -> outputs.
 
     Raises:
         NotImplementedError: at an operation that is not known here.
