@@ -68,11 +68,6 @@ class BilinearPlant:
     disturbance: PairOver
     crossed: tuple[PairOver, ...]
 
-    @property
-    def mass_shows(self) -> bool:
-        """Whether the outer end mass shows in what is sensed, and the force by way of the controller."""
-        return any(not part.is_zero() for _, slope in self.control for part in slope)
-
     def at(self, inner_end_mass: float) -> Plant:
         """The plant with a mass (kg) added to the inner beam."""
         inner = exact(inner_end_mass)

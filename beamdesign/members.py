@@ -14,7 +14,7 @@ from beamdesign.polynomial import exact
 from beamdesign.proof.rational import nearest, rounded_down, rounded_up
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.rig.effect import Elements, Operation, Span
+from beamdesign.rig.effect import Operation, Span
 from beamdesign.rig.effects import library, problems
 from beamdesign.rig.parameters import effect_parameters_of
 
@@ -167,17 +167,6 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
     named = {f"{name}.{key}": span for name, key, span in places}
     with_load = any(library()[name].linear_with_load for name in own)
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)
-
-
-def member_elements(member: Member) -> Elements:
-    """Of what a member is made beside the rig's own parts: the elements of all its effects."""
-    figure = {name: exact(value) for name, value in member.rig.figures.items()}
-    total = Elements()
-    for name, table in member.rig.effects.items():
-        linear = library()[name].linear
-        assert linear is not None  # the member exists
-        total += linear.elements({key: exact(value) for key, value in table.items()}, figure)
-    return total
 
 
 def paper_model(prototype: Prototype) -> LinearModel:

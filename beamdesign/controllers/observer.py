@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import pi
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field
 
@@ -33,7 +33,6 @@ class Observer(Controller):
     pressure in Pa, both zero at rest. n is the order, p the number of sensors.
     """
 
-    checked: ClassVar[bool] = True
     kind: Literal["observer"] = Field("observer", description="which law, with its own figures")
     gain_A_per_V: q.LawGain = Field(description="factor on the whole law, so that it alone scales the loop")
     sensors: tuple[Sensed, ...] = Field(
@@ -118,17 +117,6 @@ class Observer(Controller):
         if self.c:
             rows.append(("c", _listed(self.c), "current = gain (c z + d e)"))
         return [*rows, ("d", _listed(self.d), "the same")]
-
-    @property
-    def comment(self) -> tuple[str, ...]:
-        """What its matrices act on."""
-        lines = (
-            "# z' = a z + b e, current = gain_A_per_V (c z + d e); e is the error voltage (V), then what the added",
-            "# sensors read (m, Pa) with its sign turned. The polynomials are from error voltage to current (A).",
-        )
-        if not self.b_command:
-            return lines
-        return *lines, "# To z' comes b_command times the command, which has no part in the loop."
 
     def lacks(self, need: Need) -> str:
         """Why it cannot serve what has this need."""

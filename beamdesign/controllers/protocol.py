@@ -84,8 +84,6 @@ class Controller(Record):
     """
 
     kind: str
-    checked: ClassVar[bool] = False
-    """Whether the certificates' checkers know the kind, and make its polynomials of its figures themselves."""
 
     if TYPE_CHECKING:
 
@@ -276,11 +274,6 @@ class Controller(Record):
     @abstractmethod
     def rows(self) -> list[Row]:
         """Each of its figures for people."""
-
-    @property
-    def comment(self) -> tuple[str, ...]:
-        """What a certificate says of its polynomials, as lines of comment."""
-        return ("# From error voltage (V) to current (A); the polynomials are what counts.",)
 
     def lacks(self, need: Need) -> str:
         """Why it cannot serve what has this need, in words that go on from its kind; empty where it can."""

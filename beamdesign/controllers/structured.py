@@ -20,7 +20,6 @@ _NEUTRAL, _APART = 0.7, 1.02
 class Proportional(Cascade):
     """C(s) = 1."""
 
-    checked: ClassVar[bool] = True
     kind: Literal["proportional"] = Field("proportional", description="which law, with its own figures")
     gain_A_per_V: q.LawGain = Field(description="K_sa, servo-amplifier gain")
 
@@ -38,7 +37,6 @@ class Proportional(Cascade):
 class _Lagged(Cascade):
     """A lag, with what a kind has behind it."""
 
-    checked: ClassVar[bool] = True
     pole_Hz: q.Frequency = Field(description="lower break frequency")
     zero_Hz: q.Frequency = Field(description="upper break frequency")
 

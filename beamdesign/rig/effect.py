@@ -125,22 +125,6 @@ class Elements:
     asymmetry: fmpq = field(default_factory=fmpq)
     volts: tuple[tuple[tuple[fmpq, ...], tuple[fmpq, ...]], ...] = ()
 
-    def __add__(self, other: "Elements") -> "Elements":
-        points: dict[str, dict[str, fmpq]] = {}
-        for point, name, weight in (
-            (point, *item) for one in (self, other) for point, own in one.points.items() for item in own.items()
-        ):
-            table = points.setdefault(point, {})
-            table[name] = table.get(name, fmpq(0)) + weight
-        return Elements(
-            self.impedances + other.impedances,
-            points,
-            self.oil * other.oil,
-            self.spool + other.spool,
-            self.asymmetry + other.asymmetry,
-            self.volts + other.volts,
-        )
-
 
 ElementsOf = Callable[[Mapping[str, fmpq], Mapping[str, fmpq]], Elements]
 """From an effect's parameters with its frozen figures, and figures of the rig, to the elements of a linear member."""
