@@ -8,8 +8,7 @@ from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.records import InputError, Problem
 from beamdesign.rig.assembly import Assembly, assemble
 from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
-from beamdesign.rig.compiled import integrate
-from beamdesign.rig.substeps import Place, substeps_at
+from beamdesign.rig.compiled import Place, integrate, substeps_at
 from beamdesign.scenario import Scenario, inputs_of
 
 BENCH_COLUMNS = ("t_s", "command_V", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")

@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.design.end_stiffness import SHARE, EndStiffness, controller_of, sensed
-from beamdesign.loop import close_loop, loop
+from beamdesign.loop import close_loop, loop, tip
 from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype
 from beamdesign.report.quantity import quantity
-from beamdesign.tip import tip
 
 FREQUENCIES_HZ = np.geomspace(0.05, 300.0, 800)
 

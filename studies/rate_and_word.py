@@ -7,9 +7,8 @@ from math import inf
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 from beamdesign.realisation.loop import realised_loop
-from beamdesign.realisation.margins import LoopFigures, continuous_figures
 from beamdesign.realisation.realise import FULL_SCALE_V, realise
-from beamdesign.realisation.verdict import figures_at, masses_between, worst
+from beamdesign.realisation.verdict import LoopFigures, continuous_figures, figures_at, masses_between, worst
 from beamdesign.specification.sampled_loop import prove_sampled
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 5000.0, 10000.0, 20000.0)

@@ -34,7 +34,7 @@ from beamdesign.design.end_stiffness import (
 )
 from beamdesign.design.rig_spread import rig_spread
 from beamdesign.design.stiffness_search import SEED_OF_RIGS, design
-from beamdesign.loop import close_loop, loop
+from beamdesign.loop import Tip, close_loop, loop, tip
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact, is_hurwitz, roots
 from beamdesign.proof.bouncing import popov_slack
@@ -46,7 +46,6 @@ from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
 from beamdesign.simulate import SimulatedRecord, simulate
 from beamdesign.study.stiffness_run import carried_out, contact_text, drawn_rigs
-from beamdesign.tip import Tip, tip
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
 MASSES_KG = (0.0, 6.8)

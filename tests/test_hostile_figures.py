@@ -22,7 +22,7 @@ from beamdesign.loop import critical_gain
 from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototype
 from beamdesign.quantities import Plausible, range_of, unit_of
 from beamdesign.records import InputError, Record, parse
-from beamdesign.rig.substeps import MOST_STEPS
+from beamdesign.rig.compiled import MOST_STEPS
 from beamdesign.scenario import Scenario
 from beamdesign.simulate import simulate
 

@@ -17,10 +17,9 @@ from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
-from beamdesign.rig.beams_rig import FIGURES
+from beamdesign.rig.beams_rig import FIGURES, beam_force
 from beamdesign.rig.hydraulics import spool_acceleration
 from beamdesign.rig.linearised import evaluate_exactly
-from beamdesign.rig.structure import beam_force
 
 MASSES = [(0.0, 0.0), (6.8, 4.5)]
 

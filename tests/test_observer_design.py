@@ -14,8 +14,7 @@ from sensor_picture import payload_text, plot_sensor_value
 from sensor_rows import SensorRow
 
 from beamdesign.controllers import SENSED
-from beamdesign.controllers.block_form import block_form, rounded
-from beamdesign.controllers.form import Form
+from beamdesign.controllers.form import Form, block_form, rounded
 from beamdesign.design.bandwidth import Polish
 from beamdesign.design.law_search import Effort, Search
 from beamdesign.design.loop_samples import samples, slacks

@@ -26,15 +26,20 @@ from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.realisation import c_files, judge, realise
 from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
-from beamdesign.realisation.computing_time import ComputedLate, prove_any_computing_time
 from beamdesign.realisation.emulation import FixedPoint, Float32, shifted, to_word
 from beamdesign.realisation.folder import compiler
 from beamdesign.realisation.law import fixed_point
-from beamdesign.realisation.loop import realised_loop, rounded_loop
-from beamdesign.realisation.margins import continuous_figures, law_polynomials, sampled_figures
+from beamdesign.realisation.loop import ComputedLate, prove_any_computing_time, realised_loop, rounded_loop
 from beamdesign.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms
 from beamdesign.realisation.sections import discretised
-from beamdesign.realisation.verdict import half_steps, law_errors, rounding_effect
+from beamdesign.realisation.verdict import (
+    continuous_figures,
+    half_steps,
+    law_errors,
+    law_polynomials,
+    rounding_effect,
+    sampled_figures,
+)
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate

@@ -17,7 +17,6 @@ from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain, loop
 from beamdesign.members import paper_model
-from beamdesign.oscillation import oscillation
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.rig.assembly import assemble
@@ -26,7 +25,7 @@ from beamdesign.rig.effects import library
 from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, structure_of
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario
-from beamdesign.simulate import COLUMNS, half_steps, simulate
+from beamdesign.simulate import COLUMNS, half_steps, oscillation, simulate
 
 ROOT = Path(__file__).parent.parent
 

@@ -82,8 +82,7 @@ def code(
         raise InputError(prototype, [("controller", str(error))]) from error
     found = judge(record, made, masses)
     if any_computing_time and found.proved:
-        from beamdesign.realisation.computing_time import prove_any_computing_time
-        from beamdesign.realisation.loop import realised_loop
+        from beamdesign.realisation.loop import prove_any_computing_time, realised_loop
 
         with progress("any computing time") as update:
             found = replace(found, any_time=prove_any_computing_time(realised_loop(record, made), *masses, update))

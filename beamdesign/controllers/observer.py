@@ -126,7 +126,7 @@ class Observer(Controller):
         """Blocks of two poles; none where its matrices are not stable."""
         import numpy as np
 
-        from beamdesign.controllers.block_form import block_form
+        from beamdesign.controllers.form import block_form
 
         n, p, gain = self.order, len(self.sensors), self.gain_A_per_V
         b, c = np.reshape(self.b, (n, p)), np.reshape(self.c, (1, n))

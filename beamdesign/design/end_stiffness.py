@@ -21,7 +21,7 @@ from flint import fmpq
 
 from beamdesign.controllers import Cascade, Observer, Sensed
 from beamdesign.linear import Plant
-from beamdesign.loop import close_loop
+from beamdesign.loop import Tip, close_loop, tip
 from beamdesign.lumped import figures
 from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
@@ -33,7 +33,6 @@ from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
 from beamdesign.prototype import Prototype
-from beamdesign.tip import Tip, tip
 
 SENSORS: tuple[Sensed, ...] = ("displacement_m", "load_pressure_Pa")
 

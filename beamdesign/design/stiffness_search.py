@@ -26,7 +26,7 @@ from beamdesign.design.end_stiffness import (
 from beamdesign.design.rig_spread import RigSpread, rig_spread
 from beamdesign.design.tuning import Progress
 from beamdesign.linear import Plant
-from beamdesign.loop import Loop, close_loop
+from beamdesign.loop import Loop, close_loop, tip
 from beamdesign.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, goal_claims
@@ -34,7 +34,6 @@ from beamdesign.proof.contact import Wall
 from beamdesign.proof.performance import prove
 from beamdesign.proof.rectangle import Rectangle
 from beamdesign.prototype import Prototype
-from beamdesign.tip import tip
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400

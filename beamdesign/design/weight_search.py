@@ -14,7 +14,7 @@ from math import log, pi
 import numpy as np
 
 from beamdesign.controllers import Controller, Sensed
-from beamdesign.controllers.block_form import block_form
+from beamdesign.controllers.form import block_form
 from beamdesign.design.law_search import Effort, Found, Search, Told, sampled_masses, search
 from beamdesign.design.loop_samples import COARSE_HZ, Samples, rig_samples, sampled_bandwidth, slacks_of
 from beamdesign.design.synthesis import (

@@ -100,7 +100,7 @@ def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) ->
 
     Raises:
         InputError: without a controller, for effects that cannot be, where there is no equilibrium to start from, or
-            where the record takes too many steps; see `beamdesign.rig.substeps`.
+            where the record takes too many steps; see `beamdesign.rig.compiled`.
     """
     rig = prototype if given.controller is None else prototype.but(controller=given.controller)
     moved = _fixed if rig.schedule is None else _stages

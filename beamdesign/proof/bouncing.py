@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 from flint import fmpq, fmpq_poly
 
+from beamdesign.loop import Tip
 from beamdesign.polynomial import exact
 from beamdesign.proof.passivity import absorbed
 from beamdesign.proof.performance import Coefficients, inner
 from beamdesign.proof.quadratic import quadratic_nonnegative
 from beamdesign.proof.rational import nearest, shortened
 from beamdesign.proof.stability import is_stable_over
-from beamdesign.tip import Tip
 
 MULTIPLIERS_S = tuple(float(f"{10.0 ** (k / 4):.4g}") for k in range(8, -21, -1))
 """Values of q that are tried, s."""

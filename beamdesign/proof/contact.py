@@ -11,11 +11,11 @@ from itertools import product
 
 from flint import fmpq, fmpq_poly
 
+from beamdesign.loop import Tip
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.passivity import Environment
 from beamdesign.proof.rational import nearest, shortened
 from beamdesign.proof.stability import StabilityMap, stable_ranges, unstable_at
-from beamdesign.tip import Tip
 
 Ends = tuple[fmpq, fmpq]
 _NO_DAMPING = (fmpq(0), fmpq(0))

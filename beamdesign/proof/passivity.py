@@ -13,10 +13,10 @@ from math import inf, pi, sqrt
 
 from flint import ctx, fmpq, fmpq_poly
 
+from beamdesign.loop import Tip
 from beamdesign.polynomial import even_odd, is_hurwitz, real_roots, roots
 from beamdesign.proof.rational import bounds, nearest, shortened, simple_between
 from beamdesign.proof.stability import stable_ranges
-from beamdesign.tip import Tip
 
 _PRECISION_BITS = 128
 _DIGITS = 15

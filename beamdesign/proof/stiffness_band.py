@@ -5,9 +5,9 @@ Both are inequalities quadratic in the end mass, decided as in `beamdesign.proof
 
 from flint import fmpq, fmpq_poly
 
+from beamdesign.loop import Tip
 from beamdesign.polynomial import Affine
 from beamdesign.proof.performance import Coefficients, kept_up_to_Hz, magnitude_slack
-from beamdesign.tip import Tip
 
 _S = fmpq_poly([0, 1])
 _NONE = fmpq_poly([0])

@@ -16,8 +16,15 @@ from flint import fmpq_mat
 
 from beamdesign.controllers import Controller, TransferFunction
 from beamdesign.prototype import Prototype
-from beamdesign.realisation.law import Coefficient, coefficients_of, fixed_point, float32, states_of
-from beamdesign.realisation.linear_forms import LinearLaw, linear_law
+from beamdesign.realisation.law import (
+    Coefficient,
+    LinearLaw,
+    coefficients_of,
+    fixed_point,
+    float32,
+    linear_law,
+    states_of,
+)
 from beamdesign.realisation.sections import Channel, DiscreteLaw, Section, discretised
 
 LEAST_WORD, LARGEST_WORD = 8, 32

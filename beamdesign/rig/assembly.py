@@ -11,13 +11,12 @@ from typing import Any
 
 import casadi as ca
 
-from beamdesign.rig.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM
+from beamdesign.rig.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, WALL_FIGURES
 from beamdesign.rig.bench import BENCH
 from beamdesign.rig.component import Rig
 from beamdesign.rig.effect import Effect, Site
 from beamdesign.rig.effects import library
 from beamdesign.rig.electronics import Law
-from beamdesign.rig.structure import WALL_FIGURES
 
 __all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble", "join"]
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from beamdesign.controllers import Controller
-from beamdesign.realisation.law import Arithmetic, coefficients_of, float64, one_period
-from beamdesign.realisation.linear_forms import LinearLaw, linear_law
+from beamdesign.realisation.law import Arithmetic, LinearLaw, coefficients_of, float64, linear_law, one_period
 from beamdesign.realisation.sections import DiscreteLaw, discretised, factored, highest_Hz, laws_of
 
 DIGITS = 12

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from beamdesign.design.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact, sensed
 from beamdesign.design.rig_spread import rig_spread
-from beamdesign.loop import close_loop
+from beamdesign.loop import close_loop, tip
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
@@ -16,7 +16,6 @@ from beamdesign.proof.contact_tables import KIND, NOTES, Statements, contact_tab
 from beamdesign.proof.writer import certificate as written
 from beamdesign.prototype import Compliance, Prototype
 from beamdesign.study.design_run import stating
-from beamdesign.tip import tip
 
 CONTACT_NAME = "certificate.contact.toml"
 
