@@ -9,12 +9,19 @@ import numpy as np
 import pytest
 
 from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.truth import LISTED, OUTSIDE, answer, draw_case, laws, noise_free, take, write_case
-from beamdesign.gap.truth.believed import assembled, believed_figures, cantilever_modes, outer_modes, rig_figures
+from beamdesign.gap.truth import LISTED, OUTSIDE, answer, draw_case, noise_free, take, write_case
+from beamdesign.gap.truth import rates as laws
+from beamdesign.gap.truth.believed import (
+    assembled,
+    believed_figures,
+    cantilever_modes,
+    outer_modes,
+    packed,
+    rig_figures,
+)
 from beamdesign.gap.truth.case import run_figures
 from beamdesign.gap.truth.drawing import linear_critical_gain
 from beamdesign.gap.truth.effects import KINDS, Scales
-from beamdesign.gap.truth.figures import packed
 from beamdesign.gap.truth.rates import STATES
 from beamdesign.gap.truth.rig import STEP_S, march
 

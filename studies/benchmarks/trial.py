@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.gap.truth.believed import assembled
-from beamdesign.gap.truth.case import Case, Run, run_figures, step_of
-from beamdesign.gap.truth.excitation import Drive
+from beamdesign.gap.truth.case import Case, Drive, Run, run_figures, step_of
 from beamdesign.gap.truth.rig import SAMPLE_S, Motion, march
 
 WATCHED_S = 1.5

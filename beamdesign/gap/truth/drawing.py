@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.linalg import matrix_balance
 
 from beamdesign.gap.truth.believed import (
     Table,
@@ -17,10 +18,19 @@ from beamdesign.gap.truth.believed import (
     rig_figures,
     tolerance_of,
 )
-from beamdesign.gap.truth.case import Case, Departure, Noise, Run, noise_free, relative_floor, relative_gap, take
+from beamdesign.gap.truth.case import (
+    Case,
+    Departure,
+    Drive,
+    Noise,
+    Run,
+    noise_free,
+    relative_floor,
+    relative_gap,
+    take,
+)  # fmt: skip
 from beamdesign.gap.truth.effects import KINDS, LISTED, OUTSIDE, PARAMETERS, Scales, Shape
-from beamdesign.gap.truth.excitation import Drive
-from beamdesign.gap.truth.rates import STATES, rates_at
+from beamdesign.gap.truth.rates import PRESSURE_A, PRESSURE_B, STATES, SUPPLY, rates_at
 from beamdesign.gap.truth.rig import Motion
 
 
@@ -31,7 +41,7 @@ def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
     """
     matrix = np.zeros((STATES, STATES))
     for k in range(STATES):
-        step = 1.0 if k in (12, 13, 27) else 1e-9  # pressures are in Pa
+        step = 1.0 if k in (PRESSURE_A, PRESSURE_B, SUPPLY) else 1e-9  # pressures are in Pa
         ahead, behind = np.zeros(STATES), np.zeros(STATES)
         ahead[k], behind[k] = step, -step
         matrix[:, k] = (rates_at(ahead, figures, modes) - rates_at(behind, figures, modes)) / (2 * step)
@@ -41,8 +51,8 @@ def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
 
 def is_stable(figures: np.ndarray, modes: np.ndarray) -> bool:
     """Whether all poles of the linearised loop lie in the left half plane, but for one at rest of the mean pressure."""
-    matrix = jacobian(figures, modes)
-    return bool(np.linalg.eigvals(_balanced(matrix)).real.max() < 0.0)
+    balanced, _ = matrix_balance(jacobian(figures, modes), permute=False)
+    return bool(np.linalg.eigvals(balanced).real.max() < 0.0)
 
 
 def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
@@ -68,12 +78,6 @@ def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return 0.5 * (low + high)
-
-
-def _balanced(matrix: np.ndarray) -> np.ndarray:
-    from scipy.linalg import matrix_balance
-
-    return np.asarray(matrix_balance(matrix, permute=False)[0])
 
 
 KIND_NAMES = ("null", "single", "pair", "outside", "parameter")
@@ -301,12 +305,11 @@ def _tolerance_gap(case: Case, without: dict[str, Motion]) -> float:
 def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.random.Generator) -> Departure | None:
     """The effect at the severity that gives a gap, by secants in logarithms on the first part of the records."""
     if name.startswith("parameter:"):
-        key, figures, _ = PARAMETERS[name.removeprefix("parameter:")]
+        figures, _ = PARAMETERS[name.removeprefix("parameter:")]
         figure = str(rng.choice(figures))
         sign = float(rng.choice([-1, 1]))
         least = 3.5 * tolerance_of(case.believed, figure)
         low, high = max(least, 0.03), max(1.0, 1.5 * least)
-        del key
 
         def at(severity: float) -> Departure:
             return Departure(name, sign * severity, {}, figure)

@@ -40,7 +40,6 @@ class Kind:
             beam's modes, see `outer_modes`.
         range: least and largest severity.
         told: figures in the units of the contract's effects, for the answer.
-        listed: whether the contract names it.
     """
 
     name: str
@@ -49,7 +48,6 @@ class Kind:
     figures: Callable[[Scales, Shape, float], Shape]
     range: tuple[float, float]
     told: Callable[[Mapping[str, float]], Shape] = field(default=lambda f: {})
-    listed: bool = True
 
 
 _QUICKEST = 3e4
@@ -254,40 +252,40 @@ _OUTSIDE = (
         lambda s, q, v: {
             "sag_rate": q["rate"], "sag_droop": 0.2 * v * s.figures["supply"] / (s.figures["flow_gain"] * s.current)
         },
-        (0.02, 4.5), listed=False,
+        (0.02, 4.5),
     ),
     Kind(
         "flow_gain_drift", "servovalve", _draws(sign=_one_of(1, -1)),
-        lambda s, q, v: {"flow_drift": float(np.clip(0.2 * v * q["sign"], -0.9, 3.0))}, (0.05, 8), listed=False,
+        lambda s, q, v: {"flow_drift": float(np.clip(0.2 * v * q["sign"], -0.9, 3.0))}, (0.05, 8),
     ),
     Kind(
         "sensor_gain_drift", "sensor", _draws(sign=_one_of(1, -1)),
-        lambda s, q, v: {"sensor_drift": float(np.clip(0.1 * v * q["sign"], -0.7, 1.5))}, (0.02, 8), listed=False,
+        lambda s, q, v: {"sensor_drift": float(np.clip(0.1 * v * q["sign"], -0.7, 1.5))}, (0.02, 8),
     ),
     Kind(
         "sensor_cubic", "sensor", _draws(sign=_one_of(1, -1)),
-        lambda s, q, v: {"sensor_cubic": q["sign"] * 0.05 * v / (2e-3) ** 2}, (0.02, 30), listed=False,
+        lambda s, q, v: {"sensor_cubic": q["sign"] * 0.05 * v / (2e-3) ** 2}, (0.02, 30),
     ),
-    Kind("sensor_stiction", "sensor", _draws(), lambda s, q, v: {"sensor_play": 2e-6 * v}, (0.05, 60), listed=False),
+    Kind("sensor_stiction", "sensor", _draws(), lambda s, q, v: {"sensor_play": 2e-6 * v}, (0.05, 60)),
     Kind(
         "coil_lag", "amplifier", _draws(),
-        lambda s, q, v: {"coil_rate": 2 * pi * 400 / v} if 2 * pi * 400 / v < _QUICKEST else {}, (0.15, 8), listed=False
+        lambda s, q, v: {"coil_rate": 2 * pi * 400 / v} if 2 * pi * 400 / v < _QUICKEST else {}, (0.15, 8)
     ),
     Kind(
         "command_hum", "controller", _draws(hertz=_one_of(50, 60, 100), phase=_between(0, 6.28)),
         lambda s, q, v: {
             "hum": 1e-3 * v * s.figures["sensor_gain"] / 1180, "hum_rate": 2 * pi * q["hertz"], "hum_phase": q["phase"]
         },
-        (0.05, 100), listed=False,
+        (0.05, 100),
     ),
     Kind(
         "coarse_output", "controller", _draws(hold=_one_of(0.5e-3, 1e-3)),
-        lambda s, q, v: {"current_step": s.current / 100 * v, "current_hold": q["hold"]}, (0.02, 60), listed=False,
+        lambda s, q, v: {"current_step": s.current / 100 * v, "current_hold": q["hold"]}, (0.02, 60),
     ),
-    Kind("structural_damping", "structure", _draws(), _loss, (0.02, 8), listed=False),
+    Kind("structural_damping", "structure", _draws(), _loss, (0.02, 8)),
     Kind(
         "beam_hardening", "structure", _draws(sign=_one_of(1, 1, -0.3)),
-        lambda s, q, v: {"hardening": q["sign"] * 0.1 * v / (2e-3) ** 2}, (0.02, 30), listed=False,
+        lambda s, q, v: {"hardening": q["sign"] * 0.1 * v / (2e-3) ** 2}, (0.02, 30),
     ),
     Kind(
         "payload_slosh", "structure", _draws(hertz=_log(6, 40), zeta=_log(0.01, 0.1)),
@@ -295,18 +293,18 @@ _OUTSIDE = (
             "slosh_share": 1 - 1 / (1 + 0.2 * v), "slosh_frequency": 2 * pi * q["hertz"],
             "slosh_damping_ratio": q["zeta"],
         },
-        (0.01, 20), listed=False,
+        (0.01, 20),
     ),
     Kind(
         "sensor_bracket", "sensor", _draws(zeta=_log(0.01, 0.1), share=_between(0.5, 1)),
         lambda s, q, v: {
             "bracket_rate": 2 * pi * 400 / v, "bracket_damping_ratio": q["zeta"], "bracket_share": q["share"]
         },
-        (0.3, 5), listed=False,
+        (0.3, 5),
     ),
     Kind(
         "sensor_dropout", "sensor", _draws(length=_log(5e-3, 4e-2)),
-        lambda s, q, v: {"dropouts_per_s": 0.4 * v, "dropout_s": q["length"]}, (0.6, 8), listed=False,
+        lambda s, q, v: {"dropouts_per_s": 0.4 * v, "dropout_s": q["length"]}, (0.6, 8),
     ),
 )  # fmt: skip
 
@@ -314,15 +312,15 @@ KINDS: dict[str, Kind] = {kind.name: kind for kind in (*_LISTED, *_OUTSIDE)}
 LISTED = tuple(kind.name for kind in _LISTED)
 OUTSIDE = tuple(kind.name for kind in _OUTSIDE)
 
-PARAMETERS: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "flow_gain": ("flow_gain", ("flow_gain",), "servovalve"),
-    "effective_mass": ("effective_mass", ("outer_mass", "inner_mass"), "structure"),
-    "stiffness": ("stiffness", ("outer_stiffness", "inner_stiffness"), "structure"),
-    "oil_stiffness": ("oil_stiffness", ("oil_stiffness",), "oil"),
-    "valve_natural_frequency": ("valve_natural_frequency", ("valve_frequency",), "servovalve"),
-    "valve_damping_ratio": ("valve_damping_ratio", ("valve_damping_ratio",), "servovalve"),
-    "piston_area": ("piston_area", ("piston_area",), "actuator"),
-    "sensor_gain": ("sensor_gain", ("sensor_gain",), "sensor"),
-    "beam_damping_ratio": ("beam_damping_ratio", ("outer_damping_ratio", "inner_damping_ratio"), "structure"),
+PARAMETERS: dict[str, tuple[tuple[str, ...], str]] = {
+    "flow_gain": (("flow_gain",), "servovalve"),
+    "effective_mass": (("outer_mass", "inner_mass"), "structure"),
+    "stiffness": (("outer_stiffness", "inner_stiffness"), "structure"),
+    "oil_stiffness": (("oil_stiffness",), "oil"),
+    "valve_natural_frequency": (("valve_frequency",), "servovalve"),
+    "valve_damping_ratio": (("valve_damping_ratio",), "servovalve"),
+    "piston_area": (("piston_area",), "actuator"),
+    "sensor_gain": (("sensor_gain",), "sensor"),
+    "beam_damping_ratio": (("outer_damping_ratio", "inner_damping_ratio"), "structure"),
 }
-"""Plain wrong figures: the key of [tolerance], which of the rig's figures may be wrong (one of them is), subsystem."""
+"""Plain wrong figures, by key of [tolerance]: which of the rig's figures may be wrong (one of them is), subsystem."""

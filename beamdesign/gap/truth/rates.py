@@ -1,12 +1,90 @@
-"""The right-hand side of the true rig: every law in one place, each behind the figure that switches it on."""
+"""The right-hand side of the true rig: laws of friction, flow, oil, contact and amplifier, each checked on its own.
 
-from math import sin, sqrt
+Each stands behind the figure that switches it on.
+"""
+
+from math import copysign, exp, log1p, sin, sqrt
 
 import numpy as np
 from numba import njit
 
-from beamdesign.gap.truth import laws
-from beamdesign.gap.truth.figures import MODES
+from beamdesign.gap.truth.believed import MODES
+
+ATMOSPHERE = 101325.0
+
+
+@njit(cache=True, error_model="numpy")
+def stribeck(speed: float, coulomb: float, breakaway: float, stribeck_speed: float, power: float) -> float:
+    """Friction of steady sliding without its viscous part, N."""
+    return coulomb + (breakaway - coulomb) * exp(-(abs(speed / stribeck_speed) ** power))
+
+
+@njit(cache=True, error_model="numpy")
+def orifice(drop: float, laminar: float) -> float:
+    """Signed root of a pressure drop, straight below `laminar` (Pa)."""
+    return drop / sqrt(abs(drop) + laminar)
+
+
+@njit(cache=True, error_model="numpy")
+def aerated(pressure: float, bulk: float, air: float, exponent: float, saturation: float) -> float:
+    """Bulk modulus of oil with free air, Pa (Wylie), of which Henry's law dissolves a share that grows with pressure.
+
+    Args:
+        pressure: gauge, Pa.
+        bulk: of the oil, Pa.
+        air: volume at one atmosphere over that of the mixture.
+        exponent: polytropic.
+        saturation: absolute pressure at which nothing is left free, Pa.
+    """
+    absolute = max(pressure + ATMOSPHERE, 2e4)
+    free = air * max(0.0, 1.0 - absolute / saturation)
+    gas = free * (ATMOSPHERE / absolute) ** (1.0 / exponent)
+    share = gas / (1.0 - air + gas)
+    return bulk / (1.0 + share * (bulk / (exponent * absolute) - 1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def softplus(x: float) -> float:
+    """log(1 + exp(x)) without overflow."""
+    return x + log1p(exp(-x)) if x > 0 else log1p(exp(x))
+
+
+@njit(cache=True, error_model="numpy")
+def overlapped(spool: float, overlap: float, rounding: float) -> float:
+    """Opening of a spool whose lands overlap the ports, edges rounded over `rounding` times the overlap."""
+    width = rounding * overlap
+    return width * (softplus((spool - overlap) / width) - softplus((-spool - overlap) / width))
+
+
+@njit(cache=True, error_model="numpy")
+def knee(demand: float, limit: float, sharpness: float) -> float:
+    """What an amplifier gives of a demand: its limit is reached gradually."""
+    return demand / (1.0 + abs(demand / limit) ** sharpness) ** (1.0 / sharpness)
+
+
+@njit(cache=True, error_model="numpy")
+def played(given: float, held: float, half: float) -> float:
+    """Play (backlash) operator: what lags `given` by at most `half`."""
+    return min(max(held, given - half), given + half)
+
+
+@njit(cache=True, error_model="numpy")
+def contact(apart: float, closing: float, play: float, stiffness: float, loss: float) -> float:
+    """Force across a joint with play: Hertzian faces that only press (Hunt and Crossley), N.
+
+    Args:
+        apart: of rod and joint from the middle of the play, m.
+        closing: its rate, m/s.
+        play: from face to face, m.
+        stiffness: N/m^1.5.
+        loss: s/m.
+    """
+    depth = abs(apart) - 0.5 * play
+    if depth <= 0.0:
+        return 0.0
+    side = copysign(1.0, apart)
+    return side * max(0.0, stiffness * depth * sqrt(depth) * (1.0 + 1.5 * loss * side * closing))
+
 
 STATES = 36
 PLAYS = 5
@@ -27,7 +105,7 @@ _M, _MD = 28, 29  # free part of the payload
 _E = 30  # four relaxing elements
 _B, _BD = 34, 35  # sensor bracket
 
-TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION = _Q, _XI, _PA, _PB, _Z, _W
+TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION, SUPPLY = _Q, _XI, _PA, _PB, _Z, _W, _PS
 _RELAX = (6.0, 60.0, 600.0, 6000.0)
 
 
@@ -62,14 +140,6 @@ def demanded(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def amplified(demand, f):  # type: ignore[no-untyped-def]
-    """What the amplifier gives of it, A."""
-    if f.current_limit > 0.0:
-        return laws.knee(demand, f.current_limit, f.current_knee)
-    return demand
-
-
-@njit(cache=True, error_model="numpy")
 def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, share):  # type: ignore[no-untyped-def]
     """Time derivative of the state into `d`; gives the current, A.
 
@@ -88,7 +158,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     if f.hum > 0.0:
         error += f.hum * sin(f.hum_rate * time + f.hum_phase)
     d[_C] = f.pole * (error - x[_C])
-    current = amplified(demand, f)
+    current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
     if f.coil_rate > 0.0:
         d[_I] = f.coil_rate * (current - x[_I])
         current = x[_I]
@@ -98,7 +168,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     if f.magnet_share > 0.0:
         lagging = 0.0
         for k in range(PLAYS):
-            lagging += laws.played(current, plays[k], f.magnet_width * (k + 1) / PLAYS)
+            lagging += played(current, plays[k], f.magnet_width * (k + 1) / PLAYS)
         drive = (1.0 - f.magnet_share) * current + f.magnet_share * lagging / PLAYS
     if f.spool_friction > 0.0:
         z = min(max(x[_W], -1.0), 1.0)
@@ -109,7 +179,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     d[_SD] = f.valve_frequency**2 * (drive - x[_S]) - 2.0 * f.valve_damping_ratio * f.valve_frequency * x[_SD]
     opening = x[_S]
     if f.overlap > 0.0:
-        opening = laws.overlapped(opening, f.overlap, f.overlap_rounding)
+        opening = overlapped(opening, f.overlap, f.overlap_rounding)
     flow = f.flow_gain * opening * (1.0 + f.flow_drift * share)
     supply = f.supply
     if f.sag_rate > 0.0:
@@ -130,13 +200,13 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     else:
         into_a, from_b = flow * f.area_a / f.area_b, flow
     if f.orifice > 0.0:
-        scale = flow / laws.orifice(0.5 * f.supply, f.laminar)
+        scale = flow / orifice(0.5 * f.supply, f.laminar)
         if flow > 0.0:
-            free_a = scale * laws.orifice(supply - pressure_a, f.laminar)
-            free_b = scale * laws.orifice(pressure_b, f.laminar)
+            free_a = scale * orifice(supply - pressure_a, f.laminar)
+            free_b = scale * orifice(pressure_b, f.laminar)
         else:
-            free_a = scale * laws.orifice(pressure_a, f.laminar)
-            free_b = scale * laws.orifice(supply - pressure_b, f.laminar)
+            free_a = scale * orifice(pressure_a, f.laminar)
+            free_b = scale * orifice(supply - pressure_b, f.laminar)
         into_a += f.orifice * (free_a - into_a)
         from_b += f.orifice * (free_b - from_b)
     across = f.leakage * f.leakage_across * (x[_PA] - x[_PB])
@@ -148,8 +218,8 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     stroke, speed = tip - rod, tip_speed - rod_speed
     bulk_a = bulk_b = f.bulk_modulus
     if f.air_share > 0.0:
-        bulk_a = laws.aerated(pressure_a, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
-        bulk_b = laws.aerated(pressure_b, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
+        bulk_a = aerated(pressure_a, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
+        bulk_b = aerated(pressure_b, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
     moved = f.stroke_on * min(max(stroke, -0.9 * f.chamber_length), 0.9 * f.chamber_length)
     d[_PA] = bulk_a * (into_a - f.area_a * speed) / (f.area_a * (f.chamber_length + moved))
     d[_PB] = bulk_b * (f.area_b * speed - from_b) / (f.area_b * (f.chamber_length - moved))
@@ -164,7 +234,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
 
     # seal
     if f.bristle_stiffness > 0.0:
-        limit = laws.stribeck(speed, f.coulomb, f.breakaway, f.stribeck_speed, f.stribeck_power)
+        limit = stribeck(speed, f.coulomb, f.breakaway, f.stribeck_speed, f.stribeck_power)
         largest = f.breakaway / f.bristle_stiffness
         z = min(max(x[_Z], -largest), largest)
         d[_Z] = speed - f.bristle_stiffness * abs(speed) * z / limit
@@ -174,7 +244,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
     # joint
     on_inner = push
     if f.joint_on > 0.0:
-        on_inner = -laws.contact(rod - x[_XI], rod_speed - x[_VI], f.play, f.contact, f.contact_loss)
+        on_inner = -contact(rod - x[_XI], rod_speed - x[_VI], f.play, f.contact, f.contact_loss)
         d[_XR] = x[_VR]
         d[_VR] = (on_inner - push) / f.rod_mass
 

@@ -11,15 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from beamdesign.gap.truth import laws
-from beamdesign.gap.truth.figures import MODES
-from beamdesign.gap.truth.rates import BRISTLE as _Z
-from beamdesign.gap.truth.rates import INNER as _XI
-from beamdesign.gap.truth.rates import PLAYS, STATES, demanded, measured_volts, rates_into, sensor_volts
-from beamdesign.gap.truth.rates import PRESSURE_A as _PA
-from beamdesign.gap.truth.rates import PRESSURE_B as _PB
-from beamdesign.gap.truth.rates import SPOOL_FRICTION as _W
-from beamdesign.gap.truth.rates import TIP as _Q
+from beamdesign.gap.truth.believed import MODES
+from beamdesign.gap.truth.rates import (
+    BRISTLE,
+    INNER,
+    PLAYS,
+    PRESSURE_A,
+    PRESSURE_B,
+    SPOOL_FRICTION,
+    STATES,
+    TIP,
+    demanded,
+    measured_volts,
+    played,
+    rates_into,
+    sensor_volts,
+)  # fmt: skip
 
 STEP_S = 50e-6
 SAMPLE_S = 500e-6
@@ -82,13 +89,10 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
         time = n * step
         share = time / whole
         if f.sensor_play > 0.0:
-            plays[PLAYS] = laws.played(sensor_volts(x, f, share), plays[PLAYS], f.sensor_play * f.sensor_gain)
+            plays[PLAYS] = played(sensor_volts(x, f, share), plays[PLAYS], f.sensor_play * f.sensor_gain)
         straight = f.sensor_play > 0.0 and f.lag_rate == 0.0 and f.filter_rate == 0.0
         line[n] = plays[PLAYS] if straight else measured_volts(x, f, share)
-        fed = _fed_back(x, f, share, plays, line, n, -late, inputs[2 * n, 2])
-        out_now = lost[n]
-        if out_now:
-            fed = stuck
+        fed = stuck if lost[n] else _fed_back(x, f, share, plays, line, n, -late, inputs[2 * n, 2])
         stuck = fed
         if f.current_step > 0.0 and n % hold == 0:
             wanted = demanded(x, f, fed, inputs[2 * n, 1], time)
@@ -98,31 +102,27 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
             row = n // stride
             out[row, 0] = current
             out[row, 1] = fed
-            out[row, 2] = x[_PA] - x[_PB]
-            out[row, 3] = x[_XI]
-            out[row, 4] = x[_Q] + x[_Q + 1] + x[_Q + 2] + x[_Q + 3]
-            if not abs(x[_Q]) < 0.05:
+            out[row, 2] = x[PRESSURE_A] - x[PRESSURE_B]
+            out[row, 3] = x[INNER]
+            out[row, 4] = x[TIP] + x[TIP + 1] + x[TIP + 2] + x[TIP + 3]
+            if not abs(x[TIP]) < 0.05:
                 return out, False
         if n == steps:
             break
         if f.magnet_share > 0.0:
             for k in range(PLAYS):
-                plays[k] = laws.played(current, plays[k], f.magnet_width * (k + 1) / PLAYS)
+                plays[k] = played(current, plays[k], f.magnet_width * (k + 1) / PLAYS)
         half = 0.5 * step
         for i in range(STATES):
             trial[i] = x[i] + half * k1[i]
-        fed = _fed_back(trial, f, share, plays, line, n, 0.5 - late, inputs[2 * n + 1, 2])
-        if out_now:
-            fed = stuck
+        fed = stuck if lost[n] else _fed_back(trial, f, share, plays, line, n, 0.5 - late, inputs[2 * n + 1, 2])
         rates_into(
             trial, k2, f, modes, held, plays, fed, inputs[2 * n + 1, 1], inputs[2 * n + 1, 0], time + half,
             (time + half) / whole,
         )  # fmt: skip
         for i in range(STATES):
             trial[i] = x[i] + step * (2.0 * k2[i] - k1[i])
-        fed = _fed_back(trial, f, share, plays, line, n, 1.0 - late, inputs[2 * n + 2, 2])
-        if out_now:
-            fed = stuck
+        fed = stuck if lost[n] else _fed_back(trial, f, share, plays, line, n, 1.0 - late, inputs[2 * n + 2, 2])
         rates_into(
             trial, k3, f, modes, held, plays, fed, inputs[2 * n + 2, 1], inputs[2 * n + 2, 0], time + step,
             (time + step) / whole,
@@ -131,9 +131,9 @@ def _march(figures, modes, inputs, lost, step, stride, start):  # type: ignore[n
             x[i] += step / 6.0 * (k1[i] + 4.0 * k2[i] + k3[i])
         if f.bristle_stiffness > 0.0:
             largest = f.breakaway / f.bristle_stiffness
-            x[_Z] = min(max(x[_Z], -largest), largest)
+            x[BRISTLE] = min(max(x[BRISTLE], -largest), largest)
         if f.spool_friction > 0.0:
-            x[_W] = min(max(x[_W], -1.0), 1.0)
+            x[SPOOL_FRICTION] = min(max(x[SPOOL_FRICTION], -1.0), 1.0)
     return out, True
 
 
@@ -177,7 +177,7 @@ def march(
     """March the rig from rest through one record.
 
     Args:
-        figures: one record, see `figures.packed`.
+        figures: one record, see `believed.packed`.
         modes: (3, n) stiffness, mass and damping of the outer beam's modes, n up to 4, each counted at the tip.
         inputs: (2 N + 1, 3) force (N), command (V) and sensor noise (V) at every half step.
         lost: (N + 1,) whether the sensor has dropped out at each step.

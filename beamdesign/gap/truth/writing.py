@@ -12,9 +12,9 @@ import tomli_w
 
 from beamdesign.files import write_whole
 from beamdesign.gap.truth.believed import assembled, believed_figures, controller_figures
-from beamdesign.gap.truth.case import Case, Departure, Run, inputs_of, run_figures, step_of, take
+from beamdesign.gap.truth.case import Case, Departure, Run, driven, inputs_of, run_figures, step_of, take
 from beamdesign.gap.truth.effects import KINDS, LISTED
-from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S, march
+from beamdesign.gap.truth.rig import SAMPLE_S, STEP_S
 
 LINES = 40
 SETTLE_S = 2.0
@@ -39,8 +39,7 @@ def compliance(case: Case, run: Run) -> tuple[float, dict[str, np.ndarray]]:
     phases = rng.uniform(0, 2 * np.pi, len(frequencies))
     for frequency, phase in zip(frequencies, phases, strict=True):
         inputs[:, 0] += height * np.cos(2 * np.pi * frequency * times + phase)
-    record, modes = assembled(figures)
-    motion = march(record, modes, inputs, None, step)
+    motion = driven(figures, inputs)
     count = round(LISTEN_S / SAMPLE_S)
     first = round(SETTLE_S / SAMPLE_S)
     taken = motion.displacement[first : first + count] + rng.normal(0, case.noise.floor_m, count)
@@ -65,8 +64,7 @@ def sustained(case: Case, run: Run, gain_A_per_V: float) -> bool:
     times = np.arange(2 * round(_WATCHED_S / step) + 1) * (step / 2)
     inputs = np.zeros((len(times), 3))
     inputs[times < 5e-3, 0] = 0.1 * case.scales.force
-    record, modes = assembled(figures)
-    motion = march(record, modes, inputs, None, step)
+    motion = driven(figures, inputs)
     if not motion.bounded:
         return True
     third = len(motion.displacement) // 3
@@ -180,7 +178,6 @@ def _setting(run: Run) -> dict[str, Any]:
 
 
 def _responses(case: Case, folder: Path) -> list[dict[str, Any]]:
-
     found = []
     for run in case.runs:
         if run.name not in ("04_disturbance_large", "06_payload_disturbance"):

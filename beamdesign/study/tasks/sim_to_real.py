@@ -17,10 +17,9 @@ from beamdesign.design.tuning import tune
 from beamdesign.gap.data.dataset import read_dataset
 from beamdesign.gap.diagnose import diagnose
 from beamdesign.gap.truth.believed import assembled, draw_true, rig_figures
-from beamdesign.gap.truth.case import Case, Departure, Noise, Run, run_figures, take
+from beamdesign.gap.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take
 from beamdesign.gap.truth.drawing import linear_critical_gain
 from beamdesign.gap.truth.effects import KINDS, Scales
-from beamdesign.gap.truth.excitation import Drive
 from beamdesign.gap.truth.writing import write_case
 from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import Prototype
