@@ -12,7 +12,7 @@ from test_codesign import violations
 from test_figures import cut_off
 from typer.testing import CliRunner
 
-from beamdesign.checker import check
+from beamdesign import check, read_problem, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.design import codesign, remedies
@@ -20,8 +20,6 @@ from beamdesign.design import codesign as front_room
 from beamdesign.design.codesign import Codesign, CodesignPoint
 from beamdesign.design.refinement import Proved
 from beamdesign.design.remedies import Remedy
-from beamdesign.problem import read_problem
-from beamdesign.prototype import read_prototype
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.trade import plot_remedies
 from beamdesign.section import SquareTube

@@ -8,10 +8,9 @@ import pytest
 from pyarrow import parquet
 from typer.testing import CliRunner
 
+from beamdesign import certify, read_prototype
 from beamdesign.cli.study import study
 from beamdesign.design.checks import REQUIREMENTS
-from beamdesign.proof.certifying import certify
-from beamdesign.prototype import read_prototype
 from beamdesign.study.case import case, compute
 from beamdesign.study.sweep_file import read_sweep
 from beamdesign.study.tasks import TASKS

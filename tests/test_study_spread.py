@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import tomli_w
 
+from beamdesign import InputError, certify, read_prototype
 from beamdesign.lumped import figures
-from beamdesign.proof.certifying import certify
-from beamdesign.prototype import prototype_from, read_prototype
-from beamdesign.records import InputError
+from beamdesign.prototype import prototype_from
 from beamdesign.study.conclusion import clopper_pearson, conclude, holds, in_words
 from beamdesign.study.methods import CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
 from beamdesign.study.sweep_file import Demand, with_value

@@ -10,9 +10,9 @@ from math import pi
 import pytest
 from impulse_test import Kick, critical_gain_by_kicks
 
+from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.loop import critical_gain
-from beamdesign.prototype import Payload, Prototype
+from beamdesign.prototype import Payload
 
 MEASURED_MA_PER_V = {"proportional": 15.0, "lag": 200.0, "lag, both masses": 150.0}
 

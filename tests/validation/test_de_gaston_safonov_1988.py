@@ -8,7 +8,7 @@ Automatic Control 33 (1988) 156-171: plant 800 (1 + 0.1 d1) / (s (s + 4 + 0.2 d2
 import pytest
 from flint import fmpq
 
-from beamdesign.checker import check
+from beamdesign import check
 from beamdesign.crossing import crossings
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.box import box_of

@@ -8,10 +8,9 @@ from math import asin, pi, sqrt
 
 import pytest
 
+from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Proportional
 from beamdesign.harmonic_balance import limit_cycles
-from beamdesign.loop import critical_gain
-from beamdesign.prototype import Prototype
 
 
 def limiter(ratio: float) -> float:

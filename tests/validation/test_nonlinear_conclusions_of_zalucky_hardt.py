@@ -11,11 +11,11 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
+from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.harmonic_balance import linear_critical_gain
 from beamdesign.linear_reach import departure, linear_part, reach, with_published_effects
-from beamdesign.loop import critical_gain, loop
-from beamdesign.prototype import Prototype
+from beamdesign.loop import loop
 from beamdesign.rig.assembly import assemble
 from beamdesign.rig.equilibrium import equilibrium
 from beamdesign.rig.parameters import parameters_of, structure_of

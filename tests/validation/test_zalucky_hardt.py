@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beamdesign.control_models import state_space
+from beamdesign import Prototype, critical_gain, state_space
 from beamdesign.crossing import crossings
-from beamdesign.loop import critical_gain, loop
+from beamdesign.loop import loop
 from beamdesign.paper.rig import (
     CASES,
     SMALLER_PISTON_SIDE_M2,
@@ -30,7 +30,7 @@ from beamdesign.paper.rig import (
     valve_damping,
 )
 from beamdesign.polynomial import exact
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.report.quantity import decibels, from_decibels
 
 REPLICATION = 0.02
