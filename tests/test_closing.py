@@ -15,17 +15,15 @@ from closing import attempt, payloads, promised_gain_factor
 from opened_cases import opened_case, opened_keys, true_rig, unlike
 from trial import at_rest, on_trial
 
+from beamdesign import InputError, Prototype, critical_gain
 from beamdesign.controllers import Lag
-from beamdesign.gap.blind.case_plan import Planned
-from beamdesign.gap.blind.drawing import displacements_digest, draw
+from beamdesign.gap.blind.case_plan import Planned, displacements_digest, draw
 from beamdesign.gap.blind.seal import folder_digest, sealed, write_seal
 from beamdesign.gap.truth import Case, Departure, noise_free
 from beamdesign.gap.truth.believed import rig_figures
 from beamdesign.gap.truth.case import Noise
 from beamdesign.gap.truth.effects import Scales
-from beamdesign.loop import critical_gain, loop
-from beamdesign.prototype import Prototype
-from beamdesign.records import InputError
+from beamdesign.loop import loop
 from beamdesign.study.redesign import Redesign, redesign
 
 LAG = {"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0}

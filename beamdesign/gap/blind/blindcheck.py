@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from beamdesign.files import write_whole
-from beamdesign.gap.blind.case_plan import Planned, plan
+from beamdesign.gap.blind.case_plan import Planned, displacements_digest, draw, plan
 from beamdesign.gap.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
-from beamdesign.gap.blind.seal import Seal, broken, folder_digest, read_seal, sealed, write_seal
+from beamdesign.gap.blind.seal import Seal, broken, folder_digest, program_digest, read_seal, sealed, write_seal
 from beamdesign.records import InputError
 
 Progress = Callable[[float, str], None]
-_DRAWN_BY = "beamdesign.gap.blind.drawing"
+_DRAWN_BY = "beamdesign.gap.blind.case_plan"
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,6 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = lambda sh
         ValueError: where sealed.json is no seal.
         OSError: where something cannot be written.
     """
-    from beamdesign.gap.blind.drawing import draw
-    from beamdesign.gap.blind.program import program_digest
-
     if check.seal.is_file():
         return read_seal(check.seal)
     with _processes(min(workers, len(check.cases))) as pool:
@@ -214,8 +211,6 @@ def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[s
 def _closed(
     check: Check, key: str, answer: dict[str, Any], found: dict[str, Any], problems: list[tuple[str, str]]
 ) -> float | None:
-    from beamdesign.gap.blind.drawing import displacements_digest
-
     truth = check.answers / f"{key}.npz"
     if "diagnosis" not in found or "displacements_sha256" not in answer:
         return None

@@ -1,13 +1,21 @@
-"""Which cases a blind check is made of: kinds in fixed shares, every listed effect about as often as any other."""
+"""Which cases a blind check is made of, and their drawing: data sets in one folder, answers in another.
 
+Kinds come in fixed shares, every listed effect about as often as any other.
+"""
+
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from beamdesign.gap.truth.effects import LISTED, OUTSIDE, PARAMETERS
+from beamdesign.files import write_whole
+from beamdesign.gap.blind.seal import canonical
+from beamdesign.gap.truth import LISTED, OUTSIDE, PARAMETERS, answer, draw_case, noise_free, write_case
 
 Kind = Literal["null", "single", "pair", "outside", "parameter"]
 SHARES: dict[Kind, float] = {"null": 0.20, "single": 0.45, "parameter": 0.10, "pair": 0.12, "outside": 0.13}
@@ -82,3 +90,47 @@ def _dealt(pool: Sequence[tuple[str, ...]], count: int, random: np.random.Genera
     while len(found) < count:
         found += [pool[k] for k in random.permutation(len(pool))]
     return found[:count]
+
+
+_TRIES = 4
+_NEXT_SEED = 20_000  # further on, where a seed has no stable case
+
+
+def draw(planned: Planned, short: bool, sets: Path, answers: Path) -> str:
+    """Draw a case and write it, unless it is there.
+
+    Args:
+        planned: what to draw.
+        short: five records of 1.75 s instead of eight of 4 s.
+        sets: folder in which the data set gets a folder of its own.
+        answers: folder for the answer and the noise-free displacements.
+
+    Returns:
+        the reason why there is no such case; empty where there is one.
+    """
+    target = answers / f"{planned.key}.json"
+    if target.is_file():
+        return ""
+    for attempt in range(_TRIES):
+        try:
+            case = draw_case(planned.seed + attempt * _NEXT_SEED, planned.kind, short=short, names=planned.names)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        write_case(case, sets / planned.key)
+        answers.mkdir(parents=True, exist_ok=True)
+        truth = {name: motion.displacement.astype(np.float32) for name, motion in noise_free(case).items()}
+        np.savez_compressed(answers / f"{planned.key}.npz", **truth)  # type: ignore[arg-type]
+        fields: dict[str, Any] = json.loads(json.dumps(answer(case)))
+        fields["displacements_sha256"] = displacements_digest(truth)
+        write_whole(target, canonical(fields).decode() + "\n")
+        return ""
+    return reason
+
+
+def displacements_digest(records: dict[str, np.ndarray]) -> str:
+    """SHA-256 of the noise-free displacements of a case."""
+    sha = hashlib.sha256()
+    for name in sorted(records):
+        sha.update(name.encode() + b"\0" + np.ascontiguousarray(records[name], dtype="<f4").tobytes())
+    return sha.hexdigest()

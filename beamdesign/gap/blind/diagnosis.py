@@ -5,8 +5,6 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -20,7 +18,7 @@ import numpy as np
 
 from beamdesign.files import write_whole
 from beamdesign.gap.blind.baselines import baselines
-from beamdesign.gap.blind.seal import folder_digest
+from beamdesign.gap.blind.seal import folder_digest, program_digest
 from beamdesign.gap.data.dataset import Dataset, read_dataset
 from beamdesign.gap.diagnose import diagnose
 from beamdesign.gap.diagnosis import Diagnosis, diagnosis_fields
@@ -55,8 +53,6 @@ class Program:
 
 def program() -> Program:
     """As it is now."""
-    from beamdesign.gap.blind.program import program_digest
-
     return Program(*(program_digest(module) for module in (_FITTED_BY, _JUDGED_BY, _COMPARED_BY)))
 
 
@@ -166,7 +162,7 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: st
     if before.get("compared_by") == now.compares and before.get("fitted_by") == fitted_by and "baselines" in before:
         compared = before["baselines"]
     else:
-        compared = baselines(data, _search(data, found, kept))
+        compared = baselines(data, found.search or search(data, 1, kept=kept))
     _write_predictions(place, data, found)
     return {
         "fits_made": made,
@@ -175,10 +171,6 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: st
         "baselines": compared,
         "diagnosis": diagnosis_fields(found),
     }
-
-
-def _search(data: Dataset, found: Diagnosis, kept: KeptFits) -> Any:
-    return found.search if found.search is not None else search(data, 1, kept=kept)
 
 
 def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
@@ -201,8 +193,7 @@ def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
 
 def _as_written(prototype: Prototype) -> Prototype:
     """As whoever reads the prototype that a diagnosis has written finds it."""
-    folder: Callable[[], AbstractContextManager[str]] = TemporaryDirectory
-    with folder() as name:
-        path = Path(name) / "prototype.toml"
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "prototype.toml"
         write_prototype(prototype, path)
         return read_prototype(path)

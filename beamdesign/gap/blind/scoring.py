@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.stats import beta
 from beamdesign.gap.blind.outcome import FAILED, NO_GAP, UNKNOWN, Outcome, subsystem_of
 
 CONFIDENCE = 0.95
+Sense = Literal["at least", "at most", "between", ""]
 
 
 def clopper_pearson(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -81,7 +83,7 @@ class Score:
     of: int
     count: int | None = None
     target: tuple[float, ...] | None = None
-    sense: Literal["at least", "at most", "between", ""] = ""
+    sense: Sense = ""
 
     @property
     def reached(self) -> bool | None:
@@ -136,8 +138,8 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
         _rate("one of the pair named first", pair, lambda o: o.named in o.effects),
         _rate("subsystem right, known causes", known, lambda o: o.where == o.subsystem, (0.95,), "at least"),
         _rate("subsystem right, outside the library", outside, lambda o: o.where == o.subsystem),
-        _mean("mean probability on the truth, singles", [_on_truth(o) for o in single], (0.85,), "at least"),
-        _mean("mean probability on exactly the truth, all", [o.exactly for o in outcomes]),
+        _mean("mean probability on the truth, singles", single, _on_truth, (0.85,), "at least"),
+        _mean("mean probability on exactly the truth, all", outcomes, lambda o: o.exactly),
         _rate("outside the library, confidently wrong", outside, confidently_wrong, (0.05,), "at most"),
         _rate("outside the library, called unknown", outside, lambda o: o.verdict == UNKNOWN),
         Score("calibration error", error, np.nan, np.nan, statements, None, (0.05,), "at most"),
@@ -255,32 +257,27 @@ def _rate(
     among: Sequence[Outcome],
     happened: Callable[[Outcome], bool],
     target: tuple[float, ...] | None = None,
-    sense: Literal["at least", "at most", "between", ""] = "",
+    sense: Sense = "",
 ) -> Score:
     count, of = sum(map(bool, map(happened, among))), len(among)
     low, high = clopper_pearson(count, of)
     return Score(name, count / of if of else np.nan, low, high, of, count, target, sense)
 
 
-def _mean(
-    name: str,
-    values: Sequence[float],
-    target: tuple[float, ...] | None = None,
-    sense: Literal["at least", "at most", "between", ""] = "",
-) -> Score:
-    if not values:
-        return Score(name, np.nan, np.nan, np.nan, 0, None, target, sense)
-    return Score(name, float(np.mean(values)), *bootstrap(values, np.mean), len(values), None, target, sense)
-
-
-def _median(
+def _statistic(
+    statistic: Callable[..., np.ndarray],
     name: str,
     among: Sequence[Outcome],
     value: Callable[[Outcome], float | None],
     target: tuple[float, ...] | None = None,
-    sense: Literal["at least", "at most", "between", ""] = "",
+    sense: Sense = "",
 ) -> Score:
+    """Of a value that each outcome has, or None for those that tell nothing."""
     values = [found for o in among if (found := value(o)) is not None]
     if not values:
         return Score(name, np.nan, np.nan, np.nan, 0, None, target, sense)
-    return Score(name, float(np.median(values)), *bootstrap(values, np.median), len(values), None, target, sense)
+    return Score(name, float(statistic(values)), *bootstrap(values, statistic), len(values), None, target, sense)
+
+
+_mean = partial(_statistic, np.mean)
+_median = partial(_statistic, np.median)
