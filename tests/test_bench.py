@@ -14,13 +14,12 @@ from beamdesign.bench_prototype import (
     read_bench_prototype,
     write_any_prototype,
 )
-from beamdesign.bench_simulation import bench_start, replay, simulate_bench
+from beamdesign.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench
 from beamdesign.cli import app
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.rig.assembly import assemble
 from beamdesign.rig.bench import BENCH
-from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
 from beamdesign.rig.effects import library
 from beamdesign.rig.equilibrium import linearise
 from beamdesign.scenario import read_scenario

@@ -11,11 +11,10 @@ from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.bench_simulation import replay
 from beamdesign.gap.bench.data import read_bench_set, saturates_at
 from beamdesign.gap.bench.diagnose import diagnose_bench_set, probabilities
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis
+from beamdesign.gap.bench.diagnosis import BenchDiagnosis, amended
 from beamdesign.gap.bench.fit import held_out
 from beamdesign.gap.bench.hypothesis import NOTHING, BenchHypothesis, believed, candidates
 from beamdesign.gap.bench.motions import observations, scatter, steady, steady_motions
-from beamdesign.gap.bench.replay import amended
 from beamdesign.records import InputError
 
 COULOMB_N = 120.0

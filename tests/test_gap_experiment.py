@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.experiment import _distance, next_experiment
+from beamdesign.gap.experiment import distance, next_experiment
 from beamdesign.gap.fitting.evidence import evidence_of
 from beamdesign.gap.fitting.fit import fit
 from beamdesign.gap.fitting.hypothesis import together
@@ -41,8 +41,8 @@ def slow(rig):
 def test_distance_between_lines_has_its_closed_form():
     """A difference of 3 along a direction that unit prior may move by k leaves 3 / sqrt(1 + k^2)."""
     free = np.array([[2.0], [0.0]])
-    assert _distance(np.array([3.0, 0.0]), free) == pytest.approx(3 / np.sqrt(5), rel=1e-12)
-    assert _distance(np.array([0.0, 3.0]), free) == pytest.approx(3.0, rel=1e-12)
+    assert distance(np.array([3.0, 0.0]), free) == pytest.approx(3 / np.sqrt(5), rel=1e-12)
+    assert distance(np.array([0.0, 3.0]), free) == pytest.approx(3.0, rel=1e-12)
 
 
 def test_doing_what_is_proposed_separates_the_rivals(rig, slow):

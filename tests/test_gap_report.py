@@ -11,8 +11,14 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis, ConditionRow, asked_for, rows_of, where_of
-from beamdesign.gap.bench.replay import ReplayError
+from beamdesign.gap.bench.diagnosis import (
+    BenchDiagnosis,
+    ConditionRow,
+    ReplayError,
+    asked_for,
+    rows_of,
+    where_of,
+)
 from beamdesign.gap.data.dataset import Dataset, read_dataset
 from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range, terms
 from beamdesign.gap.diagnosis import (
@@ -30,10 +36,10 @@ from beamdesign.gap.fitting.evidence import record_evidence
 from beamdesign.gap.fitting.fit import Fit, Share
 from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.shrink import errors, gap
+from beamdesign.gap.shrink import errors, gap, in_bands
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
-from beamdesign.report.gap_pictures import bands, diverged, in_bands, zoom
+from beamdesign.report.gap_pictures import bands, diverged, zoom
 from beamdesign.report.gap_tables import (
     HeatMap,
     PlainTable,
@@ -317,7 +323,7 @@ def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
     )
     chosen = ("pressure_dependent_flow",)
     causes = (Cause(chosen[0], "servovalve", 0.97, 1.0, {"supply_pressure_Pa": Estimate(4.1e6, 2e4)}),)
-    table = (ConditionRow("1 V", 1, 1.0, 0.05, 0.001, (1e6, 2e6), 60.0, (1.0, 1.0), (0.06, 1e6, 2e6)),)
+    table = (ConditionRow("1 V", 1, 1.0, 0.05, (1e6, 2e6), 60.0, (1.0, 1.0), (0.06, 1e6, 2e6)),)
     replay = (ReplayError("1 V", {"displacement_m": 0.08}, {"displacement_m": 0.02}, {"displacement_m": 0.01}),)
     shown = BenchDiagnosis(
         "a bench",

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.bench_simulation import bench_start
+from beamdesign.bench_simulation import bench_parameters, bench_start, bench_structure
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
 from beamdesign.members import paper_model
 from beamdesign.prototype import Prototype
 from beamdesign.records import parse
 from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
-from beamdesign.rig.bench_parameters import bench_parameters, bench_structure
 from beamdesign.rig.compiled import integrate
 from beamdesign.rig.effects import library
 from beamdesign.rig.electronics import SAMPLED, Series

@@ -74,9 +74,8 @@ def simulate(
 
 
 def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> Result:
-    from beamdesign.bench_simulation import BENCH_COLUMNS, simulate_bench
+    from beamdesign.bench_simulation import BENCH_COLUMNS, problems_on_rig, simulate_bench
     from beamdesign.records import InputError
-    from beamdesign.rig.bench_parameters import problems_on_rig
     from beamdesign.scenario import read_scenario
 
     if wrong := problems_on_rig(rig.effects, rig.kind):

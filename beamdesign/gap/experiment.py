@@ -253,12 +253,17 @@ def _closely(
         np.fill_diagonal(between, 0.0)
         for i, j in combinations(range(len(rivals)), 2):
             difference = weight(made[i][0][:, at] - made[j][0][:, at])
-            between[i, j] = between[j, i] = min(_distance(difference, open_[k]) for k in (i, j))
+            between[i, j] = between[j, i] = min(distance(difference, open_[k]) for k in (i, j))
         yield Separation(experiment, added, between)
 
 
-def _distance(difference: np.ndarray, free: np.ndarray) -> float:
-    """Least norm of a difference and of what is moved: min |d + F m|^2 + |m|^2, its root."""
+def distance(difference: np.ndarray, free: np.ndarray) -> float:
+    """Least norm of a difference and of what is moved: min |d + F m|^2 + |m|^2, its root.
+
+    Args:
+        difference: (M,) between two predictions.
+        free: (M, K) change of it per standard deviation of what may be re-tuned.
+    """
     if not np.all(np.isfinite(free)) or np.abs(free).max(initial=0.0) > _HUGE:  # a prediction on the way to diverge
         return 0.0
     right = free.T @ difference

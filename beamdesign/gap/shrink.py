@@ -139,20 +139,22 @@ def _shares(before: Any, after: Any, floors: Any) -> np.ndarray:
 
 
 def _bands(counted: Sequence[Errors]) -> list[BandGap]:
-    """Parseval's theorem band by band."""
-    sums = np.zeros((len(BANDS_HZ) - 1, 4))
+    edges = np.array(BANDS_HZ)
+    squares = np.zeros((len(edges) - 1, 4))
     for e in counted:
-        count = len(e.times)
-        frequency = np.fft.rfftfreq(count, e.times[1] - e.times[0])
-        for column, signal in enumerate((e.before, e.tuned, e.after)):
-            power = 2 * np.abs(np.fft.rfft(signal)) ** 2 / count**2
-            for row in range(len(sums)):
-                inside = (frequency >= BANDS_HZ[row]) & (frequency < BANDS_HZ[row + 1])
-                sums[row, column] += float(power[inside].sum()) / len(counted)
-        for row in range(len(sums)):
-            width = max(0.0, min(BANDS_HZ[row + 1], frequency[-1]) - min(BANDS_HZ[row], frequency[-1]))
-            sums[row, 3] += e.noise**2 * width / frequency[-1] / len(counted)
-    found = np.sqrt(sums)
-    return [
-        BandGap(BANDS_HZ[k], BANDS_HZ[k + 1], *(float(v) for v in row)) for k, row in enumerate(found) if row[0] > 0
-    ]
+        top = np.fft.rfftfreq(len(e.times), e.times[1] - e.times[0])[-1]
+        width = np.diff(np.minimum(edges, top)) / top
+        parts = [in_bands(e, signal, edges) for signal in (e.before, e.tuned, e.after)]
+        squares += np.column_stack([*parts, e.noise * np.sqrt(width)]) ** 2 / len(counted)
+    found = np.sqrt(squares).tolist()
+    return [BandGap(BANDS_HZ[k], BANDS_HZ[k + 1], *row) for k, row in enumerate(found) if row[0] > 0]
+
+
+def in_bands(errors: Errors, signal: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Root mean square of a signal in each band, by Parseval's theorem."""
+    count = len(signal)
+    frequency = np.fft.rfftfreq(count, float(errors.times[1] - errors.times[0]))
+    power = 2 * np.abs(np.fft.rfft(signal)) ** 2 / count**2
+    place = np.searchsorted(edges, frequency, side="right") - 1
+    inside = (place >= 0) & (place < len(edges) - 1)
+    return np.sqrt(np.bincount(place[inside], power[inside], minlength=len(edges) - 1))

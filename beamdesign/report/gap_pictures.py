@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from beamdesign.gap.diagnosis import BandGap, Errors
+from beamdesign.gap.shrink import in_bands
 from beamdesign.loop import LoopAtMass
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.figures import plot_compliance
@@ -26,6 +27,7 @@ _SHORTEST_S, _LONGEST_S = 0.04, 0.8
 _MOST_POINTS = 500
 _LOWEST_HZ, _HIGHEST_HZ = 0.5, 400.0
 _PER_OCTAVE = 6
+_LEAST = 1e-12  # so that nothing has a logarithm as well
 
 
 @dataclass(frozen=True)
@@ -77,9 +79,9 @@ def record_picture(errors: Errors) -> Figure:
     left.grid(color="0.88", linewidth=0.6)
     edges = bands(errors)
     centres = np.sqrt(edges[:-1] * edges[1:])
-    right.loglog(centres, in_bands(errors, errors.measured / rms, edges), color="black", linewidth=1.8)
+    right.loglog(centres, _LEAST + in_bands(errors, errors.measured / rms, edges), color="black", linewidth=1.8)
     for name in MODELS:
-        right.loglog(centres, in_bands(errors, getattr(errors, name), edges), linewidth=1.2, **LINES[name])
+        right.loglog(centres, _LEAST + in_bands(errors, getattr(errors, name), edges), linewidth=1.2, **LINES[name])
     half = 0.5 / float(errors.times[1] - errors.times[0])
     noise = errors.noise * np.sqrt(np.diff(edges) / half)
     right.loglog(centres, noise, linewidth=1.2, label=WORDS["noise"], **LINES["noise"])
@@ -105,16 +107,6 @@ def bands(errors: Errors) -> np.ndarray:
     while edges[-1] < highest:
         edges.append(max(edges[-1] * 2 ** (1 / _PER_OCTAVE), edges[-1] + 1.001 / duration))
     return np.array(edges)
-
-
-def in_bands(errors: Errors, signal: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Root mean square of a signal in each band, by Parseval's theorem."""
-    count = len(signal)
-    frequency = np.fft.rfftfreq(count, float(errors.times[1] - errors.times[0]))
-    power = 2 * np.abs(np.fft.rfft(signal)) ** 2 / count**2
-    place = np.searchsorted(edges, frequency, side="right") - 1
-    inside = (place >= 0) & (place < len(edges) - 1)
-    return np.sqrt(np.bincount(place[inside], power[inside], minlength=len(edges) - 1)) + 1e-12
 
 
 def band_picture(rows: Sequence[BandGap]) -> Figure:

@@ -12,9 +12,8 @@ from beamdesign.gap.data.dataset import TimeRecord
 from beamdesign.gap.designer_terms import LoopTerms, Terms
 from beamdesign.gap.diagnosis import Diagnosis, Errors
 from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.shrink import BANDS_HZ
+from beamdesign.gap.shrink import BANDS_HZ, in_bands
 from beamdesign.parameters import PARAMETERS
-from beamdesign.report.gap_pictures import in_bands
 from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, quantity
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full

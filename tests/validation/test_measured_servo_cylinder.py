@@ -11,9 +11,8 @@ import pytest
 
 from beamdesign.gap.bench.data import read_bench_set
 from beamdesign.gap.bench.diagnose import diagnose_bench
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis
+from beamdesign.gap.bench.diagnosis import BenchDiagnosis, simulated
 from beamdesign.gap.bench.hypothesis import BenchHypothesis
-from beamdesign.gap.bench.replay import simulated
 
 SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 FOLDER = SHARED / "real" / "servo-cylinder"

@@ -8,7 +8,16 @@ import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.gap.bench.data import BenchSet, read_bench_set, saturates_at
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis, asked_for, condition_rows, rows_of, where_of
+from beamdesign.gap.bench.diagnosis import (
+    BenchDiagnosis,
+    ReplayError,
+    amended,
+    asked_for,
+    condition_rows,
+    replay_errors,
+    rows_of,
+    where_of,
+)
 from beamdesign.gap.bench.fit import HeldOut, SteadyFit, held_out
 from beamdesign.gap.bench.hypothesis import (
     NOTHING,
@@ -29,7 +38,6 @@ from beamdesign.gap.bench.motions import (
     steady,
     steady_motions,
 )
-from beamdesign.gap.bench.replay import ReplayError, amended, replay_errors
 from beamdesign.gap.diagnosis import Cause, CauseSet, Gap, NextExperiment, Verdict
 from beamdesign.gap.judgement import THRESHOLDS
 from beamdesign.gap.shrink import gap_of_pieces

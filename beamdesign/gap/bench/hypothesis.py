@@ -6,9 +6,9 @@ from itertools import product
 from math import hypot
 
 from beamdesign.bench_prototype import BenchPrototype
+from beamdesign.bench_simulation import bench_parameters
 from beamdesign.gap.diagnosis import Estimate
 from beamdesign.gap.fitting.hypothesis import Unknown
-from beamdesign.rig.bench_parameters import bench_parameters
 from beamdesign.rig.effects import library
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import exp, log, sqrt, tau
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.gap.diagnosis import NextExperiment
+from beamdesign.gap.experiment import distance
 from beamdesign.gap.fitting.fit import Fit
 from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
 from beamdesign.gap.fitting.linear_evidence import ResponseEvidence
@@ -98,14 +100,10 @@ def separations(pieces: Sequence[Figure], rivals: Sequence[Fit]) -> np.ndarray |
             return None
         r = np.concatenate([row[0] for row in rows if row is not None])
         j = np.vstack([row[1] for row in rows if row is not None])
-        predicted.append((r, j @ rival.covariance @ j.T))
+        predicted.append((r, j @ np.linalg.cholesky(rival.covariance)))
     found = np.zeros((len(rivals), len(rivals)))
-    for i, (a, spread_a) in enumerate(predicted):
-        for k, (b, spread_b) in enumerate(predicted[:i]):
-            apart = a - b
-            found[i, k] = found[k, i] = sqrt(
-                float(apart @ np.linalg.solve(spread_a + spread_b + np.eye(len(a)), apart))
-            )
+    for (i, (a, free_a)), (k, (b, free_b)) in combinations(enumerate(predicted), 2):
+        found[i, k] = found[k, i] = distance(a - b, np.hstack([free_a, free_b]))
     return found
 
 

@@ -5,13 +5,13 @@ One factor is the simplest answer after none; of causes, it is told how much of 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, permutations
 from math import exp, log, sqrt
 
 import numpy as np
 
 from beamdesign.gap.fitting.gain_evidence import GainEvidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, together
+from beamdesign.gap.fitting.hypothesis import together
 from beamdesign.rig.effects import library
 
 
@@ -94,67 +94,43 @@ class GainShares:
     shares: tuple[GainShare, ...]
     left: float
 
-    def fraction(self, name: str) -> float:
-        """Share of a cause in the total."""
-        return next(s.share for s in self.shares if s.name == name) / self.total
 
-
-def gain_shares(
-    gains: Sequence[GainEvidence],
-    suspects: Sequence[str] = SUSPECTS,
-    given: Mapping[str, Mapping[str, float]] | None = None,
-) -> GainShares | None:
+def gain_shares(gains: Sequence[GainEvidence]) -> GainShares | None:
     """Share out the distance between measured and predicted gains, all figures of the rig as believed.
 
     Args:
         gains: measured.
-        suspects: effects of the library.
-        given: figures that stand for the defaults, by effect.
 
     Returns:
-        None without gains, or where the model with some of the suspects oscillates at no gain.
+        None without gains, or where the model with some of `SUSPECTS` oscillates at no gain.
     """
     if not gains:
         return None
     logs: dict[frozenset[str], np.ndarray] = {}
-    for order in permutations(suspects):
-        for count in range(len(order) + 1):
-            chosen = frozenset(order[:count])
-            if chosen not in logs:
-                found = _log_gains(gains, tuple(chosen), given or {})
-                if found is None:
-                    return None
-                logs[chosen] = found
-    base, everything = logs[frozenset()], logs[frozenset(suspects)]
+    for chosen in (some for count in range(len(SUSPECTS) + 1) for some in combinations(SUSPECTS, count)):
+        found = _log_gains(gains, chosen)
+        if found is None:
+            return None
+        logs[frozenset(chosen)] = found
+    base, everything = logs[frozenset()], logs[frozenset(SUSPECTS)]
     measured = np.array([log(piece.measured.gain) - piece.offset for piece in gains])
     total, carried = float(np.mean(measured - base)), float(np.mean(everything - base))
     shares = []
-    for name in suspects:
-        steps = []
-        for order in permutations(suspects):
-            before = frozenset(order[: order.index(name)])
-            steps.append(float(np.mean(logs[before | {name}] - logs[before])))
-        alone = float(np.mean(logs[frozenset({name})] - base))
-        shares.append(GainShare(name, _sizes(name, given or {}), alone, float(np.mean(steps))))
+    for name in SUSPECTS:
+        before = [frozenset(order[: order.index(name)]) for order in permutations(SUSPECTS)]
+        steps = [float(np.mean(logs[others | {name}] - logs[others])) for others in before]
+        sizes = {q.name: float(q.default) for q in library()[name].parameters}
+        shares.append(GainShare(name, sizes, float(np.mean(logs[frozenset({name})] - base)), float(np.mean(steps))))
     shares.append(GainShare("common_factor", {"factor": float(np.exp(total - carried))}, total, total - carried))
     return GainShares(total, carried, tuple(shares), float(np.std(measured - everything)))
 
 
-def _sizes(name: str, given: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    return {q.name: float(given.get(name, {}).get(q.name, q.default)) for q in library()[name].parameters}
-
-
-def _log_gains(
-    gains: Sequence[GainEvidence], effects: tuple[str, ...], given: Mapping[str, Mapping[str, float]]
-) -> np.ndarray | None:
-    """(G,) ln of predicted gains with effects at their sizes and everything else as believed."""
+def _log_gains(gains: Sequence[GainEvidence], effects: tuple[str, ...]) -> np.ndarray | None:
+    """(G,) ln of predicted gains with effects at their usual sizes and everything else as believed."""
     found = []
     for piece in gains:
-        hypothesis = together(*effects) if effects else NOTHING
-        placement = hypothesis.placement(piece.prototype)
-        sizes = {f"{name}.{key}": value for name in effects for key, value in _sizes(name, given).items()}
-        z = np.array([u.z(sizes[u.name]) if u.name in sizes else 0.0 for u in placement.unknowns])
-        at = piece.predicted(placement, z)
+        placement = together(*effects).placement(piece.prototype)
+        at = piece.predicted(placement, np.zeros(len(placement.unknowns)))
         if at is None:
             return None
         found.append(log(at.gain))
