@@ -16,8 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.arm.figures import arm_figures, arm_of
-from beamdesign.arm.plane import PLANES, single_loop
+from beamdesign.arm.plane import PLANES, arm_figures, arm_of, single_loop
 from beamdesign.arm.remaining import offset_for_goal_m, remaining
 from beamdesign.arm.result import certify_plane
 from beamdesign.prototype import Prototype, read_prototype

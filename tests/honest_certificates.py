@@ -26,11 +26,10 @@ from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.contact import Wall
-from beamdesign.proof.lyapunov import switching
+from beamdesign.proof.lyapunov import stages_certificate, switching
 from beamdesign.proof.mass_family import stage_families
-from beamdesign.proof.rig_tables import prototype_table
-from beamdesign.proof.stage_tables import stages_certificate
 from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.proof.writer import prototype_table
 from beamdesign.prototype import (
     Actuator,
     Arm,

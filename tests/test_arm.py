@@ -21,19 +21,24 @@ from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true
 from typer.testing import CliRunner
 
-from beamdesign.arm.anywhere import prove_anywhere
-from beamdesign.arm.both_planes import both_planes
-from beamdesign.arm.figures import arm_figures
-from beamdesign.arm.plane import plane_loop
-from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, remaining, twist_remedy
+from beamdesign.arm.both_planes import both_planes, prove_anywhere
+from beamdesign.arm.plane import arm_figures, plane_loop
+from beamdesign.arm.remaining import (
+    at_point,
+    held,
+    inner_travel,
+    offset_for_goal_m,
+    remaining,
+    tip_compliance,
+    twist_remedy,
+)
 from beamdesign.arm.result import certify_plane, frequencies, work_out
-from beamdesign.arm.statics import at_point, held, tip_compliance
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
 from beamdesign.loop import loop
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.proof.writer import prototype_table
 from beamdesign.prototype import Arm, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 

@@ -16,8 +16,8 @@ from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.box_member import Member, unstable_roots
 from beamdesign.proof.box_statement import Statement
 from beamdesign.proof.rig_family import Family
-from beamdesign.proof.scaling import largest_scaling
 from beamdesign.proof.stability import stable_ranges
+from beamdesign.proof.tolerance_box import largest_scaling
 
 
 def family(p: str, **values: float) -> Family:

@@ -24,8 +24,8 @@ from beamdesign.polynomial import roots as roots_of
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.branch import Search
 from beamdesign.proof.rig_family import Family
-from beamdesign.proof.rig_tables import prototype_table
 from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.proof.writer import prototype_table
 from beamdesign.proof.zero_exclusion import holds, pieces
 from beamdesign.prototype import Payload, Prototype, Tolerance, read_prototype
 

@@ -25,7 +25,7 @@ from beamdesign.controllers.scheduled import Estimator, Scheduled
 from beamdesign.polynomial import roots
 from beamdesign.proof.certificate import Asked
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.proof.writer import prototype_table
 from beamdesign.prototype import (
     COMPLIANCE_LIMIT_M_PER_N,
     Arm,

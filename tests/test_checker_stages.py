@@ -27,10 +27,9 @@ from beamdesign.proof.courses import any_change
 from beamdesign.proof.dwell import stage_change
 from beamdesign.proof.growth import frozen
 from beamdesign.proof.lmi import Answer
-from beamdesign.proof.lyapunov import Switching, switching
+from beamdesign.proof.lyapunov import Switching, stages_certificate, switching
 from beamdesign.proof.mass_family import Families, stage_families
-from beamdesign.proof.rig_tables import prototype_table, rig_tables
-from beamdesign.proof.stage_tables import stages_certificate
+from beamdesign.proof.writer import prototype_table, rig_tables
 from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype
 
 STUDIES = Path(__file__).parents[1] / "studies"

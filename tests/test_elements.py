@@ -17,7 +17,7 @@ from beamdesign.controllers import SENSED, Observer
 from beamdesign.linear import LinearModel
 from beamdesign.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proof.rig_tables import rig_tables
+from beamdesign.proof.writer import rig_tables
 from beamdesign.prototype import Payload, Prototype, Sensor
 from beamdesign.rig.effect import Effect
 from beamdesign.rig.effects import library

@@ -37,10 +37,9 @@ from beamdesign.design.stiffness_search import SEED_OF_RIGS, design
 from beamdesign.loop import Tip, close_loop, loop, tip
 from beamdesign.lumped import figures
 from beamdesign.polynomial import exact, is_hurwitz, roots
-from beamdesign.proof.bouncing import popov_slack
-from beamdesign.proof.contact import Wall, prove_contact, stable_walls
+from beamdesign.proof.contact import Wall, popov_slack, prove_contact, stable_walls
 from beamdesign.proof.passivity import absorbed
-from beamdesign.proof.rig_tables import prototype_table, rig_tables
+from beamdesign.proof.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead

@@ -17,7 +17,6 @@ from beamdesign.design.tuning import tune
 from beamdesign.loop import close_loop, rig_loop
 from beamdesign.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proof.between import between, in_words
 from beamdesign.proof.box import certify_box
 from beamdesign.proof.box_member import member as member_of
 from beamdesign.proof.certificate import Asked
@@ -25,8 +24,8 @@ from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import bandwidth, least_limit
 from beamdesign.proof.rectangle import Rectangle
 from beamdesign.proof.rig_family import rig_family
-from beamdesign.proof.rig_tables import prototype_table
-from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.proof.tolerance_box import between, in_words, tolerance_box
+from beamdesign.proof.writer import prototype_table
 from beamdesign.prototype import Payload, Prototype, write_prototype
 from beamdesign.rig.effects import library
 from beamdesign.scenario import Scenario, ScenarioRecord, Step

@@ -24,15 +24,14 @@ from beamdesign.loop import critical_gain, loop
 from beamdesign.lumped import figures
 from beamdesign.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.bilinear import axis_inside
 from beamdesign.proof.box import certify_box
 from beamdesign.proof.certificate import Asked, Certificate
 from beamdesign.proof.certifying import certify
 from beamdesign.proof.performance import prove
-from beamdesign.proof.rectangle import Rectangle
-from beamdesign.proof.rig_tables import prototype_table
+from beamdesign.proof.rectangle import Rectangle, axis_inside
 from beamdesign.proof.stability import is_stable_over
 from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.proof.writer import prototype_table
 from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
 from beamdesign.realisation.realise import realise
 from beamdesign.records import InputError

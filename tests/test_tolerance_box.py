@@ -20,9 +20,8 @@ from beamdesign.polynomial import roots as roots_of
 from beamdesign.proof.box import box_of, certify_box
 from beamdesign.proof.box_member import member, member_at
 from beamdesign.proof.rig_family import rig_family
-from beamdesign.proof.rig_tables import prototype_table
-from beamdesign.proof.scaling import largest_scaling
-from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.proof.tolerance_box import largest_scaling, tolerance_box
+from beamdesign.proof.writer import prototype_table
 from beamdesign.proof.zero_exclusion import Cell, growth
 from beamdesign.prototype import Payload, Prototype, Sensor, Tolerance, write_prototype
 from beamdesign.records import InputError

@@ -9,10 +9,19 @@ import numpy as np
 from scipy.linalg import eigh
 
 from beamdesign.arm.both_planes import BothPlanes, both_planes, couples_both
-from beamdesign.arm.figures import ArmFigures, arm_figures, arm_of, sensor_of
-from beamdesign.arm.plane import PLANES, Name, PlaneFigures, PlaneLoop, in_plane, plane_loop
-from beamdesign.arm.remaining import Remaining, Vector, remaining
-from beamdesign.arm.statics import at_point, held, tip_compliance
+from beamdesign.arm.plane import (
+    PLANES,
+    ArmFigures,
+    Name,
+    PlaneFigures,
+    PlaneLoop,
+    arm_figures,
+    arm_of,
+    in_plane,
+    plane_loop,
+    sensor_of,
+)
+from beamdesign.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.crossing import Crossing
 from beamdesign.lumped import lumped_beam
 from beamdesign.polynomial import exact
@@ -21,9 +30,8 @@ from beamdesign.proof.certificate import Asked, Claim, Kind, as_claims, describe
 from beamdesign.proof.mass_tables import claim_tables, stability_table
 from beamdesign.proof.performance import kept_up_to_Hz, least_of, slack
 from beamdesign.proof.rational import nearest, text
-from beamdesign.proof.rig_tables import stated, texts
 from beamdesign.proof.stability import StabilityMap, stable_ranges
-from beamdesign.proof.writer import certificate
+from beamdesign.proof.writer import certificate, stated, texts
 from beamdesign.prototype import Goal, Prototype
 
 KIND = "beamdesign.arm_plane"

@@ -56,7 +56,7 @@ def arm(
     load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
-    from beamdesign.arm.figures import arm_of
+    from beamdesign.arm.plane import arm_of
     from beamdesign.prototype import read_prototype
 
     record = read_prototype(prototype)
@@ -81,8 +81,8 @@ def _worked_out(
     stage: "InStage", force: "Vector", within: "Vector | None", allowed_mm: float | None, out: Path | None
 ) -> tuple[dict[str, Any], bool]:
     """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
-    from beamdesign.arm.anywhere import prove_anywhere
-    from beamdesign.arm.figures import sensor_of
+    from beamdesign.arm.both_planes import prove_anywhere
+    from beamdesign.arm.plane import sensor_of
     from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
     from beamdesign.arm.result import work_out
 
@@ -180,7 +180,7 @@ def _case(case: "Remaining") -> dict[str, Any]:
 
 def say_figures(record: "Prototype", found: "ArmResult") -> None:
     """Where the payload is, what stands for what, natural frequencies."""
-    from beamdesign.arm.figures import arm_of, sensor_of
+    from beamdesign.arm.plane import arm_of, sensor_of
 
     offset = arm_of(record).offset_m
     place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", offset, strict=True))

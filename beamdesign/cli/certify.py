@@ -122,7 +122,7 @@ def _proved(
 
 def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dict[str, Any]:
     """What is known between the members of a prototype with effects; its certificate goes beside the other."""
-    from beamdesign.proof.between import between, in_words
+    from beamdesign.proof.tolerance_box import between, in_words
 
     verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
     if certificate.stable and (words := in_words(verdict)):
@@ -244,7 +244,7 @@ def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
 def _replay(path: Path, record: "Prototype | None") -> Result:
     """Prove a certificate again from what it states."""
     from beamdesign.checker import Unreadable, check
-    from beamdesign.proof.rig_tables import prototype_table
+    from beamdesign.proof.writer import prototype_table
     from beamdesign.records import InputError
 
     try:

@@ -23,7 +23,7 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.proof.box import Box, BoxVerdict
-    from beamdesign.proof.scaling import Scaling
+    from beamdesign.proof.tolerance_box import Scaling
     from beamdesign.prototype import InStage, Prototype
 
 
@@ -72,7 +72,7 @@ def _proved_box(
 ) -> tuple[dict[str, Any], bool]:
     """Prove, say and write of one law; what is known of it, and whether the whole box is stable."""
     from beamdesign.proof.box import certify_box as prove
-    from beamdesign.proof.scaling import largest_scaling
+    from beamdesign.proof.tolerance_box import largest_scaling
 
     with progress("branch and bound") as update:
         update(0.1, f"{len(box.names)} figures")
@@ -170,8 +170,7 @@ def certify_switching(
     schedule = record.schedule
     path = certificate_file(out, f"{prototype.stem}.stages.toml")
 
-    from beamdesign.proof.lyapunov import describe, switching, switching_fields
-    from beamdesign.proof.stage_tables import stages_certificate
+    from beamdesign.proof.lyapunov import describe, stages_certificate, switching, switching_fields
 
     with progress("Lyapunov functions") as update:
         found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)

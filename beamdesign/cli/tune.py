@@ -95,9 +95,8 @@ def tune(
     """
     from beamdesign.design import tuning
     from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.proof.between import between, in_words
-    from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
-    from beamdesign.proof.stage_tables import stages_certificate
+    from beamdesign.proof.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
+    from beamdesign.proof.tolerance_box import between, in_words
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError, to_toml
     from beamdesign.study.design_run import certified_laws

@@ -25,13 +25,20 @@ from beamdesign.loop import Tip, close_loop, tip
 from beamdesign.lumped import figures
 from beamdesign.members import paper_model
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.bouncing import Bouncing, bouncing
-from beamdesign.proof.contact import Contact, Wall, prove_contact, stiffest_wall
+from beamdesign.proof.contact import (
+    Bouncing,
+    Contact,
+    Wall,
+    bouncing,
+    guaranteed_command_band,
+    guaranteed_stiffness_band,
+    prove_contact,
+    stiffest_wall,
+)
 from beamdesign.proof.passivity import Environment, Passivity, active_bands, passivity, troublemaker
 from beamdesign.proof.performance import least_of
 from beamdesign.proof.rational import nearest
 from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
-from beamdesign.proof.stiffness_band import guaranteed_command_band, guaranteed_stiffness_band
 from beamdesign.prototype import Prototype
 
 SENSORS: tuple[Sensed, ...] = ("displacement_m", "load_pressure_Pa")

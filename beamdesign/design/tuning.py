@@ -31,7 +31,7 @@ from beamdesign.design.refinement import Proved
 from beamdesign.design.rig_spread import RigSpread
 from beamdesign.design.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
 from beamdesign.members import Member, served
-from beamdesign.proof.family_certificate import gain_and_mass
+from beamdesign.proof.certifying import gain_and_mass
 from beamdesign.proof.lyapunov import Switching, switching
 from beamdesign.proof.mass_family import stage_families
 from beamdesign.proof.rational import nearest

@@ -4,20 +4,156 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf, pi
+from textwrap import wrap
+from typing import Any, NamedTuple
 
 from flint import ctx, fmpq
 
 from beamdesign.polynomial import exact, roots
-from beamdesign.proof.box_member import member
+from beamdesign.proof.box_member import Undecided, is_stable, member, parameters_at, refutes, unstable_member
 from beamdesign.proof.box_statement import Interval, Statement
-from beamdesign.proof.box_tables import box_certificate
-from beamdesign.proof.box_volumes import Volumes, verdict_at, volumes_of
 from beamdesign.proof.branch import Search
 from beamdesign.proof.rational import nearest, text
-from beamdesign.proof.refute import refutes, unstable_member
 from beamdesign.proof.rig_family import Family, rig_family
+from beamdesign.proof.writer import certificate, plain, stated, texts
 from beamdesign.proof.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
+
+# Volumes.
+
+
+Cube = tuple[Interval, ...]
+"""A sub-box as the shares of the varying variables' ranges."""
+
+_VISITS = 20_000
+"""Most sub-boxes to sort out; the rest counts as undecided."""
+
+
+class Volumes(NamedTuple):
+    """Shares of the volume of a box, exact, with sum one.
+
+    They are measured in the variables as they enter: a sum or a product of parameters counts as one variable, and one
+    that enters by its reciprocal is measured there.
+    """
+
+    stable: fmpq
+    unstable: fmpq
+    undecided: fmpq
+
+
+def volumes_of(statement: Statement, unsettled: Sequence[Piece]) -> tuple[Volumes, dict[str, fmpq] | None]:
+    """Volumes that are stable, not stable and undecided, and a member that is not stable.
+
+    Outside of the unsettled cubes no root ever lies on the axis, so in every box that keeps clear of them the number
+    of unstable roots is constant, and one exact test settles it.
+    """
+    found: dict[bool | None, fmpq] = {True: fmpq(0), False: fmpq(0), None: fmpq(0)}
+    witness: dict[str, fmpq] | None = None
+    whole: Cube = tuple((fmpq(0), fmpq(1)) for _ in statement.varying)
+    cubes = {tuple(piece.cell.shares[name] for name in statement.varying) for piece in unsettled}
+    stack = [(whole, fmpq(1), sorted(cubes))]
+    visits = 0
+    while stack:
+        cube, volume, near = stack.pop()
+        visits += 1
+        if not near and visits <= _VISITS:
+            point = parameters_at(statement, [(a + b) / 2 for a, b in cube])
+            verdict = verdict_at(statement, point)
+            found[verdict] += volume
+            witness = point if verdict is False else witness
+        elif visits > _VISITS or any(all(_covers(o, c) for o, c in zip(other, cube, strict=True)) for other in near):
+            found[None] += volume
+        else:
+            # Along the axis on which most of what is unsettled is narrower than this cube.
+            axis = max(range(len(cube)), key=lambda i: sum(_narrower(other[i], cube[i]) for other in near))
+            start, end = cube[axis]
+            middle = (start + end) / 2
+            for half in ((start, middle), (middle, end)):
+                part = (*cube[:axis], half, *cube[axis + 1 :])
+                stack.append((part, volume / 2, [other for other in near if _overlap(other[axis], half)]))
+    return Volumes(found[True], found[False], found[None]), witness
+
+
+def verdict_at(statement: Statement, point: Mapping[str, fmpq]) -> bool | None:
+    """Whether a member is stable, exactly; None where a root is too near to the axis to tell."""
+    try:
+        return is_stable(statement, member(statement, point))
+    except Undecided:
+        return None
+
+
+def _narrower(one: Interval, other: Interval) -> bool:
+    return one[1] - one[0] < other[1] - other[0]
+
+
+def _covers(one: Interval, other: Interval) -> bool:
+    return one[0] <= other[0] and other[1] <= one[1]
+
+
+def _overlap(one: Interval, other: Interval) -> bool:
+    return one[0] < other[1] and other[0] < one[1]
+
+
+# The certificate, as tables of texts: expression, ranges, member, tree.
+
+
+KIND, OF_NO_RIG = "beamdesign.box", "beamdesign.expression_box"
+_NOTES = {
+    "p": "The characteristic polynomial: a sum of products of the leaves below, which are polynomials in s.",
+    "bound": "Leaves that stand in several places; p is affine in each pack.",
+    "tree": "Cuts and leaves in prefix order: NAME halves a variable, w= cuts the frequency (rad/s), X,Y is the\n"
+    "# direction across a separating line, inf means that the leading term dominates.",
+    "delay": "exp(-s T) by its name in p, and the parameter T.",
+    "range": "SI, frequencies in rad/s.",
+    "member": "The member that is settled by itself.",
+    "tolerance": "Relative standard deviations, as the prototype has them.",
+}
+
+
+def box_certificate(
+    subject: Prototype | Family,
+    family: Family,
+    statement: Statement,
+    member: Mapping[str, fmpq],
+    tree: Sequence[str] | None,
+) -> str:
+    """Write the certificate.
+
+    Args:
+        subject: what it is about, a rig or an expression alone.
+        family: the expression.
+        statement: the same over the box.
+        member: every parameter of the member that is settled exactly.
+        tree: the marks of `zero_exclusion.pieces` that prove the whole box; None where the member refutes it.
+
+    Raises:
+        InputError: as `rig_tables`.
+    """
+    body: dict[str, Any] = {"stable": tree is not None, "p": family.p}
+    body |= {"bound": [[*pack] for pack in family.bound]} if family.bound else {}
+    if tree is not None:
+        body["tree"] = wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
+    groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
+    found = {"leaf": family.leaves, "delay": family.delays, "group": groups}
+    body |= {key: value for key, value in found.items() if value}
+    body["range"] = {name: texts(ends) for name, ends in statement.parameters.items()}
+    body["member"] = {name: text(member[name]) for name in statement.parameters}
+    varying = {name: ends for name, ends in statement.parameters.items() if ends[0] < ends[1]}
+    summary = [
+        f"Certificate: the closed loop {family.name!r}"
+        f" {'is stable for every member of' if tree is not None else 'is NOT stable throughout'} a box of",
+        *(f"  {name} from {nearest(a):.7g} to {nearest(b):.7g}" for name, (a, b) in varying.items()),
+    ]
+    if isinstance(subject, Family):
+        return certificate(OF_NO_RIG, subject.name, body, "\n".join(summary), notes=_NOTES)
+    if deviations := {key: value for key, value in plain(subject.tolerance).items() if value}:
+        body["tolerance"] = stated(deviations)
+    heaviest = nearest(statement.parameters["outer_end_mass"][1])
+    return certificate(KIND, subject, body, "\n".join(summary), heaviest, _NOTES, varying)
+
+
+# The box and its verdict.
+
 
 _ENOUGH = 1e-4
 """Once a member refutes a box, its volumes are worked out until this share of it is open."""

@@ -29,8 +29,8 @@ from beamdesign.proof.decrease import (
     holds_at_rate,
     jump,
     jump_shares,
+    positive_on,
 )
-from beamdesign.proof.definite import positive_on
 from beamdesign.proof.growth import growing_cycle, stages_in_turn
 from beamdesign.proof.lmi import (
     Answer,

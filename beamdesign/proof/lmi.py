@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from flint import fmpq
 
-from beamdesign.proof.decrease import ZERO, Joining, Terms, decrease, extremes
-from beamdesign.proof.definite import bernstein
+from beamdesign.proof.decrease import ZERO, Joining, Terms, bernstein, decrease, extremes
 from beamdesign.proof.mass_family import Families, MassFamily, floats
 
 SOLVERS = ("CLARABEL", "SCS")

@@ -12,8 +12,8 @@ from beamdesign.loop import Loop
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Claim
 from beamdesign.proof.rational import bounds, shortened, simple_between, text
-from beamdesign.proof.rig_tables import coefficients, texts
 from beamdesign.proof.stability import Range, StabilityMap
+from beamdesign.proof.writer import coefficients, texts
 
 KIND = "beamdesign.mass_range"
 _DIGITS = 12

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 from flint import acb, arb, fmpq
 
-from beamdesign.proof.box_member import unit
 from beamdesign.proof.box_statement import Interval, Node, Statement, Term
 
 PRECISION_BITS = 96
@@ -328,3 +327,8 @@ def holds(piece: Piece) -> bool:
     if isinstance(piece.direction, str) or piece.w2 is None:
         return False
     return separated(piece.cell, piece.w1, piece.w2, piece.direction)
+
+
+def unit(angle: arb) -> acb:
+    """exp(-j angle)."""
+    return acb(angle.cos(), -angle.sin())

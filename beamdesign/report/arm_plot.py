@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.arm.both_planes import BothPlanes
-from beamdesign.arm.figures import arm_of
+from beamdesign.arm.plane import arm_of
 from beamdesign.arm.remaining import Remaining, Vector
 from beamdesign.arm.result import ArmResult
 from beamdesign.prototype import Prototype

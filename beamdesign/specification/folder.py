@@ -8,8 +8,7 @@ from typing import Any
 from beamdesign.files import fresh_folder, write_whole
 from beamdesign.json_text import json_text
 from beamdesign.proof.certificate import Guaranteed
-from beamdesign.proof.lyapunov import CHANGES_NAME, describe, switching_fields
-from beamdesign.proof.stage_tables import stages_certificate
+from beamdesign.proof.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
 from beamdesign.records import Record, to_toml
 from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Table, to_html, to_markdown
 from beamdesign.report.quantity import at_least, at_most, decimal, quantity

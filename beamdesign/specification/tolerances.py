@@ -9,8 +9,7 @@ from beamdesign.changed_figures import CHANGEABLE, with_figures
 from beamdesign.members import family
 from beamdesign.proof.certifying import guaranteed_by_all
 from beamdesign.proof.rig_family import effect_spans, rig_family, rig_values
-from beamdesign.proof.scaling import Scaling, largest_scaling
-from beamdesign.proof.tolerance_box import tolerance_box
+from beamdesign.proof.tolerance_box import Scaling, largest_scaling, tolerance_box
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.report.quantity import decimal

@@ -15,8 +15,7 @@ from beamdesign.design.tuning import Tuning, limited, tune
 from beamdesign.problem import DesignProblem
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.lyapunov import describe
-from beamdesign.proof.stage_tables import stages_certificate
+from beamdesign.proof.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 
 CERTIFICATE_NAME = "certificate.toml"

@@ -11,8 +11,7 @@ from beamdesign.loop import close_loop, tip
 from beamdesign.polynomial import exact
 from beamdesign.proof.certificate import Asked, Certificate, goal_claims
 from beamdesign.proof.certifying import certify
-from beamdesign.proof.contact import Wall
-from beamdesign.proof.contact_tables import KIND, NOTES, Statements, contact_tables
+from beamdesign.proof.contact import KIND, NOTES, Statements, Wall, contact_tables
 from beamdesign.proof.writer import certificate as written
 from beamdesign.prototype import Compliance, Prototype
 from beamdesign.study.design_run import stating

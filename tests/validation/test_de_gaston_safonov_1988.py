@@ -14,7 +14,7 @@ from beamdesign.polynomial import Affine, exact
 from beamdesign.proof.box import box_of
 from beamdesign.proof.box_member import member
 from beamdesign.proof.rig_family import Family
-from beamdesign.proof.scaling import largest_scaling
+from beamdesign.proof.tolerance_box import largest_scaling
 
 FAMILY = Family(
     "de Gaston and Safonov",
