@@ -211,13 +211,13 @@ class _Program(NamedTuple):
     Attributes:
         places: results, of constants their values.
         inputs: place and number of each entry that is read.
-        steps: place, operation and the places of its operands.
+        steps: place, operation and the places of its operands, the second -1 where there is one alone.
         outputs: of each output the places of its entries.
     """
 
     places: list[fmpq]
     inputs: list[tuple[int, int]]
-    steps: list[tuple[int, Callable[..., fmpq], tuple[int, ...]]]
+    steps: list[tuple[int, Callable[..., fmpq], int, int]]
     outputs: tuple[tuple[int, ...], ...]
 
 
@@ -230,7 +230,8 @@ def _program(function: ca.Function) -> _Program:
         if value.code == ca.OP_INPUT:
             program.inputs.append((place, value.of[1]))
         elif value.code in _OPERATIONS:
-            program.steps.append((place, _OPERATIONS[value.code], value.of))
+            first, second = [*value.of, -1][:2]
+            program.steps.append((place, _OPERATIONS[value.code], first, second))
         elif value.code != ca.OP_CONST:
             raise NotImplementedError(f"CasADi operation {value.code} is not rational")
     return program
@@ -255,8 +256,8 @@ def evaluate_exactly(function: ca.Function, inputs: Sequence[fmpq]) -> list[list
     work = program.places.copy()
     for place, number in program.inputs:
         work[place] = inputs[number]
-    for place, operation, of in program.steps:
-        work[place] = operation(*[work[k] for k in of])
+    for place, operation, first, second in program.steps:
+        work[place] = operation(work[first]) if second < 0 else operation(work[first], work[second])
     return [[work[place] for place in output] for output in program.outputs]
 
 
