@@ -46,6 +46,17 @@ _CALL_OF_TWO = {
 }
 _OF_TWO = {*_FLOAT, *_COMPARISON, *_CALL_OF_TWO, ca.OP_FMIN, ca.OP_FMAX, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
 _OF_ONE = {*_CALL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_SIGN, ca.OP_NOT}
+_LINE = {code: f"{name} contract double {{0}}, {{1}}" for code, name in _FLOAT.items()}
+_LINE |= {code: f"call double @{name}(double {{0}})" for code, name in _CALL.items()}
+_LINE |= {code: f"call double @{name}(double {{0}}, double {{1}})" for code, name in _CALL_OF_TWO.items()}
+_LINE |= {
+    ca.OP_NEG: "fneg double {0}",
+    ca.OP_SQ: "fmul contract double {0}, {0}",
+    ca.OP_TWICE: "fadd contract double {0}, {0}",
+    ca.OP_INV: "fdiv double 1.0, {0}",
+}
+_TRUTH = {code: f"fcmp {name} double {{0}}, {{1}}" for code, name in _COMPARISON.items()}
+_TRUTH |= {ca.OP_NOT: "fcmp oeq double {0}, 0.0"}
 TIME, PARAMETERS = 0, 3
 """Positions of t and p among the inputs t, x, u, p of a function."""
 
@@ -187,14 +198,10 @@ class Body:
         return self._operation(value.code, *(self._names[j] for j in value.of))
 
     def _operation(self, code: int, a: str, b: str = "") -> str:
-        if code in _FLOAT:
-            return self.line(f"{_FLOAT[code]} contract double {a}, {b}")
-        if code in _CALL:
-            return self.line(f"call double @{_CALL[code]}(double {a})")
-        if code in _CALL_OF_TWO:
-            return self.line(f"call double @{_CALL_OF_TWO[code]}(double {a}, double {b})")
-        if code in _COMPARISON:
-            return self._as_number(self.line(f"fcmp {_COMPARISON[code]} double {a}, {b}"))
+        if code in _LINE:
+            return self.line(_LINE[code].format(a, b))
+        if code in _TRUTH:
+            return self._as_number(self.line(_TRUTH[code].format(a, b)))
         if code in (ca.OP_FMIN, ca.OP_FMAX):
             first = self.line(f"fcmp {'olt' if code == ca.OP_FMIN else 'ogt'} double {a}, {b}")
             return self.line(f"select i1 {first}, double {a}, double {b}")
@@ -203,16 +210,6 @@ class Body:
             return self._as_number(self.line(f"{both} i1 {self._truth(a)}, {self._truth(b)}"))
         if code == ca.OP_IF_ELSE_ZERO:
             return self.line(f"select i1 {self._truth(a)}, double {b}, double 0.0")
-        if code == ca.OP_NOT:
-            return self._as_number(self.line(f"fcmp oeq double {a}, 0.0"))
-        if code == ca.OP_NEG:
-            return self.line(f"fneg double {a}")
-        if code == ca.OP_SQ:
-            return self.line(f"fmul contract double {a}, {a}")
-        if code == ca.OP_TWICE:
-            return self.line(f"fadd contract double {a}, {a}")
-        if code == ca.OP_INV:
-            return self.line(f"fdiv double 1.0, {a}")
         if code == ca.OP_SIGN:
             above = self._as_number(self.line(f"fcmp ogt double {a}, 0.0"))
             below = self._as_number(self.line(f"fcmp olt double {a}, 0.0"))
