@@ -98,61 +98,34 @@ def free_responses(step: PlantStep, samples: int) -> np.ndarray:
     return np.asarray(left[:, sizes > sizes[0] * 1e-10])
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """The plant at some payloads.
-
-    Attributes:
-        outer_end_mass_kg: (k,), equally spaced.
-        transition: (k, n, n); input: (k, n); output: (n,); as in `PlantStep`.
-        free: (k, w, f) as of `free_responses`; columns of zeros where one candidate has fewer.
-    """
-
-    outer_end_mass_kg: np.ndarray
-    transition: np.ndarray
-    input: np.ndarray
-    output: np.ndarray
-    free: np.ndarray
-
-
-def candidates(prototype: Prototype, schedule: Scheduled) -> Candidates:
-    """The candidates of a prototype over the payloads of a schedule, with the believed figures of the prototype.
-
-    Its effects are left out: the estimator believes the linear rig.
-    """
-    low, high = schedule.outer_end_mass_kg
-    beyond = MARGIN * (high - low)
-    masses = np.linspace(low - beyond, high + beyond, CANDIDATES)
-    rig, inner = paper_model(prototype.but(effects={})), prototype.payload.inner_end_mass_kg
-    steps = [plant_step(rig, float(mass), inner, schedule.period_s) for mass in masses]
-    window = round(schedule.estimator.window_s / schedule.period_s)
-    bases = [free_responses(step, window) for step in steps]
-    free = np.zeros((len(masses), window, max(basis.shape[1] for basis in bases)))
-    for whole, basis in zip(free, bases, strict=True):
-        whole[:, : basis.shape[1]] = basis
-    return Candidates(
-        masses,
-        np.array([step.transition for step in steps]),
-        np.array([step.input for step in steps]),
-        steps[0].output,
-        free,
-    )
-
-
 class PayloadEstimator:
     """An estimator at work; see the head of this file.
+
+    Its candidates lie equally spaced over the payloads of a schedule and a little beyond, with the believed figures of
+    the prototype, whose effects are left out: the estimator believes the linear rig.
 
     Attributes:
         estimate: the present one.
     """
 
     def __init__(self, prototype: Prototype, schedule: Scheduled):
-        self._known, self._figures = candidates(prototype, schedule), schedule.estimator
-        count, window, _ = self._known.free.shape
-        self._state = np.zeros_like(self._known.input)
-        self._volts, self._responses = np.zeros(window), np.zeros((count, window))
+        (low, high), self._figures = schedule.outer_end_mass_kg, schedule.estimator
+        beyond = MARGIN * (high - low)
+        self._masses = np.linspace(low - beyond, high + beyond, CANDIDATES)
+        rig, inner = paper_model(prototype.but(effects={})), prototype.payload.inner_end_mass_kg
+        steps = [plant_step(rig, float(mass), inner, schedule.period_s) for mass in self._masses]
+        transitions, inputs = np.array([step.transition for step in steps]), np.array([step.input for step in steps])
+        self._step = PlantStep(transitions, inputs, steps[0].output)  # of all candidates, which come first
+        window = round(self._figures.window_s / schedule.period_s)
+        bases = [free_responses(step, window) for step in steps]
+        # (k, w, f), columns of zeros where one candidate has fewer
+        self._free = np.zeros((CANDIDATES, window, max(basis.shape[1] for basis in bases)))
+        for whole, basis in zip(self._free, bases, strict=True):
+            whole[:, : basis.shape[1]] = basis
+        self._state = np.zeros_like(inputs)
+        self._volts, self._responses = np.zeros(window), np.zeros((CANDIDATES, window))
         self._heard = 0
-        self._cost, self._in_a_row = np.zeros(count), False
+        self._cost, self._in_a_row = np.zeros(CANDIDATES), False
         self._forget = exp(-self._figures.update_s / self._figures.forgetting_s)
         self.estimate = NOTHING
 
@@ -163,11 +136,11 @@ class PayloadEstimator:
             volts: (c,) as the law hears them.
             current_A: (c,) held from each sample to the next.
         """
-        known, count = self._known, len(volts)
-        answers = np.empty((len(known.outer_end_mass_kg), count))
+        step, count = self._step, len(volts)
+        answers = np.empty((CANDIDATES, count))
         for k in range(count):
-            answers[:, k] = self._state @ known.output
-            self._state = np.einsum("kij,kj->ki", known.transition, self._state) + known.input * current_A[k]
+            answers[:, k] = self._state @ step.output
+            self._state = np.einsum("kij,kj->ki", step.transition, self._state) + step.input * current_A[k]
         self._volts = np.append(self._volts[count:], volts)
         self._responses = np.hstack([self._responses[:, count:], answers])
         self._heard += count
@@ -177,16 +150,16 @@ class PayloadEstimator:
 
     def _weigh(self, share: float) -> None:
         """Judge the present window, of which a share is new, and add it up if it is useful."""
-        figures, known = self._figures, self._known
+        figures = self._figures
         rest = self._volts - self._responses
-        explained = np.einsum("kwf,kw->kf", known.free, rest)
+        explained = np.einsum("kwf,kw->kf", self._free, rest)
         left = np.maximum((rest**2).sum(axis=1) - (explained**2).sum(axis=1), 0.0)
         freedom = max(len(self._volts) - FREE, 1)
         noise = figures.noise_V**2
         variance = left.min() / freedom
         allowed = _NOISE_ROOM * noise + figures.model_error**2 * max(self._volts.var() - noise, 0.0)
         cost = left / max(variance, noise)
-        alone = _lowest(known.outer_end_mass_kg, cost)
+        alone = _lowest(self._masses, cost)
         doubt, contradicts = alone.std_kg / figures.largest_std_kg, self._contradicts(alone)
         if variance > allowed or doubt > (1 if contradicts else _WORTH):
             self._in_a_row = False
@@ -196,7 +169,7 @@ class PayloadEstimator:
         # The first of a row of windows is all new, each further one brings its share.
         self._cost = self._forget * self._cost + cost * (share if self._in_a_row else 1.0)
         self._in_a_row = True
-        self.estimate = _lowest(known.outer_end_mass_kg, self._cost)
+        self.estimate = _lowest(self._masses, self._cost)
 
     def _contradicts(self, alone: Estimate) -> bool:
         """Whether a window's own estimate cannot be of the payload that was added up so far."""
