@@ -33,10 +33,8 @@ def _derivatives(kinds: Structure) -> ca.Function:
 
 @cache
 def _stiffness(kinds: Structure) -> ca.Function:
-    function = _derivatives(kinds)
-    t, x, u, p = (ca.SX.sym(name, *function.size_in(k)) for k, name in enumerate(("t", "x", "u", "p")))
-    values: Any = function(t, x, u, p)
-    return ca.Function("stiffness", [t, x, u, p], values[:2])
+    """The rates and their Jacobian by the states alone."""
+    return _derivatives(kinds).slice("stiffness", [0, 1, 2, 3], [0, 1])
 
 
 class _InPlace:
