@@ -5,10 +5,11 @@ for equal chambers the difference of their pressures obeys the paper's equations
 pressure is a state which nothing drives and nothing sees.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
-from beamdesign.rig.component import Component, Signals
+from beamdesign.rig.component import Component, PortLaw, Signals
 
 SUPPLY_PRESSURE_PA = 20e6
 """Supply of the published rig. It sets the chambers' mean pressure and has no part in the linear model."""
@@ -70,25 +71,24 @@ def _chambers(port: Signals, figure: Signals, state: Signals) -> dict[str, Any]:
     }
 
 
-def _mid_stroke(side: str, port: Signals, figure: Signals) -> Any:
+def _mid_stroke(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
     ratio = port[f"bulk_ratio_{side}"] / port[f"volume_ratio_{side}"]
     return chamber_stiffness(figure["oil_stiffness"], figure["piston_area"], port[f"area_{side}_m2"], ratio)
 
 
-AREAS = Component(
-    {
-        "area_a_m2": lambda port, figure, state: figure["piston_area"],
-        "area_b_m2": lambda port, figure, state: figure["piston_area"],
-    }
-)
+def _metered(side: str, port: Signals, figure: Signals, state: Signals) -> Any:
+    return port["metered_m3_per_s"]
+
+
+def _either(port: str, law: Callable[[str, Signals, Signals, Signals], Any]) -> dict[str, PortLaw]:
+    """A port on either side of the cylinder, a and b, by a law that is told the side."""
+    return {port.format(side): partial(law, side) for side in "ab"}
+
+
+AREAS = Component(_either("area_{}_m2", lambda side, port, figure, state: figure["piston_area"]))
 """The two sides of the piston."""
 
-VOLUMES = Component(
-    {
-        "volume_ratio_a": lambda port, figure, state: 1.0,
-        "volume_ratio_b": lambda port, figure, state: 1.0,
-    }
-)
+VOLUMES = Component(_either("volume_ratio_{}", lambda side, port, figure, state: 1.0))
 """Volume of either chamber over that at mid-stroke, which the linear rig has at every stroke."""
 
 VALVE = Component(
@@ -101,15 +101,12 @@ VALVE = Component(
         # 1 where somebody has adjusted the null so that the rig rests without load
         "null_adjusted": lambda port, figure, state: 1.0,
         # the same for the edges that are then open at either port
-        "opening_a_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
-        "opening_b_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
+        **_either("opening_{}_m3_per_s", _metered),
         # what a valve lets through either port that heeds no pressure
-        "linear_a_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
-        "linear_b_m3_per_s": lambda port, figure, state: port["metered_m3_per_s"],
-        "orifice_a_m3_per_s": lambda port, figure, state: port["linear_a_m3_per_s"],  # into chamber a
-        "orifice_b_m3_per_s": lambda port, figure, state: port["linear_b_m3_per_s"],  # out of chamber b
-        "leakage_a_m3_per_s": lambda port, figure, state: _leakage("a", port, figure, state),
-        "leakage_b_m3_per_s": lambda port, figure, state: _leakage("b", port, figure, state),
+        **_either("linear_{}_m3_per_s", _metered),
+        # into chamber a, out of chamber b
+        **_either("orifice_{}_m3_per_s", lambda side, port, figure, state: port[f"linear_{side}_m3_per_s"]),
+        **_either("leakage_{}_m3_per_s", _leakage),
     },
     _spool,
 )
@@ -117,10 +114,8 @@ VALVE = Component(
 
 CYLINDER = Component(
     {
-        "bulk_ratio_a": lambda port, figure, state: 1.0,
-        "bulk_ratio_b": lambda port, figure, state: 1.0,
-        "chamber_a_Pa_per_m3": lambda port, figure, state: _mid_stroke("a", port, figure),
-        "chamber_b_Pa_per_m3": lambda port, figure, state: _mid_stroke("b", port, figure),
+        **_either("bulk_ratio_{}", lambda side, port, figure, state: 1.0),
+        **_either("chamber_{}_Pa_per_m3", _mid_stroke),
         "pressure_force_N": lambda port, figure, state: pressure_force(port, state),
         "friction_N": lambda port, figure, state: 0.0,
         "cylinder_force_N": lambda port, figure, state: port["pressure_force_N"] - port["friction_N"],
