@@ -148,12 +148,14 @@ class RoundingEffect:
         current_A: of the current.
         error_V: of the error.
         expected_displacement_m: root mean square, were the roundings independent and evenly spread.
+        expected_current_A: likewise.
     """
 
     displacement_m: float
     current_A: float
     error_V: float
     expected_displacement_m: float
+    expected_current_A: float
 
 
 def half_steps(realisation: Realisation) -> np.ndarray:
@@ -186,7 +188,7 @@ def rounding_effect(loop: RealisedLoop, mass_kg: float) -> RoundingEffect:
     most = l1_norms(closed.a, closed.b[:, 1:], closed.c, closed.d[:, 1:]) @ halves
     spread = l2_norms(closed.a, closed.b[:, 1:] * halves, closed.c, closed.d[:, 1:] * halves)
     expected = np.sqrt((spread**2).sum(axis=1) / 3)  # an even spread over +-h has the variance h^2 / 3
-    return RoundingEffect(*map(float, (*most, expected[0])))
+    return RoundingEffect(float(most[0]), float(most[1]), float(most[2]), float(expected[0]), float(expected[1]))
 
 
 MASSES_LOOKED_AT = 5
