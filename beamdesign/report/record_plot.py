@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from markupsafe import escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -152,28 +153,28 @@ def write_record_page(
     """
     files: list[Path] = []
     pictures = []
-    rows = []
+    rows = []  # names are escaped here: nothing in them is code
     for position, record in enumerate(records):
         figure = plot_record(record)
         files += save(figure, folder / record.name)
         words = f"{record.name}: {record.verdict}"
-        picture = Picture(inline_svg(figure, f"record{position}", words), f"{record.name}.svg", words)
+        picture = Picture(inline_svg(figure, f"record{position}", words), f"{record.name}.svg", escape(words))
         pictures.append(Part(record.name, (picture,)))
         largest = peaks(record, ("displacement_m", "current_A"))
         rows.append(
             (
-                record.name,
+                escape(record.name),
                 "yes" if record.stable else "no",
                 quantity(largest["displacement_m"], "m"),
                 f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else "",
-                record.verdict,
+                escape(record.verdict),
             )
         )
     heads = ("record", "stable", "largest displacement", "largest current", "verdict")
     parts = [Part("Records", (Table(heads, tuple(rows), numbers=(2, 3)),))]
     if effects:
         given = (
-            (name, ", ".join(f"{key} = {figure:g}" for key, figure in one.items()) or "defaults")
+            (escape(name), escape(", ".join(f"{key} = {figure:g}" for key, figure in one.items()) or "defaults"))
             for name, one in effects.items()
         )
         parts.append(Part("Effects in the rig", (Table(("effect", "given"), tuple(given)),)))
