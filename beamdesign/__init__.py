@@ -40,38 +40,38 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from beamdesign.build.specification import specify
     from beamdesign.checker import check
     from beamdesign.control_models import state_space
-    from beamdesign.design.codesign import codesign
-    from beamdesign.design.sizing import size
-    from beamdesign.design.tuning import tune
-    from beamdesign.gap.data.dataset import read_dataset
-    from beamdesign.gap.diagnose import diagnose
+    from beamdesign.diagnosis.data.dataset import read_dataset
+    from beamdesign.diagnosis.diagnose import diagnose
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
-    from beamdesign.proof.certifying import certify
+    from beamdesign.proofs.certifying import certify
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
     from beamdesign.records import InputError
-    from beamdesign.specification.specification import specify
-    from beamdesign.study.design_run import run_design
+    from beamdesign.synthesis.codesign import codesign
+    from beamdesign.synthesis.design_run import run_design
+    from beamdesign.synthesis.sizing import size
+    from beamdesign.synthesis.tuning import tune
 
 _ROOMS = {
     "DesignProblem": "beamdesign.problem",
     "InputError": "beamdesign.records",
     "Prototype": "beamdesign.prototype",
-    "certify": "beamdesign.proof.certifying",
-    "codesign": "beamdesign.design.codesign",
+    "certify": "beamdesign.proofs.certifying",
+    "codesign": "beamdesign.synthesis.codesign",
     "critical_gain": "beamdesign.loop",
-    "diagnose": "beamdesign.gap.diagnose",
-    "read_dataset": "beamdesign.gap.data.dataset",
-    "specify": "beamdesign.specification.specification",
+    "diagnose": "beamdesign.diagnosis.diagnose",
+    "read_dataset": "beamdesign.diagnosis.data.dataset",
+    "specify": "beamdesign.build.specification",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
     "check": "beamdesign.checker",
-    "run_design": "beamdesign.study.design_run",
-    "size": "beamdesign.design.sizing",
+    "run_design": "beamdesign.synthesis.design_run",
+    "size": "beamdesign.synthesis.sizing",
     "state_space": "beamdesign.control_models",
-    "tune": "beamdesign.design.tuning",
+    "tune": "beamdesign.synthesis.tuning",
     "write_prototype": "beamdesign.prototype",
 }
 

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from beamdesign.members import family
+from beamdesign.plant.linearised import SEEN
+from beamdesign.plant.members import family
 from beamdesign.prototype import Prototype
-from beamdesign.rig.linearised import SEEN
 
 if TYPE_CHECKING:
     import control
@@ -29,7 +29,7 @@ def state_space(
     Where the controller has added sensors, what they read are further outputs of all three, and are fed back in the
     third: `inner_displacement_m`, `load_pressure_Pa`.
 
-    States are named as in `beamdesign.rig.linearised.STATES`, then `filtered_V` where the sensor has a filter, then
+    States are named as in `beamdesign.plant.linearised.STATES`, then `filtered_V` where the sensor has a filter, then
     `EFFECT_STATE` and `mean_pressure_Pa` where there are such, then `controller_1` and so on for a controller with
     dynamics. A prototype with effects is taken linear at rest.
 

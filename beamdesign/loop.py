@@ -14,8 +14,8 @@ from flint import fmpq, fmpq_poly
 
 from beamdesign.controllers import Controller
 from beamdesign.crossing import Crossing, crossings
-from beamdesign.linear import LinearModel, Plant
-from beamdesign.members import Member, family
+from beamdesign.plant.linear import LinearModel, Plant
+from beamdesign.plant.members import Member, family
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 

@@ -9,7 +9,6 @@ from pydantic import Field
 from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.materials import unknown_material
 from beamdesign.prototype import (
     Actuator,
     Beam,
@@ -22,7 +21,8 @@ from beamdesign.prototype import (
     beams_that_do_not_fit,
 )
 from beamdesign.records import Problem, Record, numbers
-from beamdesign.section import SquareTube
+from beamdesign.structure.materials import unknown_material
+from beamdesign.structure.section import SquareTube
 
 
 class Load(Record):
@@ -36,7 +36,7 @@ class BeamProblem(Record):
 
     length_m: Annotated[q.Length, Field(description="full length of the tube, clamp included")]
     free_length_m: Annotated[q.Length, Field(description="length from the clamp to the tip")]
-    material: Annotated[str, Field(description="name of an alloy in beamdesign.materials")]
+    material: Annotated[str, Field(description="name of an alloy in beamdesign.structure.materials")]
     end_mass_kg: Annotated[q.MassOrNone, Field(description="M_end of equation (5), always fixed to the tip")] = 0.0
     damping_ratio: Annotated[q.StructuralDamping, Field(description="zeta of the bare beam")] = 0.05
     width_m: Annotated[q.Width | None, Field(description="outside width of a given section")] = None
@@ -110,7 +110,7 @@ class Sought(Record):
 
     @property
     def sought(self) -> dict[str, Any]:
-        """What `beamdesign.design.tuning.tune` is asked for, beside rig, payloads and kind."""
+        """What `beamdesign.synthesis.tuning.tune` is asked for, beside rig, payloads and kind."""
         names = ("largest_inner_end_mass_kg", "sections", "stages")
         return {name: getattr(self, name) for name in names} | {"sensors": self.sensors}
 

@@ -12,9 +12,9 @@ from beamdesign import quantities as q
 from beamdesign import records
 from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
-from beamdesign.materials import unknown_material
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
+from beamdesign.structure.materials import unknown_material
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
@@ -39,7 +39,7 @@ class Beam(Record):
     corner_radius_m: q.Gap = Field(0.0, description="outside corner radius; 0 is a sharp corner")
     length_m: q.Length | None = Field(None, description="full length of the tube, clamp included")
     free_length_m: q.Length | None = Field(None, description="length from the clamp to the tip")
-    material: str | None = Field(None, description="name of an alloy in beamdesign.materials")
+    material: str | None = Field(None, description="name of an alloy in beamdesign.structure.materials")
     end_mass_kg: q.MassOrNone = Field(
         0.0, description="M_end of equation (5): what is always fixed to the tip (actuator module)"
     )

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamdesign.controllers import SENSED, Controller
-from beamdesign.rig.assembly import OUTPUTS
-from beamdesign.rig.stepper import COMMAND, ERROR
+from beamdesign.plant.assembly import OUTPUTS
+from beamdesign.plant.stepper import COMMAND, ERROR
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SampledLaw:
     def packed(
         self, period_steps: int, delay_periods: int, least_volt: float, state: np.ndarray, current: float
     ) -> np.ndarray:
-        """As `beamdesign.rig.compiled.integrate` takes it.
+        """As `beamdesign.plant.compiled.integrate` takes it.
 
         Args:
             period_steps: integration steps per period.
@@ -68,10 +68,10 @@ def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
     """The difference equation of a controller at a period.
 
     Raises:
-        ValueError: where it has none; see `beamdesign.specification.difference_equation.difference_equation`.
+        ValueError: where it has none; see `beamdesign.build.difference_equation.difference_equation`.
     """
-    from beamdesign.realisation.realise import floats
-    from beamdesign.specification.difference_equation import difference_equation
+    from beamdesign.build.difference_equation import difference_equation
+    from beamdesign.build.realisation.realise import floats
 
     law = difference_equation(controller, 1 / period_s).linear
     places = {SENSED[0]: ERROR, "command_V": COMMAND}

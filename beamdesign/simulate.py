@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.files import write_whole
-from beamdesign.lumped import figures
+from beamdesign.plant.assembly import Assembly, Structure, assemble
+from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.parameters import parameters_of, problem_without_controller, structure_of
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
-from beamdesign.rig.assembly import Assembly, Structure, assemble
-from beamdesign.rig.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
-from beamdesign.rig.equilibrium import equilibrium
-from beamdesign.rig.parameters import parameters_of, problem_without_controller, structure_of
 from beamdesign.sampled import sampled_law
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
+from beamdesign.structure.lumped import figures
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def simulate(prototype: Prototype, scenario: Scenario) -> Simulation:
 def _unfit(rig: Prototype, scenario: Scenario, row: ScenarioRecord) -> list[Problem]:
     """What of a record its controller cannot be put through."""
     if rig.schedule is not None:
-        from beamdesign.scheduling.simulation import unfit
+        from beamdesign.controllers.scheduling.simulation import unfit
 
         return unfit(scenario, row, rig.schedule)
     words = "is for a scheduled controller"
@@ -191,7 +191,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
     """Integration steps per sample of a record: one per radian of the fastest pole at rest and under load.
 
     Raises:
-        InputError: where the record would take too many; see `beamdesign.rig.compiled`.
+        InputError: where the record would take too many; see `beamdesign.plant.compiled`.
     """
     places = []
     for load in (0.0, _TEST_LOAD_N, -_TEST_LOAD_N):
@@ -205,7 +205,7 @@ def substeps_for(assembly: Assembly, parameters: np.ndarray, times: np.ndarray) 
 
 def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position: int) -> SimulatedRecord:
     if rig.schedule is not None:
-        from beamdesign.scheduling.simulation import simulate_stages
+        from beamdesign.controllers.scheduling.simulation import simulate_stages
 
         return simulate_stages(rig, scenario, row, position)
     walled = row.wall is not None
@@ -247,7 +247,7 @@ def _simulated(rig: Prototype, scenario: Scenario, row: ScenarioRecord, position
 
 
 def _wall_figures(row: ScenarioRecord) -> tuple[float, ...]:
-    """In the order of `beamdesign.rig.beams_rig.WALL_FIGURES`."""
+    """In the order of `beamdesign.plant.beams_rig.WALL_FIGURES`."""
     wall = row.wall
     return () if wall is None else (wall.at_m, wall.stiffness_N_per_m, wall.damping_N_s_per_m, wall.rounding_m)
 

@@ -14,10 +14,10 @@ from pathlib import Path
 from apparent_stiffness_picture import plot_apparent_stiffness
 from flint import fmpq
 
-from beamdesign.design.stiffness_search import design
-from beamdesign.proof.contact import Wall
+from beamdesign.proofs.contact import Wall
 from beamdesign.prototype import read_prototype
 from beamdesign.report.canvas import new_figure, save
+from beamdesign.synthesis.stiffness_search import design
 
 STIFFNESSES_N_PER_M = (1e4, 3e4, 1e5, 2.2e5, 4.5e5, 1e6, 3e6, 1e7, 1e8)
 WALL = Wall((fmpq(0), fmpq(10**9)))

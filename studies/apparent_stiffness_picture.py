@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.design.end_stiffness import SHARE, EndStiffness, controller_of, sensed
 from beamdesign.loop import close_loop, loop, tip
-from beamdesign.lumped import figures
 from beamdesign.prototype import Prototype
-from beamdesign.report.quantity import quantity
+from beamdesign.quantity_text import quantity
+from beamdesign.structure.lumped import figures
+from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, controller_of, sensed
 
 FREQUENCIES_HZ = np.geomspace(0.05, 300.0, 800)
 

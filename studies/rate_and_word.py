@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
+from beamdesign.build.realisation.loop import realised_loop
+from beamdesign.build.realisation.realise import FULL_SCALE_V, realise
+from beamdesign.build.realisation.verdict import LoopFigures, continuous_figures, figures_at, masses_between, worst
+from beamdesign.build.sampled_loop import prove_sampled
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.realisation.loop import realised_loop
-from beamdesign.realisation.realise import FULL_SCALE_V, realise
-from beamdesign.realisation.verdict import LoopFigures, continuous_figures, figures_at, masses_between, worst
-from beamdesign.specification.sampled_loop import prove_sampled
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 5000.0, 10000.0, 20000.0)
 WORDS: tuple[int | None, ...] = (8, 10, 12, 16, 24, 32, None)

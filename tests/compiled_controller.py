@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from beamdesign.realisation.emulation import FixedPoint, Float32, to_word
-from beamdesign.realisation.folder import compiled
-from beamdesign.realisation.realise import Realisation
+from beamdesign.build.realisation.emulation import FixedPoint, Float32, to_word
+from beamdesign.build.realisation.folder import compiled
+from beamdesign.build.realisation.realise import Realisation
 
 
 def in_volts_and_amperes(realisation: Realisation, *readings: Sequence[float]) -> list[float]:

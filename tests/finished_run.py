@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.controllers import Lag
-from beamdesign.design.refinement import Proved
-from beamdesign.design.sizing import size
-from beamdesign.design.tuning import Tuning
 from beamdesign.problem import read_problem
-from beamdesign.proof.certifying import certify
-from beamdesign.study.design_run import DesignRun, certified
+from beamdesign.proofs.certifying import certify
+from beamdesign.synthesis.design_run import DesignRun, certified
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.sizing import size
+from beamdesign.synthesis.tuning import Tuning
 
 STUDY = Path(__file__).parent.parent / "studies" / "prototype.toml"
 

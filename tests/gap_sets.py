@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.gap.data.dataset import Dataset, TimeRecord
-from beamdesign.paper.rig import paper_prototype
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
 from beamdesign.simulate import simulate
+from beamdesign.validation.paper.rig import paper_prototype
 
 TOLERANCE = Tolerance(
     stiffness=0.03,

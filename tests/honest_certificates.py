@@ -16,20 +16,19 @@ import truth_of_stages
 from flint import fmpq
 from forging import Table, is_number
 
-from beamdesign.arm.result import certify_plane
 from beamdesign.checker import Unreadable, check, reading
 from beamdesign.checker.prototype import differences
 from beamdesign.checker.rig import Rig
 from beamdesign.controllers import Lag, Observer, Proportional, Scheduled, Section, Stage, Structured
-from beamdesign.design.end_stiffness import judge
-from beamdesign.proof.box import certify_box
-from beamdesign.proof.certificate import Asked
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.contact import Wall
-from beamdesign.proof.lyapunov import stages_certificate, switching
-from beamdesign.proof.mass_family import stage_families
-from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.proof.writer import prototype_table
+from beamdesign.proofs.arm.result import certify_plane
+from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.contact import Wall
+from beamdesign.proofs.lyapunov import stages_certificate, switching
+from beamdesign.proofs.mass_family import stage_families
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import (
     Actuator,
     Arm,
@@ -40,7 +39,8 @@ from beamdesign.prototype import (
     Servovalve,
     Tolerance,
 )
-from beamdesign.study.stiffness_run import contact_text
+from beamdesign.synthesis.end_stiffness import judge
+from beamdesign.synthesis.stiffness_run import contact_text
 
 AT_LEAST = 500
 """Mutations for every kind of certificate, shared out among those of a kind."""

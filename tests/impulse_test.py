@@ -1,7 +1,7 @@
 """The critical gain by experiment in simulation: the gain is raised until a kick no longer dies out.
 
-`beamdesign.harmonic_balance` predicts what it finds: where the curve of gain over amplitude falls, a larger kick finds
-a lower gain; where it rises, the oscillation settles on it.
+`beamdesign.plant.harmonic_balance` predicts what it finds: where the curve of gain over amplitude falls, a larger kick
+finds a lower gain; where it rises, the oscillation settles on it.
 """
 
 from dataclasses import dataclass, replace

@@ -5,13 +5,13 @@ from typing import Protocol
 
 import numpy as np
 
+from beamdesign.build.realisation.emulation import to_word
+from beamdesign.build.realisation.realise import Realisation
+from beamdesign.plant.assembly import OUTPUTS, assemble
+from beamdesign.plant.compiled import compiled
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
-from beamdesign.realisation.emulation import to_word
-from beamdesign.realisation.realise import Realisation
-from beamdesign.rig.assembly import OUTPUTS, assemble
-from beamdesign.rig.compiled import compiled
-from beamdesign.rig.equilibrium import equilibrium
-from beamdesign.rig.parameters import parameters_of, structure_of
 from beamdesign.simulate import half_steps, substeps_for
 
 _ENDLESS_M = 1e3
@@ -66,7 +66,7 @@ def run_closed(
         InputError: as `beamdesign.simulate.simulate`.
         ValueError: where there is no equilibrium, or the rig leaves the numbers.
     """
-    from beamdesign.rig.stepper import steps
+    from beamdesign.plant.stepper import steps
 
     kinds = structure_of(prototype, sampled=True)
     assembly, continuous = assemble(kinds), assemble(structure_of(prototype))

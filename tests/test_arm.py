@@ -21,9 +21,13 @@ from scipy.linalg import eigh
 from truth_of_arm_plane import Plane, true
 from typer.testing import CliRunner
 
-from beamdesign.arm.both_planes import both_planes, prove_anywhere
-from beamdesign.arm.plane import arm_figures, plane_loop
-from beamdesign.arm.remaining import (
+from beamdesign.checker import Unreadable, check
+from beamdesign.cli import app
+from beamdesign.controllers import Lag, Observer
+from beamdesign.loop import loop
+from beamdesign.proofs.arm.both_planes import both_planes, prove_anywhere
+from beamdesign.proofs.arm.plane import arm_figures, plane_loop
+from beamdesign.proofs.arm.remaining import (
     at_point,
     held,
     inner_travel,
@@ -32,13 +36,9 @@ from beamdesign.arm.remaining import (
     tip_compliance,
     twist_remedy,
 )
-from beamdesign.arm.result import certify_plane, frequencies, work_out
-from beamdesign.checker import Unreadable, check
-from beamdesign.cli import app
-from beamdesign.controllers import Lag, Observer
-from beamdesign.loop import loop
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.writer import prototype_table
+from beamdesign.proofs.arm.result import certify_plane, frequencies, work_out
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 
@@ -483,8 +483,8 @@ def test_a_payload_anywhere_within_bounds_is_proved_at_once(
 def test_the_family_over_places_is_the_polynomial_of_the_place(link: Prototype):
     """The polynomial that a certificate states, put in numbers, against that of one place, exactly."""
 
-    from beamdesign.proof.box_member import member
-    from beamdesign.proof.box_statement import Statement
+    from beamdesign.proofs.box_member import member
+    from beamdesign.proofs.box_statement import Statement
 
     rig = at(link, 0.05, -0.1, 0.15)
     family = prove_anywhere(rig, (2.5, 2.5), (0.0, 0.0, 0.0))["both"]
@@ -745,8 +745,8 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
 
 
 def test_a_sweep_tells_what_the_command_tells(link: Prototype):
-    from beamdesign.study.tasks import ArmOptions
-    from beamdesign.study.tasks.of_prototypes import arm as compute
+    from beamdesign.sweep.tasks import ArmOptions
+    from beamdesign.sweep.tasks.of_prototypes import arm as compute
 
     rig = at(link, 0.0, 0.1, 0.0)
     answer = compute(rig, ArmOptions(force_N=500.0))

@@ -14,14 +14,14 @@ from beamdesign.bench_prototype import (
     read_bench_prototype,
     write_any_prototype,
 )
-from beamdesign.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench
 from beamdesign.cli import app
+from beamdesign.plant.assembly import assemble
+from beamdesign.plant.bench import BENCH
+from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure, replay, simulate_bench
+from beamdesign.plant.effects import library
+from beamdesign.plant.equilibrium import linearise
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
-from beamdesign.rig.assembly import assemble
-from beamdesign.rig.bench import BENCH
-from beamdesign.rig.effects import library
-from beamdesign.rig.equilibrium import linearise
 from beamdesign.scenario import read_scenario
 
 BORE, ROD, STROKE, SUPPLY, TANK = 0.020, 0.014, 0.15, 6e6, 2e5

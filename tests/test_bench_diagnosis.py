@@ -8,13 +8,13 @@ import pytest
 from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, steady_motion, write_set
 
 from beamdesign.bench_prototype import read_bench_prototype
-from beamdesign.bench_simulation import replay
-from beamdesign.gap.bench.data import read_bench_set, saturates_at
-from beamdesign.gap.bench.diagnose import diagnose_bench_set, probabilities
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis, amended
-from beamdesign.gap.bench.fit import held_out
-from beamdesign.gap.bench.hypothesis import NOTHING, BenchHypothesis, believed, candidates
-from beamdesign.gap.bench.motions import observations, scatter, steady, steady_motions
+from beamdesign.diagnosis.bench.data import read_bench_set, saturates_at
+from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set, probabilities
+from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, amended
+from beamdesign.diagnosis.bench.fit import held_out
+from beamdesign.diagnosis.bench.hypothesis import NOTHING, BenchHypothesis, believed, candidates
+from beamdesign.diagnosis.bench.motions import observations, scatter, steady, steady_motions
+from beamdesign.plant.bench_simulation import replay
 from beamdesign.records import InputError
 
 COULOMB_N = 120.0

@@ -12,12 +12,12 @@ from beamdesign.checker import check
 from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
-from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.box_member import Member, unstable_roots
-from beamdesign.proof.box_statement import Statement
-from beamdesign.proof.rig_family import Family
-from beamdesign.proof.stability import stable_ranges
-from beamdesign.proof.tolerance_box import largest_scaling
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.box_member import Member, unstable_roots
+from beamdesign.proofs.box_statement import Statement
+from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.stability import stable_ranges
+from beamdesign.proofs.tolerance_box import largest_scaling
 
 
 def family(p: str, **values: float) -> Family:

@@ -21,12 +21,12 @@ from beamdesign.checker import Unreadable, check
 from beamdesign.checker.box import sigmas, unstable_roots
 from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
-from beamdesign.proof.box import box_of, certify_box
-from beamdesign.proof.branch import Search
-from beamdesign.proof.rig_family import Family
-from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.proof.writer import prototype_table
-from beamdesign.proof.zero_exclusion import holds, pieces
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.branch import Search
+from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.proofs.writer import prototype_table
+from beamdesign.proofs.zero_exclusion import holds, pieces
 from beamdesign.prototype import Payload, Prototype, Tolerance, read_prototype
 
 CUBIC = Family("cubic", "s**3 + 2*s**2 + s + q", {"q": fmpq(1, 2)})

@@ -15,11 +15,11 @@ from beamdesign.checker import check
 from beamdesign.checker.roots import Family
 from beamdesign.cli.certify import certify as command
 from beamdesign.loop import loop
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
-from beamdesign.proof.certificate import Asked, describe
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.proofs.certificate import Asked, describe
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import InputError
 

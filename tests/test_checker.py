@@ -23,9 +23,9 @@ from beamdesign.checker.reading import rational
 from beamdesign.checker.roots import _hurwitz_matrix, bound, halve, is_hurwitz, isolate
 from beamdesign.controllers.scheduled import Estimator, Scheduled
 from beamdesign.polynomial import roots
-from beamdesign.proof.certificate import Asked
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.writer import prototype_table
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import (
     COMPLIANCE_LIMIT_M_PER_N,
     Arm,

@@ -23,13 +23,13 @@ from beamdesign.checker.stages import positive, positive_between
 from beamdesign.checker.state_space import StateSpace
 from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
-from beamdesign.proof.courses import any_change
-from beamdesign.proof.dwell import stage_change
-from beamdesign.proof.growth import frozen
-from beamdesign.proof.lmi import Answer
-from beamdesign.proof.lyapunov import Switching, stages_certificate, switching
-from beamdesign.proof.mass_family import Families, stage_families
-from beamdesign.proof.writer import prototype_table, rig_tables
+from beamdesign.proofs.courses import any_change
+from beamdesign.proofs.dwell import stage_change
+from beamdesign.proofs.growth import frozen
+from beamdesign.proofs.lmi import Answer
+from beamdesign.proofs.lyapunov import Switching, stages_certificate, switching
+from beamdesign.proofs.mass_family import Families, stage_families
+from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype
 
 STUDIES = Path(__file__).parents[1] / "studies"

@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from beamdesign.design.checks import Check, check_sections, checks
-from beamdesign.design.sizing import check_prototype, problem_of
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
-from beamdesign.section import SquareTube
+from beamdesign.structure.section import SquareTube
+from beamdesign.synthesis.checks import Check, check_sections, checks
+from beamdesign.synthesis.sizing import check_prototype, problem_of
 
 STUDY = Path(__file__).parents[1] / "studies" / "prototype.toml"
 PUBLISHED = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)

@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 from beamdesign import check, read_problem, read_prototype
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
-from beamdesign.design import codesign, remedies
-from beamdesign.design import codesign as front_room
-from beamdesign.design.codesign import Codesign, CodesignPoint
-from beamdesign.design.refinement import Proved
-from beamdesign.design.remedies import Remedy
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.trade import plot_remedies
-from beamdesign.section import SquareTube
+from beamdesign.structure.section import SquareTube
+from beamdesign.synthesis import codesign, remedies
+from beamdesign.synthesis import codesign as front_room
+from beamdesign.synthesis.codesign import Codesign, CodesignPoint
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.remedies import Remedy
 from beamdesign.templates import start
 
 PAYLOAD = (0.0, 6.8)

@@ -81,7 +81,7 @@ def test_the_bench_moves_as_it_stands(started: dict[str, Path], tmp_path: Path) 
 
 def test_the_data_set_is_read_as_it_stands(started: dict[str, Path]) -> None:
     """The four gains of the paper; their diagnosis takes ten seconds and is tested where it belongs."""
-    from beamdesign.gap.data.dataset import read_dataset
+    from beamdesign.diagnosis.data.dataset import read_dataset
 
     data = read_dataset(started["dataset"])
     assert [gain.gain for gain in data.gains] == [0.015, 0.2, 0.007, 0.15]

@@ -17,14 +17,14 @@ from trial import at_rest, on_trial
 
 from beamdesign import InputError, Prototype, critical_gain
 from beamdesign.controllers import Lag
-from beamdesign.gap.blind.case_plan import Planned, displacements_digest, draw
-from beamdesign.gap.blind.seal import folder_digest, sealed, write_seal
-from beamdesign.gap.truth import Case, Departure, noise_free
-from beamdesign.gap.truth.believed import rig_figures
-from beamdesign.gap.truth.case import Noise
-from beamdesign.gap.truth.effects import Scales
+from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
-from beamdesign.study.redesign import Redesign, redesign
+from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw
+from beamdesign.validation.blind.seal import folder_digest, sealed, write_seal
+from beamdesign.validation.truth import Case, Departure, noise_free
+from beamdesign.validation.truth.believed import rig_figures
+from beamdesign.validation.truth.case import Noise
+from beamdesign.validation.truth.effects import Scales
 
 LAG = {"kind": "lag", "gain_A_per_V": 0.06, "pole_Hz": 1.75, "zero_Hz": 26.0}
 PLANNED = Planned(3, "single", ("transport_delay",), 11)
@@ -169,7 +169,7 @@ def test_the_rig_drawn_again_is_the_one_that_made_the_records(scored):
 
 
 def test_another_rig_is_not_passed_off_as_the_true_one(scored, monkeypatch):
-    from beamdesign.gap import truth
+    from beamdesign.validation import truth
 
     taken_up = opened_case(scored, "0003")
     factors = taken_up.answer["tolerance_factors"]

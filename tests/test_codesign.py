@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 from beamdesign.checker import check
 from beamdesign.cli import app
-from beamdesign.design import codesign as room
-from beamdesign.design.checks import check_sections
-from beamdesign.design.codesign import codesign, pareto_front
 from beamdesign.loop import loop
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.synthesis import codesign as room
+from beamdesign.synthesis.checks import check_sections
+from beamdesign.synthesis.codesign import codesign, pareto_front
 
 STUDIES = Path(__file__).parent.parent / "studies"
 PAYLOAD = (0.0, 6.8)

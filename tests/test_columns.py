@@ -11,9 +11,9 @@ from recorded_rig import Recorded, recorded
 
 from beamdesign import columns
 from beamdesign.columns import LARGEST, read_columns, uniform_times
-from beamdesign.gap.bench.data import read_bench_set
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.predict import predict_set, read_inputs
+from beamdesign.diagnosis.bench.data import read_bench_set
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.predict import predict_set, read_inputs
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.report.trade import TradePoint, read_trade
@@ -192,7 +192,7 @@ def test_a_prediction_of_times_in_milliseconds_is_refused_and_a_long_one_too(
     assert [record.name for record in found] == list(sound.columns)
     assert [share for share, _ in said] == [0, 0.25, 0.5, 0.75]
     assert said[1][1] == "command, 1.2 s"
-    monkeypatch.setattr("beamdesign.rig.compiled.MOST_STEPS", 10_000)
+    monkeypatch.setattr("beamdesign.plant.compiled.MOST_STEPS", 10_000)
     with pytest.raises(InputError, match="integration steps"):
         predict_set(tmp_path / "prototype.toml", folder)
     sound.columns["steps"]["t_s"] = 1e3 * sound.columns["steps"]["t_s"]

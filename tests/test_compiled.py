@@ -9,15 +9,15 @@ import pytest
 
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
-from beamdesign.members import paper_model
+from beamdesign.plant.assembly import INPUTS, Structure, assemble
+from beamdesign.plant.compiled import compiled, integrate
+from beamdesign.plant.effects import library
+from beamdesign.plant.electronics import LAG, PROPORTIONAL
+from beamdesign.plant.equilibrium import scales
+from beamdesign.plant.machine_code import Body, MachineCode, machine_code, trace
+from beamdesign.plant.members import paper_model
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
-from beamdesign.rig.assembly import INPUTS, Structure, assemble
-from beamdesign.rig.compiled import compiled, integrate
-from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import LAG, PROPORTIONAL
-from beamdesign.rig.equilibrium import scales
-from beamdesign.rig.machine_code import Body, MachineCode, machine_code, trace
-from beamdesign.rig.parameters import parameters_of, structure_of
 
 EFFECTS = tuple(sorted(library()))
 GAIN_A_PER_V = 0.06

@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from beamdesign.build.analogue import circuit_of
+from beamdesign.build.specification import digital_controller
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import KINDS, Break, Cascade, Lag, register
 from beamdesign.controllers.cascade import Factor
 from beamdesign.loop import loop
-from beamdesign.proof.certifying import certify
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
 from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario
 from beamdesign.simulate import simulate
-from beamdesign.specification.analogue import circuit_of
-from beamdesign.specification.specification import digital_controller
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"
@@ -129,9 +129,9 @@ def test_its_loop_is_certified_and_the_certificate_checks(rig: Prototype, tmp_pa
 
 
 def test_the_assembled_rig_moves_as_the_linear_loop(rig: Prototype) -> None:
-    from beamdesign.rig.assembly import assemble
-    from beamdesign.rig.equilibrium import equilibrium, linearise
-    from beamdesign.rig.parameters import parameters_of, structure_of
+    from beamdesign.plant.assembly import assemble
+    from beamdesign.plant.equilibrium import equilibrium, linearise
+    from beamdesign.plant.parameters import parameters_of, structure_of
 
     assembly, p = assemble(structure_of(rig)), np.array(list(parameters_of(rig, 3.4, 0.0).values()))
     assert len(p) == len(assembly.parameters)

@@ -11,7 +11,7 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from beamdesign.controllers import Lag
 from beamdesign.crossing import crossings, degree_drop, elimination, shares_axis_root
 from beamdesign.loop import loop
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, roots
 from beamdesign.prototype import Prototype
 

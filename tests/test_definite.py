@@ -6,7 +6,7 @@ from flint import fmpq, fmpq_mat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign.proof.decrease import bernstein, positive_definite, positive_on
+from beamdesign.proofs.decrease import bernstein, positive_definite, positive_on
 
 
 def _floats(matrix: fmpq_mat) -> np.ndarray:

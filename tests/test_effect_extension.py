@@ -14,15 +14,15 @@ from typer.testing import CliRunner
 
 from beamdesign.checker import check
 from beamdesign.cli import app
-from beamdesign.gap.fitting.hypothesis import cause, singles
+from beamdesign.diagnosis.fitting.hypothesis import cause, singles
 from beamdesign.loop import loop
-from beamdesign.lumped import figures
-from beamdesign.members import family
-from beamdesign.proof.certifying import certify
+from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site
+from beamdesign.plant.effects import library, register
+from beamdesign.plant.members import family
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
 from beamdesign.report.reference import effects
-from beamdesign.rig.effect import Effect, Elements, Linear, Parameter, Site
-from beamdesign.rig.effects import library, register
+from beamdesign.structure.lumped import figures
 
 SHIPPED = Path(__file__).parents[1] / "studies/prototypes/tame_lag.toml"
 NAME = "inner_absorber"

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
-from beamdesign.rig.effect import Site
-from beamdesign.rig.effects import library
+from beamdesign.plant.effect import Site
+from beamdesign.plant.effects import library
 
 SUPPLY = 20e6
 

@@ -14,13 +14,13 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from beamdesign.checker.reading import Table
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.controllers import SENSED, Observer
-from beamdesign.linear import LinearModel
-from beamdesign.members import family
+from beamdesign.plant.effect import Effect
+from beamdesign.plant.effects import library
+from beamdesign.plant.linear import LinearModel
+from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proof.writer import rig_tables
+from beamdesign.proofs.writer import rig_tables
 from beamdesign.prototype import Payload, Prototype, Sensor
-from beamdesign.rig.effect import Effect
-from beamdesign.rig.effects import library
 
 OUTER, INNER = (0.0, 1.3), 0.7  # kg; everything is affine in the outer end mass
 SHARES = (0.021, 17.0, -3e-9)

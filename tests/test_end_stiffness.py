@@ -19,7 +19,17 @@ from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Structured
-from beamdesign.design.end_stiffness import (
+from beamdesign.loop import Tip, close_loop, loop, tip
+from beamdesign.polynomial import exact, is_hurwitz, roots
+from beamdesign.proofs.contact import Wall, popov_slack, prove_contact, stable_walls
+from beamdesign.proofs.passivity import absorbed
+from beamdesign.proofs.writer import prototype_table, rig_tables
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
+from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.structure.lumped import figures
+from beamdesign.synthesis.end_stiffness import (
     CompliantLaw,
     EndStiffness,
     commanded_compliance,
@@ -32,19 +42,9 @@ from beamdesign.design.end_stiffness import (
     softest_N_per_m,
     stable_compliances,
 )
-from beamdesign.design.rig_spread import rig_spread
-from beamdesign.design.stiffness_search import SEED_OF_RIGS, design
-from beamdesign.loop import Tip, close_loop, loop, tip
-from beamdesign.lumped import figures
-from beamdesign.polynomial import exact, is_hurwitz, roots
-from beamdesign.proof.contact import Wall, popov_slack, prove_contact, stable_walls
-from beamdesign.proof.passivity import absorbed
-from beamdesign.proof.writer import prototype_table, rig_tables
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
-from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
-from beamdesign.simulate import SimulatedRecord, simulate
-from beamdesign.study.stiffness_run import carried_out, contact_text, drawn_rigs
+from beamdesign.synthesis.rig_spread import rig_spread
+from beamdesign.synthesis.stiffness_run import carried_out, contact_text, drawn_rigs
+from beamdesign.synthesis.stiffness_search import SEED_OF_RIGS, design
 
 PROTOTYPES = Path(__file__).parent.parent / "studies/prototypes"
 MASSES_KG = (0.0, 6.8)

@@ -9,24 +9,24 @@ from flint import fmpq
 from gap_sets import believed
 
 from beamdesign.checker import check
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.starts import softened, starts
-from beamdesign.gap.truth.believed import assembled, rig_figures
-from beamdesign.gap.truth.rates import INNER, PRESSURE_A, PRESSURE_B, TIP, rates_at
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.diagnosis.fitting.starts import softened, starts
 from beamdesign.loop import close_loop
-from beamdesign.lumped import figures
-from beamdesign.members import family
+from beamdesign.plant.assembly import assemble
+from beamdesign.plant.effect import Operation
+from beamdesign.plant.effects import library
+from beamdesign.plant.effects.entrained_air import bulk_ratio
+from beamdesign.plant.effects.entrained_air_with_stroke import chamber_length
+from beamdesign.plant.members import family
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.polynomial import exact
-from beamdesign.proof.box_member import member_at
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.rig_family import rig_family
+from beamdesign.proofs.box_member import member_at
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import Prototype
-from beamdesign.rig.assembly import assemble
-from beamdesign.rig.effect import Operation
-from beamdesign.rig.effects import library
-from beamdesign.rig.effects.entrained_air import bulk_ratio
-from beamdesign.rig.effects.entrained_air_with_stroke import chamber_length
-from beamdesign.rig.parameters import parameters_of, structure_of
+from beamdesign.structure.lumped import figures
+from beamdesign.validation.truth.believed import assembled, rig_figures
+from beamdesign.validation.truth.rates import INNER, PRESSURE_A, PRESSURE_B, TIP, rates_at
 
 NAME = "entrained_air_with_stroke"
 ATMOSPHERE = 101_325.0
@@ -84,7 +84,7 @@ def test_no_stroke_empties_a_chamber():
 
 
 def test_pressures_change_as_in_a_model_that_shares_no_code():
-    """The truth model of the blind check (`beamdesign.gap.truth`) with nothing dissolved, at states of all kinds."""
+    """The truth model of the blind check (`beamdesign.validation.truth`), nothing dissolved, at states of all kinds."""
     supply, modulus, air, exponent, share = 10e6, 1.2e9, 0.1, 1.15, 0.4
     ours = airy(
         supply,

@@ -13,23 +13,23 @@ from typer.testing import CliRunner
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Lag, Observer
-from beamdesign.design.tuning import tune
 from beamdesign.loop import close_loop, rig_loop
-from beamdesign.members import family
+from beamdesign.plant.effects import library
+from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proof.box import certify_box
-from beamdesign.proof.box_member import member as member_of
-from beamdesign.proof.certificate import Asked
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.performance import bandwidth, least_limit
-from beamdesign.proof.rectangle import Rectangle
-from beamdesign.proof.rig_family import rig_family
-from beamdesign.proof.tolerance_box import between, in_words, tolerance_box
-from beamdesign.proof.writer import prototype_table
+from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.box_member import member as member_of
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.performance import bandwidth, least_limit
+from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.rig_family import rig_family
+from beamdesign.proofs.tolerance_box import between, in_words, tolerance_box
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Payload, Prototype, write_prototype
-from beamdesign.rig.effects import library
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate
+from beamdesign.synthesis.tuning import tune
 
 CLAIMS = (
     Asked("peak_sensitivity", 3.0),
@@ -316,7 +316,7 @@ def test_between_the_members_a_box_proves_or_refutes(tame: Prototype):
 
 
 def test_more_at_once_than_a_hull_can_hold_is_not_covered(tame: Prototype, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("beamdesign.proof.branch._MOST_POINTS", 1)
+    monkeypatch.setattr("beamdesign.proofs.branch._MOST_POINTS", 1)
     found = certify_box(tame, tolerance_box(tame, 0.0))
     assert found.stable is None
     assert found.reason.startswith("not covered")

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.loop import LoopAtMass, critical_gain, loop
-from beamdesign.paper.drawings import DRAWINGS, drawn
 from beamdesign.prototype import Prototype
+from beamdesign.quantity_text import decibels, from_decibels
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.report.figures import (
     frequency_grid,
@@ -22,7 +22,7 @@ from beamdesign.report.figures import (
     plot_root_locus,
     plot_sensitivity,
 )
-from beamdesign.report.quantity import decibels, from_decibels
+from beamdesign.validation.paper.drawings import DRAWINGS, drawn
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from honest_certificates import (
 
 from beamdesign.checker import Unreadable, check
 from beamdesign.controllers import Lag
-from beamdesign.proof.writer import prototype_table
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import (
     Arm,
     Compliance,

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.gap.blind import blindcheck, outcome, scoring
-from beamdesign.gap.blind.baselines import lasso, lasso_path
-from beamdesign.gap.blind.case_plan import SHARES, Planned, counts, plan
-from beamdesign.gap.blind.diagnosis import begin_blind
-from beamdesign.gap.blind.outcome import Outcome
-from beamdesign.gap.blind.scoring import bootstrap, clopper_pearson
-from beamdesign.gap.blind.seal import (
+from beamdesign.records import InputError
+from beamdesign.validation.blind import blindcheck, outcome, scoring
+from beamdesign.validation.blind.baselines import lasso, lasso_path
+from beamdesign.validation.blind.case_plan import SHARES, Planned, counts, plan
+from beamdesign.validation.blind.diagnosis import begin_blind
+from beamdesign.validation.blind.outcome import Outcome
+from beamdesign.validation.blind.scoring import bootstrap, clopper_pearson
+from beamdesign.validation.blind.seal import (
     broken,
     canonical,
     folder_digest,
@@ -30,9 +31,8 @@ from beamdesign.gap.blind.seal import (
     sources,
     write_seal,
 )  # fmt: skip
-from beamdesign.gap.truth.effects import LISTED, OUTSIDE
-from beamdesign.records import InputError
-from beamdesign.report.blindcheck_result import markdown, result_fields, result_text
+from beamdesign.validation.blindcheck_result import markdown, result_fields, result_text
+from beamdesign.validation.truth.effects import LISTED, OUTSIDE
 
 # Bounds
 
@@ -142,11 +142,11 @@ def test_the_digest_of_a_folder_sees_names_and_bytes(tmp_path):
 
 
 def test_the_digest_of_a_program_covers_what_it_imports_and_no_more():
-    fits = {path.name for path in sources("beamdesign.gap.fitting.search")}
+    fits = {path.name for path in sources("beamdesign.diagnosis.fitting.search")}
     assert {"search.py", "fit.py", "seal_friction.py", "prototype.py"} <= fits
     assert not {"judgement.py", "diagnose.py", "drawing.py"} & fits
-    assert "judgement.py" in {path.name for path in sources("beamdesign.gap.diagnose")}
-    assert program_digest("beamdesign.gap.fitting.search") != program_digest("beamdesign.gap.diagnose")
+    assert "judgement.py" in {path.name for path in sources("beamdesign.diagnosis.diagnose")}
+    assert program_digest("beamdesign.diagnosis.fitting.search") != program_digest("beamdesign.diagnosis.diagnose")
     with pytest.raises(ValueError, match="no module"):
         sources("beamdesign.nowhere")
 
@@ -164,7 +164,7 @@ def test_whoever_diagnoses_cannot_open_an_answer(tmp_path):
         with pytest.raises(PermissionError, match="sealed"):
             pool.submit(Path.read_text, tmp_path / "detour" / "0000.json").result()
         with pytest.raises(ImportError):
-            pool.submit(import_module, "beamdesign.gap.truth").result()
+            pool.submit(import_module, "beamdesign.validation.truth").result()
     with pytest.raises(RuntimeError, match="knows the truth model"):
         begin_blind(str(answers), 0)  # this process does
 
@@ -369,11 +369,11 @@ FEW = ("transport_delay", "unequal_piston_areas", "parameter:flow_gain")
 @pytest.fixture(scope="module")
 def checked(tmp_path_factory):
     """Seven short cases, drawn, sealed and diagnosed with few candidates."""
-    from beamdesign.gap import diagnose as diagnosing
-    from beamdesign.gap import second_look as looking
-    from beamdesign.gap.blind.diagnosis import diagnose_blind, program
-    from beamdesign.gap.fitting import search as searching
-    from beamdesign.gap.fitting.hypothesis import Hypothesis
+    from beamdesign.diagnosis import diagnose as diagnosing
+    from beamdesign.diagnosis import second_look as looking
+    from beamdesign.diagnosis.fitting import search as searching
+    from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+    from beamdesign.validation.blind.diagnosis import diagnose_blind, program
 
     folder = tmp_path_factory.mktemp("check")
     check = blindcheck.begin_check(folder, len(SEVEN), 0, True, SEVEN)
@@ -427,7 +427,7 @@ def test_seven_cases_from_drawing_to_scores(checked):
 
 
 def test_what_is_finished_is_not_done_again(checked):
-    from beamdesign.gap.blind.diagnosis import diagnose_blind
+    from beamdesign.validation.blind.diagnosis import diagnose_blind
 
     check, now = checked
     place = check.place("0001")

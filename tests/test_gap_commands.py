@@ -14,13 +14,13 @@ import pytest
 from slow_sensor import SLOW_SENSOR, shortened
 from typer.testing import CliRunner
 
-import beamdesign.gap.fitting.search as searching
+import beamdesign.diagnosis.fitting.search as searching
 from beamdesign import InputError, Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
-from beamdesign.gap.data.dataset import Dataset, read_dataset
-from beamdesign.gap.fitting.fit import Fit, digest, kept_fits
-from beamdesign.gap.fitting.hypothesis import Hypothesis
-from beamdesign.gap.predict import predict_set
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.fitting.fit import Fit, digest, kept_fits
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+from beamdesign.diagnosis.predict import predict_set
 
 PUT_IN_HZ = 250.0
 """As `studies/gaps/make_slow_sensor.py` says."""
@@ -225,7 +225,7 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
     """Seen on a set that is quick to diagnose."""
     gains = SLOW_SENSOR.parent / "paper_gains"
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("beamdesign.gap.gains.classes.search_few", _few)
+    monkeypatch.setattr("beamdesign.diagnosis.gains.classes.search_few", _few)
     ran = CliRunner().invoke(app, ["gap", "diagnose", str(gains)])
     assert ran.exit_code == 0, ran.output
     names = {path.name for path in (tmp_path / "paper_gains.diagnosis").iterdir()}
@@ -233,7 +233,7 @@ def test_without_out_the_folder_is_named_after_the_data_set(tmp_path: Path, monk
 
 
 def _few(evidence, prototype, progress, among):
-    from beamdesign.gap.gains.search import search_few
+    from beamdesign.diagnosis.gains.search import search_few
 
     return search_few(evidence, prototype, progress, ("sensor_lag", "unequal_piston_areas"))
 

@@ -17,22 +17,22 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
-from beamdesign.gap import separability
-from beamdesign.gap.data.dataset import Dataset, TimeRecord, read_dataset
-from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range
-from beamdesign.gap.diagnose import diagnose
-from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.examination.believed import CHANNELS, believed_loop, controller_fit, demanded
-from beamdesign.gap.experiment import menu
-from beamdesign.gap.fitting import search as searching
-from beamdesign.gap.fitting.evidence import record_evidence
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis import separability
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
+from beamdesign.diagnosis.designer_terms import designer_terms, loops_of, payload_range
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.diagnosis import Diagnosis
+from beamdesign.diagnosis.examination.believed import CHANNELS, believed_loop, controller_fit, demanded
+from beamdesign.diagnosis.experiment import menu
+from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.redesign import redesign
 from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
 from beamdesign.simulate import simulate, write_records
-from beamdesign.study.redesign import redesign
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
@@ -224,7 +224,7 @@ def test_the_believed_loop_is_that_of_python_control(law: Controller) -> None:
 @pytest.mark.parametrize("law", [STRUCTURED, SENSORS, HEARING], ids=["structured", "sensors", "command"])
 def test_every_record_is_simulated_with_its_own_law(law: Controller) -> None:
     """Without noise a record is that of its model, also where the model is made to follow it."""
-    from beamdesign.gap.fitting.followed import followed
+    from beamdesign.diagnosis.fitting.followed import followed
 
     plan = scenario(0.4)
     rows = tuple(row.but(controller=law) for row in plan.record[1:2]) + plan.record[4:5]

@@ -9,9 +9,9 @@ from recorded_rig import Recorded, as_csv, recorded
 
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Lag
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.data.dataset_index import kind_of
-from beamdesign.gap.examination.plausibility import check_responses, examine
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.data.dataset_index import kind_of
+from beamdesign.diagnosis.examination.plausibility import check_responses, examine
 from beamdesign.loop import critical_gain
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.experiment import distance, next_experiment
-from beamdesign.gap.fitting.evidence import evidence_of
-from beamdesign.gap.fitting.fit import fit
-from beamdesign.gap.fitting.hypothesis import together
-from beamdesign.gap.fitting.starts import starts
+from beamdesign.diagnosis.experiment import distance, next_experiment
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.hypothesis import together
+from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.records import parse
 from beamdesign.scenario import Measurement, Scenario
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only, scenario
 
-from beamdesign.gap.amended import amended
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.fitting import search as searching
-from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
-from beamdesign.gap.fitting.fit import Fit, Share, fit, kept_fits
-from beamdesign.gap.fitting.hypothesis import (
+from beamdesign.diagnosis.amended import amended
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, kept_fits
+from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
     Hypothesis,
     Placement,
@@ -21,13 +21,13 @@ from beamdesign.gap.fitting.hypothesis import (
     together,
     tolerated,
 )
-from beamdesign.gap.fitting.search import refit, search
-from beamdesign.gap.fitting.starts import starts
-from beamdesign.gap.fitting.weighting import INDEPENDENT, SHARE, weighting
-from beamdesign.gap.truth import answer, draw_case, write_case
-from beamdesign.lumped import figures
+from beamdesign.diagnosis.fitting.search import refit, search
+from beamdesign.diagnosis.fitting.starts import starts
+from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.plant.effects import library
 from beamdesign.records import InputError
-from beamdesign.rig.effects import library
+from beamdesign.structure.lumped import figures
+from beamdesign.validation.truth import answer, draw_case, write_case
 
 
 @pytest.fixture(scope="module")
@@ -277,7 +277,7 @@ def test_the_error_of_a_record_is_that_of_its_displacement(lagged):
 
 def test_kept_fits_to_all_records_are_not_taken_for_fits_to_fewer(lagged, tmp_path, monkeypatch):
     """What is held out would otherwise be in the fits that the gap is measured with."""
-    monkeypatch.setattr("beamdesign.gap.fitting.search.singles", lambda rig: (Hypothesis(("sensor_lag",)),))
+    monkeypatch.setattr("beamdesign.diagnosis.fitting.search.singles", lambda rig: (Hypothesis(("sensor_lag",)),))
     kept = kept_fits(tmp_path / "fits", lagged)
     found = search(lagged, kept=kept)
     fewer = replace(lagged, records=lagged.records[:-1])

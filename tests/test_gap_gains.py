@@ -10,19 +10,19 @@ import pytest
 from gap_sets import TOLERANCE
 
 from beamdesign.controllers import Controller, Lag, Proportional
-from beamdesign.gap.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
-from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
-from beamdesign.gap.fitting.fit import fit
-from beamdesign.gap.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.linear_evidence import ResponseEvidence, scatter
-from beamdesign.gap.fitting.starts import starts
-from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
-from beamdesign.gap.gains.next_gain import separations
-from beamdesign.gap.gains.shares import common_factor, gain_shares
-from beamdesign.gap.judgement import evidence as marginal_likelihood
-from beamdesign.harmonic_balance import limit_cycles
+from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, read_dataset
+from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
+from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence, phase_crossings
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
+from beamdesign.diagnosis.fitting.starts import starts
+from beamdesign.diagnosis.gains.classes import GainDiagnosis, explain_gains
+from beamdesign.diagnosis.gains.next_gain import separations
+from beamdesign.diagnosis.gains.shares import common_factor, gain_shares
+from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import critical_gain, loop
+from beamdesign.plant.harmonic_balance import limit_cycles
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Servovalve
 from beamdesign.records import InputError
 
@@ -254,7 +254,7 @@ SUSPECTS = ("sensor_lag", "transport_delay", "unequal_piston_areas", "valve_dead
 
 @pytest.fixture(scope="module")
 def found_lag() -> GainDiagnosis:
-    from beamdesign.paper.rig import paper_prototype
+    from beamdesign.validation.paper.rig import paper_prototype
 
     believed = paper_prototype().but(tolerance=TOLERANCE)
     return explain_gains(rig_with_lag(believed, 400.0, 1, (0.4, 0.4, 0.4, 0.7, 0.2)), among=SUSPECTS)

@@ -10,16 +10,16 @@ import pytest
 from gap_sets import LAG, believed, measured, only, scenario
 from scipy.integrate import solve_ivp
 
-from beamdesign.gap.data.dataset import Dataset, TimeRecord
-from beamdesign.gap.fitting import hammering as hammering_again
-from beamdesign.gap.fitting.evidence import evidence_of, record_evidence
-from beamdesign.gap.fitting.fit import fit
-from beamdesign.gap.fitting.followed import followed, spread
-from beamdesign.gap.fitting.hammering import LOOSE, hammering, refit_hammering
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis, together
-from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.fitting.weighting import INDEPENDENT, blurred, weighting
-from beamdesign.gap.judgement import judge
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.fitting import hammering as hammering_again
+from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
+from beamdesign.diagnosis.fitting.fit import fit
+from beamdesign.diagnosis.fitting.followed import followed, spread
+from beamdesign.diagnosis.fitting.hammering import LOOSE, hammering, refit_hammering
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
+from beamdesign.diagnosis.judgement import judge
 
 PLAY_M, ROD_kg = 60e-6, 0.2
 NOISE_M = 3e-7

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only
 
-from beamdesign.gap.diagnose import verdict_of
-from beamdesign.gap.fitting.evidence import record_evidence
-from beamdesign.gap.fitting.fit import Fit, Share, fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.fitting.starts import resonances, starts
-from beamdesign.gap.judgement import THRESHOLDS, causes, classes, evidence, held_out_score, judge
+from beamdesign.diagnosis.diagnose import verdict_of
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit, Share, fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.fitting.starts import resonances, starts
+from beamdesign.diagnosis.judgement import THRESHOLDS, causes, classes, evidence, held_out_score, judge
 
 EXPECTED = 300.0
 LAG, AREAS = "sensor_lag", "unequal_piston_areas"

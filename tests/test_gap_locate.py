@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.diagnosis import Cause
-from beamdesign.gap.fitting.evidence import evidence_of
-from beamdesign.gap.fitting.fit import Fit, fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, together
-from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.where.conditions import lines_of, setting
-from beamdesign.gap.where.locate import kind_of_effect, laws_of, locate
-from beamdesign.gap.where.missing import stop
-from beamdesign.gap.where.residuals import residuals
+from beamdesign.diagnosis.diagnosis import Cause
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.fit import Fit, fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, together
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.where.conditions import lines_of, setting
+from beamdesign.diagnosis.where.locate import kind_of_effect, laws_of, locate
+from beamdesign.diagnosis.where.missing import stop
+from beamdesign.diagnosis.where.residuals import residuals
 from beamdesign.prototype import Prototype
 
 

@@ -14,9 +14,9 @@ from recorded_rig import LAG, STRAIGHT, Recorded, recorded
 from scipy.signal import lfilter
 
 from beamdesign.controllers import Lag
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.examination.believed import _knee, believed_loop, controller_fit, demanded
-from beamdesign.gap.examination.plausibility import examine
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.examination.believed import _knee, believed_loop, controller_fit, demanded
+from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.records import InputError
 
@@ -385,7 +385,7 @@ def test_the_controller_equation_agrees_with_an_independent_filter():
     """A lag through scipy's bilinear transform at 10 times the sampling rate, on a signal known in closed form."""
     from scipy.signal import bilinear
 
-    from beamdesign.gap.data.dataset import TimeRecord
+    from beamdesign.diagnosis.data.dataset import TimeRecord
 
     fine = np.arange(0, 50_001) * 2e-5
     volts = np.sin(2 * np.pi * 7 * fine) ** 3 * fine

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
-from beamdesign.gap.bench.diagnosis import (
+from beamdesign.diagnosis.bench.diagnosis import (
     BenchDiagnosis,
     ConditionRow,
     ReplayError,
@@ -19,9 +19,9 @@ from beamdesign.gap.bench.diagnosis import (
     rows_of,
     where_of,
 )
-from beamdesign.gap.data.dataset import Dataset, read_dataset
-from beamdesign.gap.designer_terms import designer_terms, loops_of, payload_range, terms
-from beamdesign.gap.diagnosis import (
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.designer_terms import designer_terms, loops_of, payload_range, terms
+from beamdesign.diagnosis.diagnosis import (
     Cause,
     Diagnosis,
     Errors,
@@ -32,11 +32,11 @@ from beamdesign.gap.diagnosis import (
     Witness,
     diagnosis_fields,
 )
-from beamdesign.gap.fitting.evidence import record_evidence
-from beamdesign.gap.fitting.fit import Fit, Share
-from beamdesign.gap.fitting.hypothesis import Hypothesis
-from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.shrink import errors, gap, in_bands
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit, Share
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.shrink import errors, gap, in_bands
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
 from beamdesign.report.gap_pictures import bands, diverged, zoom

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from gap_sets import LAG, believed, measured, scenario
 
-from beamdesign.gap import second_look as looking
-from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.fitting import search as searching
-from beamdesign.gap.fitting.evidence import record_evidence
-from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.gap.fitting.search import Search
-from beamdesign.gap.second_look import grows, rings
+from beamdesign.diagnosis import second_look as looking
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.fitting import search as searching
+from beamdesign.diagnosis.fitting.evidence import record_evidence
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.second_look import grows, rings
 from beamdesign.loop import critical_gain
 
 SLOW_Hz = 45.0  # a sensor's break that costs the loop its margin

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, scenario
 
-from beamdesign.gap.fitting.evidence import evidence_of
-from beamdesign.gap.fitting.hypothesis import together
-from beamdesign.gap.separability import _judged, indistinguishable
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.hypothesis import together
+from beamdesign.diagnosis.separability import _judged, indistinguishable
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only
 
-from beamdesign.gap.diagnose import held_out
-from beamdesign.gap.shrink import Errors, gap
+from beamdesign.diagnosis.diagnose import held_out
+from beamdesign.diagnosis.shrink import Errors, gap
 
 
 @pytest.fixture(scope="module")

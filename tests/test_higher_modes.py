@@ -5,19 +5,19 @@ from math import cos, cosh, pi, sin, sinh
 import numpy as np
 import pytest
 
-from beamdesign.beam import natural_frequencies
 from beamdesign.controllers import Section, Structured
-from beamdesign.higher_modes import (
+from beamdesign.loop import critical_gain, loop
+from beamdesign.plant.higher_modes import (
     exact_compliance,
     signals,
     single_compliance,
     single_mode_reach,
     with_mass,
 )
-from beamdesign.loop import critical_gain, loop
-from beamdesign.paper.rig import INNER_END_MASS_KG, OUTER, lag, proportional
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.records import InputError
+from beamdesign.structure.beam import natural_frequencies
+from beamdesign.validation.paper.rig import INNER_END_MASS_KG, OUTER, lag, proportional
 
 
 def receptance(frequency: float, rigidity: float, per_length: float, length: float, end_mass: float) -> float:

@@ -13,16 +13,16 @@ from typer.testing import CliRunner
 
 from beamdesign import quantities
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.bench_simulation import simulate_bench
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.cli.command import Figure
-from beamdesign.linear_reach import reach
 from beamdesign.loop import critical_gain
+from beamdesign.plant.bench_simulation import simulate_bench
+from beamdesign.plant.compiled import MOST_STEPS
+from beamdesign.plant.linear_reach import reach
 from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototype
 from beamdesign.quantities import Plausible, range_of, unit_of
 from beamdesign.records import InputError, Record, parse
-from beamdesign.rig.compiled import MOST_STEPS
 from beamdesign.scenario import Scenario
 from beamdesign.simulate import simulate
 

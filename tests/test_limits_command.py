@@ -9,15 +9,15 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.docs import page
-from beamdesign.higher_modes import single_mode_reach
-from beamdesign.linear_reach import reach, with_published_effects
 from beamdesign.loop import critical_gain
-from beamdesign.operating_limits import envelope
-from beamdesign.paper.rig import INNER_END_MASS_KG, lag
+from beamdesign.plant.higher_modes import single_mode_reach
+from beamdesign.plant.linear_reach import reach, with_published_effects
 from beamdesign.prototype import Prototype, Supply, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.figures import plot_envelope
+from beamdesign.synthesis.operating_limits import envelope
+from beamdesign.validation.paper.rig import INNER_END_MASS_KG, lag
 
 ROOT = Path(__file__).parent.parent
 

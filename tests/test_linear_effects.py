@@ -12,15 +12,15 @@ from scipy.optimize import brentq
 from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Proportional
 from beamdesign.loop import critical_gain, loop
-from beamdesign.members import family, paper_model
+from beamdesign.plant import linearised
+from beamdesign.plant.assembly import assemble
+from beamdesign.plant.effect import Linear, Operation
+from beamdesign.plant.effects import library
+from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.plant.members import family, paper_model
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Payload, Prototype, Sensor
 from beamdesign.records import InputError
-from beamdesign.rig import linearised
-from beamdesign.rig.assembly import assemble
-from beamdesign.rig.effect import Linear, Operation
-from beamdesign.rig.effects import library
-from beamdesign.rig.equilibrium import equilibrium, linearise
-from beamdesign.rig.parameters import parameters_of, structure_of
 
 LAGS = ("sensor_lag", "sensor_lag_second_order", "transport_delay")
 EXACT = ("mount_compliance", "second_beam_mode", *LAGS, "uneven_leakage")

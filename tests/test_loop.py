@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Proportional, Section, Structured
-from beamdesign.gap.data.dataset import MeasuredGain
-from beamdesign.gap.fitting.gain_evidence import GainEvidence
-from beamdesign.gap.fitting.hypothesis import NOTHING
+from beamdesign.diagnosis.data.dataset import MeasuredGain
+from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING
 from beamdesign.loop import LoopAtMass, critical_gain, loop
 from beamdesign.prototype import Payload, Prototype
 

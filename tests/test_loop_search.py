@@ -14,19 +14,19 @@ from hypothesis import strategies as st
 
 from beamdesign.controllers import KINDS, Lag, Proportional
 from beamdesign.controllers.form import form_of
-from beamdesign.design.loop_limits import loop_slack
-from beamdesign.design.loop_samples import samples
-from beamdesign.design.refinement import check_points, guarantee, with_peak, with_share
-from beamdesign.design.starts import (
+from beamdesign.loop import LoopAtMass, loop
+from beamdesign.plant.beams_rig import FIGURES
+from beamdesign.plant.members import paper_model
+from beamdesign.prototype import Payload, Prototype
+from beamdesign.synthesis.loop_limits import loop_slack
+from beamdesign.synthesis.loop_samples import samples
+from beamdesign.synthesis.refinement import check_points, guarantee, with_peak, with_share
+from beamdesign.synthesis.starts import (
     SEARCH_FREQUENCIES_HZ,
     best_gain,
     feasible_gain_ends,
     sampled_bandwidth,
 )
-from beamdesign.loop import LoopAtMass, loop
-from beamdesign.members import paper_model
-from beamdesign.prototype import Payload, Prototype
-from beamdesign.rig.beams_rig import FIGURES
 
 FREQUENCIES_HZ = np.geomspace(0.1, 400.0, 40)
 LAG = Lag(gain_A_per_V=0.12, pole_Hz=1.3, zero_Hz=38.0)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.lumped import figures, fixed_dashpot, lumped_beam, notes
+from beamdesign.plant.beams_rig import FIGURES
 from beamdesign.prototype import Beam, Prototype
-from beamdesign.rig.beams_rig import FIGURES
+from beamdesign.structure.lumped import figures, fixed_dashpot, lumped_beam, notes
 
 TUBE = {"width_m": 0.14, "wall_m": 0.0023, "free_length_m": 1.195, "material": "6061-T6"}
 

@@ -16,10 +16,10 @@ from beamdesign.checker import check
 from beamdesign.cli.certify_variations import certify_switching
 from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proof.courses import any_change, bounded_rate, checked
-from beamdesign.proof.decrease import (
+from beamdesign.proofs.courses import any_change, bounded_rate, checked
+from beamdesign.proofs.decrease import (
     decrease,
     dwell_suffices,
     exact_terms,
@@ -27,11 +27,11 @@ from beamdesign.proof.decrease import (
     holds_at_rate,
     jump,
 )
-from beamdesign.proof.dwell import sudden_change
-from beamdesign.proof.growth import frozen, growing_cycle, masses_in_turn, proved_growth
-from beamdesign.proof.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
-from beamdesign.proof.lyapunov import Switching, describe, switching
-from beamdesign.proof.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
+from beamdesign.proofs.dwell import sudden_change
+from beamdesign.proofs.growth import frozen, growing_cycle, masses_in_turn, proved_growth
+from beamdesign.proofs.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
+from beamdesign.proofs.lyapunov import Switching, describe, switching
+from beamdesign.proofs.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
 from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 

@@ -6,8 +6,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from beamdesign.rig.effect import Site
-from beamdesign.rig.effects.valve_hysteresis_magnetic import EFFECT
+from beamdesign.plant.effect import Site
+from beamdesign.plant.effects.valve_hysteresis_magnetic import EFFECT
 
 
 def magnetised(currents: np.ndarray, **parameter: float) -> np.ndarray:

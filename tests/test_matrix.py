@@ -22,15 +22,15 @@ from typer.testing import CliRunner
 
 from beamdesign import checker
 from beamdesign.cli import app, progress
-from beamdesign.design import tuning
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.fitting.hypothesis import cause, singles
+from beamdesign.diagnosis import redesign as redesigning
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.fitting.hypothesis import cause, singles
+from beamdesign.diagnosis.redesign import redesign
+from beamdesign.plant.effects import library
 from beamdesign.problem import read_problem
 from beamdesign.prototype import read_prototype
 from beamdesign.records import InputError
-from beamdesign.rig.effects import library
-from beamdesign.study import redesign as redesigning
-from beamdesign.study.redesign import redesign
+from beamdesign.synthesis import tuning
 
 STUDIES = Path(__file__).parents[1] / "studies"
 PAYLOAD = (2.0, 2.2)

@@ -23,32 +23,32 @@ from pydantic import Field, ValidationError
 from typer.testing import CliRunner
 
 from beamdesign import cli
+from beamdesign.build.drawing import drawing, dxf_text, svg_text
+from beamdesign.build.folder import document_of
+from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files
+from beamdesign.build.realisation.folder import compile_self_test, compiler
+from beamdesign.build.realisation.realise import Realisation, realise
+from beamdesign.build.specification import specification_of
 from beamdesign.cli.output import say, say_table, write_csv
 from beamdesign.cli.progress import display
 from beamdesign.columns import read_columns
 from beamdesign.controllers import Lag
-from beamdesign.gap.blind.outcome import Outcome
-from beamdesign.gap.data.dataset_index import TimeEntry, read_index
-from beamdesign.gap.experiment import Experiment, scenario_of
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.writer import certificate
+from beamdesign.diagnosis.data.dataset_index import TimeEntry, read_index
+from beamdesign.diagnosis.experiment import Experiment, scenario_of
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.realisation.c_code import LAW, SELF_TEST, c_files
-from beamdesign.realisation.folder import compile_self_test, compiler
-from beamdesign.realisation.realise import Realisation, realise
 from beamdesign.records import InputError, Longest, Record, parse
-from beamdesign.report.blindcheck_result import markdown
 from beamdesign.report.canvas import inline_svg
 from beamdesign.report.page import Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
 from beamdesign.report.record_plot import write_record_page
-from beamdesign.report.study_plot import draw
 from beamdesign.scenario import FromCsv, ScenarioRecord, Step
-from beamdesign.specification.drawing import drawing, dxf_text, svg_text
-from beamdesign.specification.folder import document_of
-from beamdesign.specification.specification import specification_of
 from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
-from beamdesign.study.sweep_file import Picture as Drawn
-from beamdesign.study.sweep_file import Sweep
+from beamdesign.sweep.plot import draw
+from beamdesign.sweep.sweep_file import Picture as Drawn
+from beamdesign.sweep.sweep_file import Sweep
+from beamdesign.validation.blind.outcome import Outcome
+from beamdesign.validation.blindcheck_result import markdown
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 PLAIN = "rig"

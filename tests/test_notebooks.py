@@ -13,9 +13,9 @@ from nbclient import NotebookClient
 from nbformat import NotebookNode
 
 from beamdesign import certify, read_prototype, state_space
-from beamdesign.study.case import kept
-from beamdesign.study.store import keep
-from beamdesign.study.sweep_run import plan, run_sweep
+from beamdesign.sweep.case import kept
+from beamdesign.sweep.store import keep
+from beamdesign.sweep.sweep_run import plan, run_sweep
 
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = {path.stem: path for path in sorted((PROJECT / "notebooks").glob("*.ipynb"))}

@@ -12,31 +12,31 @@ from forging import altered
 from truth_of_arm_plane import Plane
 from typer.testing import CliRunner
 
-from beamdesign.arm.plane import plane_loop
-from beamdesign.arm.result import certify_plane
+from beamdesign.build.realisation.realise import realise
 from beamdesign.checker import Unreadable, check
 from beamdesign.checker.roots import stable_on_rectangle
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Observer
-from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import critical_gain, loop
-from beamdesign.lumped import figures
-from beamdesign.members import family, paper_model
+from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.box import certify_box
-from beamdesign.proof.certificate import Asked, Certificate
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.performance import prove
-from beamdesign.proof.rectangle import Rectangle, axis_inside
-from beamdesign.proof.stability import is_stable_over
-from beamdesign.proof.tolerance_box import tolerance_box
-from beamdesign.proof.writer import prototype_table
+from beamdesign.proofs.arm.plane import plane_loop
+from beamdesign.proofs.arm.result import certify_plane
+from beamdesign.proofs.box import certify_box
+from beamdesign.proofs.certificate import Asked, Certificate
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.performance import prove
+from beamdesign.proofs.rectangle import Rectangle, axis_inside
+from beamdesign.proofs.stability import is_stable_over
+from beamdesign.proofs.tolerance_box import tolerance_box
+from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
-from beamdesign.realisation.realise import realise
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate
+from beamdesign.structure.lumped import figures
 
 MASSES_KG = (0.0, 6.8)
 FREQUENCIES_HZ = np.geomspace(0.1, 600.0, 300)

@@ -15,10 +15,14 @@ from sensor_rows import SensorRow
 
 from beamdesign.controllers import SENSED
 from beamdesign.controllers.form import Form, block_form, rounded
-from beamdesign.design.bandwidth import Polish
-from beamdesign.design.law_search import Effort, Search
-from beamdesign.design.loop_samples import samples, slacks
-from beamdesign.design.synthesis import (
+from beamdesign.loop import loop, rig_loop
+from beamdesign.plant.members import family
+from beamdesign.proofs.certifying import certify
+from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.synthesis.bandwidth import Polish
+from beamdesign.synthesis.law_search import Effort, Search
+from beamdesign.synthesis.loop_samples import samples, slacks
+from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
     StateSpace,
     Weights,
@@ -31,11 +35,7 @@ from beamdesign.design.synthesis import (
     sensed_model,
     weighted,
 )
-from beamdesign.design.weight_search import search_observer
-from beamdesign.loop import loop, rig_loop
-from beamdesign.members import family
-from beamdesign.proof.certifying import certify
-from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.synthesis.weight_search import search_observer
 
 PROTOTYPES = Path(__file__).parents[1] / "studies" / "prototypes"
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from beamdesign.controllers import Lag
-from beamdesign.operating_limits import demand, envelope, rated_current, sensor_reach, smaller_side
 from beamdesign.prototype import Payload, Prototype, Supply, prototype_from
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.synthesis.operating_limits import demand, envelope, rated_current, sensor_reach, smaller_side
 
 
 @pytest.fixture

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.cli.paper import paper as command
 from beamdesign.loop import critical_gain, loop
-from beamdesign.lumped import lumped_beam, notes
-from beamdesign.paper import CASES, Comparison, compare, paper_prototype
-from beamdesign.paper.claims import Claim, gain_cliff
-from beamdesign.paper.figure_claims import figure_claims
-from beamdesign.paper.rig import lag
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
+from beamdesign.structure.lumped import lumped_beam, notes
+from beamdesign.validation.paper import CASES, Comparison, compare, paper_prototype
+from beamdesign.validation.paper.claims import Claim, gain_cliff
+from beamdesign.validation.paper.figure_claims import figure_claims
+from beamdesign.validation.paper.rig import lag
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ from math import pi
 
 import pytest
 
-from beamdesign.lumped import figures
 from beamdesign.parameters import PARAMETERS, with_unit
+from beamdesign.plant.effect import SUBSYSTEMS
 from beamdesign.prototype import Prototype, Tolerance
-from beamdesign.rig.effect import SUBSYSTEMS
+from beamdesign.structure.lumped import figures
 
 
 @pytest.mark.parametrize("row", PARAMETERS.values(), ids=lambda row: row.name)

@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 
 from beamdesign.checker.roots import Slack
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.linear import LinearModel
 from beamdesign.loop import Loop, loop
-from beamdesign.members import paper_model
+from beamdesign.plant.linear import LinearModel
+from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.certificate import Asked, Claim, Kind
-from beamdesign.proof.performance import bandwidth as proved_bandwidth
-from beamdesign.proof.performance import frequency_below, least_limit, prove, squared_frequency
-from beamdesign.proof.quadratic import quadratic_nonnegative
-from beamdesign.proof.rational import nearest
-from beamdesign.proof.rectangle import Rectangle, shifted
+from beamdesign.proofs.certificate import Asked, Claim, Kind
+from beamdesign.proofs.performance import bandwidth as proved_bandwidth
+from beamdesign.proofs.performance import frequency_below, least_limit, prove, squared_frequency
+from beamdesign.proofs.quadratic import quadratic_nonnegative
+from beamdesign.proofs.rectangle import Rectangle, shifted
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
+from beamdesign.rational import nearest
 
 quick = settings(max_examples=80, deadline=None)
 MASSES = (0.0, 6.8)

@@ -19,7 +19,7 @@ from beamdesign.polynomial import (
     squared_magnitude,
     value_at,
 )
-from beamdesign.proof.rational import bounds, nearest, rounded_down, rounded_up, shortened, simple_between, text
+from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, shortened, simple_between, text
 
 quick = settings(max_examples=50, deadline=None)
 fractions = st.fractions(min_value=-100, max_value=100, max_denominator=1000)

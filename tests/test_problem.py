@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from beamdesign.lumped import figures
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.records import InputError, parse, to_toml
+from beamdesign.structure.lumped import figures
 
 STUDIES = sorted((Path(__file__).parent.parent / "studies").glob("*.toml"))
 STUDY = next(path for path in STUDIES if path.name == "prototype.toml")

@@ -14,7 +14,6 @@ from pydantic import ValidationError
 
 from beamdesign import quantities as q
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.materials import material_names
 from beamdesign.prototype import (
     Actuator,
     Beam,
@@ -30,6 +29,7 @@ from beamdesign.prototype import (
     write_prototype,
 )
 from beamdesign.records import InputError, to_toml
+from beamdesign.structure.materials import material_names
 
 ROOT = Path(__file__).parent.parent
 SHIPPED = sorted((ROOT / "studies" / "prototypes").glob("*.toml"))

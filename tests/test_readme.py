@@ -14,10 +14,10 @@ from beamdesign import docs
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import KINDS, Lag
-from beamdesign.proof.certificate import Asked
-from beamdesign.proof.certifying import certify
+from beamdesign.plant.effects import library
+from beamdesign.proofs.certificate import Asked
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, read_prototype
-from beamdesign.rig.effects import library
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "beamdesign" / "docs"

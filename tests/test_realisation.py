@@ -18,21 +18,15 @@ from rate_and_word import sufficient, trade
 from realised_loop import run_closed
 from typer.testing import CliRunner
 
-from beamdesign.cli import app
-from beamdesign.control_models import state_space
-from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
-from beamdesign.loop import loop
-from beamdesign.polynomial import exact, roots
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.realisation import c_files, judge, realise
-from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
-from beamdesign.realisation.emulation import FixedPoint, Float32, shifted, to_word
-from beamdesign.realisation.folder import compiler
-from beamdesign.realisation.law import fixed_point
-from beamdesign.realisation.loop import ComputedLate, prove_any_computing_time, realised_loop, rounded_loop
-from beamdesign.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms
-from beamdesign.realisation.sections import discretised
-from beamdesign.realisation.verdict import (
+from beamdesign.build.realisation import c_files, judge, realise
+from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
+from beamdesign.build.realisation.emulation import FixedPoint, Float32, shifted, to_word
+from beamdesign.build.realisation.folder import compiler
+from beamdesign.build.realisation.law import fixed_point
+from beamdesign.build.realisation.loop import ComputedLate, prove_any_computing_time, realised_loop, rounded_loop
+from beamdesign.build.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms
+from beamdesign.build.realisation.sections import discretised
+from beamdesign.build.realisation.verdict import (
     continuous_figures,
     half_steps,
     law_errors,
@@ -40,10 +34,16 @@ from beamdesign.realisation.verdict import (
     rounding_effect,
     sampled_figures,
 )
+from beamdesign.build.sampled_loop import prove_sampled
+from beamdesign.cli import app
+from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
+from beamdesign.loop import loop
+from beamdesign.polynomial import exact, roots
+from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import simulate
-from beamdesign.specification.sampled_loop import prove_sampled
 
 STUDIES = Path(__file__).parent.parent / "studies"
 TAME = STUDIES / "prototypes" / "tame_lag.toml"

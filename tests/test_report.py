@@ -19,21 +19,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_figures import cut_off
 
+from beamdesign.build.acceptance import acceptance
+from beamdesign.build.result_folder import FILES, check_row, report_html, write_result_folder
 from beamdesign.checker import check
 from beamdesign.loop import critical_gain, loop
-from beamdesign.lumped import lumped_beam
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.prototype import InStage, Prototype, read_prototype
+from beamdesign.quantity_text import at_least, at_most, decimal, per_cent, quantity
 from beamdesign.report.canvas import inline_svg, new_figure
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import shade_compliance
 from beamdesign.report.pictures import loop_pictures, prototype_picture, stable_gains, wider_map
-from beamdesign.report.quantity import at_least, at_most, decimal, per_cent, quantity
-from beamdesign.report.result_folder import FILES, check_row, report_html, write_result_folder
 from beamdesign.report.statements import price_words
 from beamdesign.report.trade import plot_trade, read_trade
-from beamdesign.specification.acceptance import acceptance
-from beamdesign.study.design_run import DesignRun
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.synthesis.design_run import DesignRun
 
 
 class Page(HTMLParser):

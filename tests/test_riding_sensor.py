@@ -14,13 +14,13 @@ from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
-from beamdesign.design.loop_samples import samples, slacks
-from beamdesign.design.starts import best_gain, sampled_bandwidth
-from beamdesign.linear import LinearModel
+from beamdesign.diagnosis.redesign import redesign
 from beamdesign.loop import LoopAtMass, loop, rig_loop
-from beamdesign.members import family
+from beamdesign.plant.linear import LinearModel
+from beamdesign.plant.members import family
 from beamdesign.prototype import Payload, Prototype
-from beamdesign.study.redesign import redesign
+from beamdesign.synthesis.loop_samples import samples, slacks
+from beamdesign.synthesis.starts import best_gain, sampled_bandwidth
 
 LAG = Lag(gain_A_per_V=0.1, pole_Hz=1.3, zero_Hz=38.0)
 FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)

@@ -10,16 +10,16 @@ from scipy.linalg import eigh
 
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.members import paper_model
+from beamdesign.plant.assembly import INPUTS, OUTPUTS, PORTS, Structure, assemble
+from beamdesign.plant.effects import library
+from beamdesign.plant.electronics import SAMPLED
+from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.plant.linearised import evaluate_exactly
+from beamdesign.plant.members import paper_model
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.rig.assembly import INPUTS, OUTPUTS, PORTS, Structure, assemble
-from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import SAMPLED
-from beamdesign.rig.equilibrium import equilibrium, linearise
-from beamdesign.rig.linearised import evaluate_exactly
-from beamdesign.rig.parameters import parameters_of, structure_of
 
 CONTRACT = {
     "sensor_lag", "transport_delay", "unequal_piston_areas", "pressure_dependent_flow", "entrained_air",

@@ -15,16 +15,16 @@ from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag
-from beamdesign.design.law_search import worst_of
-from beamdesign.design.loop_samples import Samples, samples, slacks
-from beamdesign.design.refinement import Proved
-from beamdesign.design.rig_spread import RigSpread, WorstSamples, rig_spread, worst_samples
-from beamdesign.design.tuning import LawOptions, Tuning, tune, tune_law
-from beamdesign.members import paper_model
-from beamdesign.proof.certifying import certify
+from beamdesign.plant.members import paper_model
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.study.design_run import claims_of, draw_rigs, least_share
+from beamdesign.synthesis.design_run import claims_of, draw_rigs, least_share
+from beamdesign.synthesis.law_search import worst_of
+from beamdesign.synthesis.loop_samples import Samples, samples, slacks
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.rig_spread import RigSpread, WorstSamples, rig_spread, worst_samples
+from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 
 LAW = Lag(gain_A_per_V=0.12, pole_Hz=1.2, zero_Hz=30.0)
 FORM, _logarithms = LAW.form()

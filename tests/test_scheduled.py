@@ -17,24 +17,7 @@ from typer.testing import CliRunner
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.controllers import Estimator, Scheduled, Section, Structured
-from beamdesign.design import tuning
-from beamdesign.design.refinement import Proved
-from beamdesign.design.rig_spread import rig_spread
-from beamdesign.design.tuning import LawOptions, Tuning, kept_apart, stage_ranges, tune
-from beamdesign.gap.predict import Inputs, predict
-from beamdesign.linear import LinearModel
-from beamdesign.loop import loop
-from beamdesign.members import paper_model, served
-from beamdesign.polynomial import exact
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.decrease import holds_at_rate
-from beamdesign.proof.dwell import stage_change, verified_dwell
-from beamdesign.proof.lyapunov import Switching, describe, switching
-from beamdesign.proof.mass_family import MassFamily, closed_loop, stage_families, stage_family
-from beamdesign.prototype import Prototype, read_prototype, write_prototype
-from beamdesign.records import InputError
-from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.scheduling.estimator import (
+from beamdesign.controllers.scheduling.estimator import (
     CANDIDATES,
     FREE,
     NOTHING,
@@ -44,8 +27,25 @@ from beamdesign.scheduling.estimator import (
     free_responses,
     plant_step,
 )  # fmt: skip
-from beamdesign.scheduling.simulation import Course, next_stage, simulate_scheduled
+from beamdesign.controllers.scheduling.simulation import Course, next_stage, simulate_scheduled
+from beamdesign.diagnosis.predict import Inputs, predict
+from beamdesign.loop import loop
+from beamdesign.plant.linear import LinearModel
+from beamdesign.plant.members import paper_model, served
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.decrease import holds_at_rate
+from beamdesign.proofs.dwell import stage_change, verified_dwell
+from beamdesign.proofs.lyapunov import Switching, describe, switching
+from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_families, stage_family
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.records import InputError
+from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulate import simulate
+from beamdesign.synthesis import tuning
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.rig_spread import rig_spread
+from beamdesign.synthesis.tuning import LawOptions, Tuning, kept_apart, stage_ranges, tune
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ROOT / "studies" / "scheduled" / "prototype.toml"

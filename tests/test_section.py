@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from beamdesign.section import (
+from beamdesign.structure.section import (
     SquareTube,
     area,
     clearance,

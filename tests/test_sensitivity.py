@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.bench_simulation import bench_parameters, bench_start, bench_structure
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain
-from beamdesign.members import paper_model
+from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble
+from beamdesign.plant.bench_simulation import bench_parameters, bench_start, bench_structure
+from beamdesign.plant.compiled import integrate
+from beamdesign.plant.effects import library
+from beamdesign.plant.electronics import SAMPLED, Series
+from beamdesign.plant.equilibrium import equilibrium, scales
+from beamdesign.plant.members import paper_model
+from beamdesign.plant.parameters import parameters_of, structure_of
+from beamdesign.plant.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
 from beamdesign.prototype import Prototype
 from beamdesign.records import parse
-from beamdesign.rig.assembly import OUTPUTS, Assembly, Structure, assemble
-from beamdesign.rig.compiled import integrate
-from beamdesign.rig.effects import library
-from beamdesign.rig.electronics import SAMPLED, Series
-from beamdesign.rig.equilibrium import equilibrium, scales
-from beamdesign.rig.parameters import parameters_of, structure_of
-from beamdesign.rig.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
 
 SMOOTH = ("entrained_air", "mount_compliance", "second_beam_mode", "transport_delay")
 LAG = Lag(gain_A_per_V=0.06, pole_Hz=1.75, zero_Hz=26.0)

@@ -16,14 +16,14 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain, loop
-from beamdesign.members import paper_model
+from beamdesign.plant.assembly import assemble
+from beamdesign.plant.compiled import integrate
+from beamdesign.plant.effects import library
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.members import paper_model
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
-from beamdesign.rig.assembly import assemble
-from beamdesign.rig.compiled import integrate
-from beamdesign.rig.effects import library
-from beamdesign.rig.equilibrium import equilibrium
-from beamdesign.rig.parameters import parameters_of, structure_of
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario
 from beamdesign.simulate import COLUMNS, half_steps, oscillation, simulate
 

@@ -8,11 +8,11 @@ import typer
 from typer.testing import CliRunner
 
 from beamdesign.cli.size import size
-from beamdesign.design.checks import check_sections
 from beamdesign.problem import read_problem
 from beamdesign.prototype import Beam, write_prototype
 from beamdesign.records import InputError
-from beamdesign.section import SquareTube
+from beamdesign.structure.section import SquareTube
+from beamdesign.synthesis.checks import check_sections
 
 STUDY = Path(__file__).parents[1] / "studies" / "prototype.toml"
 PUBLISHED = (0.140, 0.0023), (0.100, 0.0032)

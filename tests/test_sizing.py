@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from beamdesign.design.checks import REQUIREMENTS, beam_mass, check_sections, checks, stock_optimum
-from beamdesign.design.free_search import (
+from beamdesign.problem import DesignProblem, read_problem
+from beamdesign.structure.section import SquareTube
+from beamdesign.structure.stock import stock_tubes
+from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks, stock_optimum
+from beamdesign.synthesis.free_search import (
     Conditions,
     free_optimum,
     sizing_program,
@@ -18,10 +21,7 @@ from beamdesign.design.free_search import (
     solver,
     start_variables,
 )
-from beamdesign.design.sizing import size
-from beamdesign.problem import DesignProblem, read_problem
-from beamdesign.section import SquareTube
-from beamdesign.stock import stock_tubes
+from beamdesign.synthesis.sizing import size
 
 PUBLISHED = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)
 

@@ -14,20 +14,20 @@ import pytest
 from ezdxf import recover
 from typer.testing import CliRunner
 
-from beamdesign.changed_figures import with_figures
+from beamdesign.build import analogue, tolerances
+from beamdesign.build.acceptance import COLUMNS, acceptance_plan, believed, write_data_folder
+from beamdesign.build.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 from beamdesign.checker import check
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Observer, Scheduled, Stage
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.diagnose import held_out
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.diagnose import held_out
+from beamdesign.plant.changed_figures import with_figures
 from beamdesign.prototype import Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
 from beamdesign.simulate import simulate
-from beamdesign.specification import analogue, tolerances
-from beamdesign.specification.acceptance import COLUMNS, acceptance_plan, believed, write_data_folder
-from beamdesign.specification.drawing import LAYERS, drawing, dxf_text, missing_geometry, svg_text
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 
@@ -239,9 +239,9 @@ def test_what_a_law_senses_beside_the_displacement_is_to_be_recorded(folder: Pat
 
 def test_the_folder_filled_in_is_diagnosed(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A rig with a sensor lag that nobody told of, recorded as the plan says, goes to the diagnosis as it is."""
-    from beamdesign.gap import diagnose as diagnosing
-    from beamdesign.gap.fitting import search as searching
-    from beamdesign.gap.fitting.hypothesis import Hypothesis
+    from beamdesign.diagnosis import diagnose as diagnosing
+    from beamdesign.diagnosis.fitting import search as searching
+    from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 
     rig = read_prototype(folder / "acceptance" / "prototype.toml")
     plan = acceptance_plan(rig, (0.0, 6.8), duration_s=0.5)
@@ -294,7 +294,7 @@ def test_a_drawing_is_the_same_bytes_in_every_process() -> None:
     """Sets of text are in another order in each, unless their hashes are told."""
     code = (
         "import sys; from beamdesign.prototype import read_prototype;"
-        "from beamdesign.specification.drawing import drawing, dxf_text;"
+        "from beamdesign.build.drawing import drawing, dxf_text;"
         "sys.stdout.write(dxf_text(drawing(read_prototype(sys.argv[1]))))"
     )
     command = [sys.executable, "-c", code, str(PROTOTYPES / "tame_lag.toml")]

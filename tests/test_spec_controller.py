@@ -11,22 +11,22 @@ from flint import fmpq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamdesign.checker import check
-from beamdesign.control_models import state_space
-from beamdesign.controllers import Lag, Observer, Proportional
-from beamdesign.proof.certifying import certify
-from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.realisation.loop import realised_loop
-from beamdesign.realisation.realise import floats
-from beamdesign.specification.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
-from beamdesign.specification.circuit import DECADE, Circuit, Stage, neighbours, values_between
-from beamdesign.specification.difference_equation import (
+from beamdesign.build.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
+from beamdesign.build.circuit import DECADE, Circuit, Stage, neighbours, values_between
+from beamdesign.build.difference_equation import (
     DifferenceEquation,
     difference_equation,
     sensible_rate_Hz,
     upper_break_Hz,
 )
-from beamdesign.specification.sampled_loop import prove_sampled
+from beamdesign.build.realisation.loop import realised_loop
+from beamdesign.build.realisation.realise import floats
+from beamdesign.build.sampled_loop import prove_sampled
+from beamdesign.checker import check
+from beamdesign.control_models import state_space
+from beamdesign.controllers import Lag, Observer, Proportional
+from beamdesign.proofs.certifying import certify
+from beamdesign.prototype import Prototype, read_prototype
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
 

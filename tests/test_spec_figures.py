@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from beamdesign.changed_figures import CHANGEABLE, with_figures
+from beamdesign.build.acceptance import acceptance
+from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need
+from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
+from beamdesign.build.tubes import stock_choices
 from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Scheduled, Stage
 from beamdesign.loop import loop
+from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.specification.acceptance import acceptance
-from beamdesign.specification.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need
-from beamdesign.specification.tolerances import SAFETY, Tolerances, tolerances
-from beamdesign.specification.tubes import stock_choices
 
 PUBLISHED = Path(__file__).parent.parent / "studies" / "prototypes" / "published_lag.toml"
 MASSES = (0.0, 6.8)
@@ -166,7 +166,7 @@ def test_performance_at_the_ends_of_a_tolerance(rig: Prototype, kept: Tolerances
 
 
 def test_a_changed_figure_is_the_only_one_that_changes(rig: Prototype) -> None:
-    from beamdesign.lumped import figures
+    from beamdesign.structure.lumped import figures
 
     before, after = figures(rig), figures(with_figures(rig, {"outer_stiffness": 1.1, "oil_stiffness": 0.9}))
     changed = {name for name in before if after[name] != pytest.approx(before[name], rel=1e-8)}

@@ -9,19 +9,19 @@ from finished_run import finished_run
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign import section
+from beamdesign.build.folder import document_of
+from beamdesign.build.result_folder import FILES
+from beamdesign.build.specification import specification_of
+from beamdesign.build.tubes import held_loads, nearest_stock_tube
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import InStage, Prototype
 from beamdesign.report.page import to_markdown
-from beamdesign.report.result_folder import FILES
-from beamdesign.specification.folder import document_of
-from beamdesign.specification.specification import specification_of
-from beamdesign.specification.tubes import held_loads, nearest_stock_tube
 from beamdesign.spelling import in_markdown
-from beamdesign.stock import stock_tubes
-from beamdesign.study.design_run import DesignRun
+from beamdesign.structure import section
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.stock import stock_tubes
+from beamdesign.synthesis.design_run import DesignRun
 
 
 @pytest.fixture(scope="module")

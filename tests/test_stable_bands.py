@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import FillBetweenPolyCollection
 
 from beamdesign.report.canvas import STYLES, new_figure
-from beamdesign.report.study_plot import ends, plot_stable_bands
+from beamdesign.sweep.plot import ends, plot_stable_bands
 
 
 def shaded(axes: Axes, x: float, y: float) -> bool:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from flint import fmpq, fmpq_poly
 
-from beamdesign.members import paper_model
-from beamdesign.proof.stable_zeros import critical_values, stable_zeros
+from beamdesign.plant.members import paper_model
+from beamdesign.proofs.stable_zeros import critical_values, stable_zeros
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
 

@@ -5,9 +5,9 @@ from math import sqrt
 import pytest
 from pydantic import ValidationError
 
-from beamdesign.materials import material, material_names, unknown_material
 from beamdesign.records import InputError
-from beamdesign.stock import stock_tubes
+from beamdesign.structure.materials import material, material_names, unknown_material
+from beamdesign.structure.stock import stock_tubes
 
 
 def test_stock_is_sorted_and_without_repetition():

@@ -18,19 +18,19 @@ from typer.testing import CliRunner
 from beamdesign.checker import Unreadable, check
 from beamdesign.cli import app
 from beamdesign.controllers import Section, Structured
-from beamdesign.design.loop_samples import samples, slacks
-from beamdesign.design.tuning import Tuning, tune
-from beamdesign.higher_modes import signals, single_compliance, with_mass
 from beamdesign.loop import loop
-from beamdesign.members import paper_model
-from beamdesign.operating_limits import sensor_reach
-from beamdesign.proof.certificate import Asked, Certificate, goal_claims
-from beamdesign.proof.certifying import certify
+from beamdesign.plant.higher_modes import signals, single_compliance, with_mass
+from beamdesign.plant.members import paper_model
+from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
 from beamdesign.simulate import half_steps, simulate
-from beamdesign.study.design_run import certified
+from beamdesign.synthesis.design_run import certified
+from beamdesign.synthesis.loop_samples import samples, slacks
+from beamdesign.synthesis.operating_limits import sensor_reach
+from beamdesign.synthesis.tuning import Tuning, tune
 
 LAW = Structured(
     gain_A_per_V=0.05,

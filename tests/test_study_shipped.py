@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from beamdesign import certify, read_prototype
 from beamdesign.cli.study import study
-from beamdesign.design.checks import REQUIREMENTS
-from beamdesign.study.case import case, compute
-from beamdesign.study.sweep_file import read_sweep
-from beamdesign.study.tasks import TASKS
+from beamdesign.sweep.case import case, compute
+from beamdesign.sweep.sweep_file import read_sweep
+from beamdesign.sweep.tasks import TASKS
+from beamdesign.synthesis.checks import REQUIREMENTS
 
 ROOT = Path(__file__).parents[1] / "studies"
 SWEEPS = {path.stem: path for path in sorted((ROOT / "sweeps").glob("*.toml"))}

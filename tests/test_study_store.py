@@ -10,11 +10,11 @@ import pytest
 import tomli_w
 
 from beamdesign.records import InputError
-from beamdesign.study import store
-from beamdesign.study.case import address_of, case, inputs_hold
-from beamdesign.study.governing import case_of
-from beamdesign.study.store import difference
-from beamdesign.study.sweep_run import plan, run_sweep, sweep_status
+from beamdesign.sweep import store
+from beamdesign.sweep.case import address_of, case, inputs_hold
+from beamdesign.sweep.governing import case_of
+from beamdesign.sweep.store import difference
+from beamdesign.sweep.sweep_run import plan, run_sweep, sweep_status
 
 ROOT = Path(__file__).parents[1]
 COUNT = 4

@@ -11,16 +11,16 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from beamdesign.cli.study import study
-from beamdesign.design.sizing import size
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.study import case as room
-from beamdesign.study import workers
-from beamdesign.study.case import case
-from beamdesign.study.sampling import points
-from beamdesign.study.sweep_file import known_keys, read_sweep, with_value, wrong_key
-from beamdesign.study.sweep_run import plan, run_sweep
+from beamdesign.sweep import case as room
+from beamdesign.sweep import workers
+from beamdesign.sweep.case import case
+from beamdesign.sweep.sampling import points
+from beamdesign.sweep.sweep_file import known_keys, read_sweep, with_value, wrong_key
+from beamdesign.sweep.sweep_run import plan, run_sweep
+from beamdesign.synthesis.sizing import size
 
 ROOT = Path(__file__).parents[1]
 PROBLEM = ROOT / "studies" / "prototype.toml"
@@ -197,7 +197,7 @@ def test_result_of_size_is_that_of_size(sweep, command, tmp_path):
 
 
 def test_failures_stay_as_rows_with_their_reason(sweep, command, tmp_path, monkeypatch):
-    from beamdesign.design import sizing
+    from beamdesign.synthesis import sizing
 
     real = sizing.size
 
@@ -337,7 +337,7 @@ def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_addres
     given, same = (case("at_mass", document, {}, {}) for document in (table, spelt))
     assert given.address == same.address
     assert case("at_mass", with_value(table, "sensor.gain_V_per_m", 1181.0), {}, {}).address != given.address
-    monkeypatch.setattr("beamdesign.study.case.code_digest", lambda module: "other code")
+    monkeypatch.setattr("beamdesign.sweep.case.code_digest", lambda module: "other code")
     other = case("at_mass", table, {}, {})
     assert other.inputs_sha256 == given.inputs_sha256
     assert other.address != given.address
@@ -346,7 +346,7 @@ def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_addres
 def test_digest_reaches_what_a_task_imports_and_no_more():
     names = {
         path.relative_to(ROOT / "beamdesign").as_posix()
-        for path in room.reached("beamdesign.study.tasks.of_problems:size")
+        for path in room.reached("beamdesign.sweep.tasks.of_problems:size")
     }
     assert {"study/tasks/of_problems.py", "design/sizing.py", "section.py", "design/__init__.py", "records.py"} <= names
     # A law knows its figures in words and its equations in the rig.
@@ -357,7 +357,7 @@ def test_digest_reaches_what_a_task_imports_and_no_more():
 def test_digest_reaches_modules_that_are_named_only_when_it_runs():
     names = {
         path.name
-        for path in room.reached("beamdesign.study.tasks.of_prototypes:at_mass")
+        for path in room.reached("beamdesign.sweep.tasks.of_prototypes:at_mass")
         if path.parent.name == "effects"
     }
     assert names == {path.name for path in (ROOT / "beamdesign" / "rig" / "effects").glob("*.py")}
@@ -366,8 +366,8 @@ def test_digest_reaches_modules_that_are_named_only_when_it_runs():
 def test_results_of_other_code_are_told_and_not_used(sweep, command, tmp_path, monkeypatch):
     path, folder = sweep(vary=[MASSES]), tmp_path / "out"
     command("run", path, "--out", folder)
-    monkeypatch.setattr("beamdesign.study.case.code_digest", lambda module: "later code")
-    monkeypatch.setattr("beamdesign.study.sweep_run.code_digest", lambda module: "later code")
+    monkeypatch.setattr("beamdesign.sweep.case.code_digest", lambda module: "later code")
+    monkeypatch.setattr("beamdesign.sweep.sweep_run.code_digest", lambda module: "later code")
     status, output, fields = command("status", path, "--out", folder)
     assert (status, fields["remaining"], fields["stale"]) == (1, 4, 4)
     assert "another version of the code" in output

@@ -15,10 +15,10 @@ import pytest
 import tomli_w
 
 from beamdesign.records import InputError
-from beamdesign.report.study_plot import draw
-from beamdesign.study import workers
-from beamdesign.study.case import Case
-from beamdesign.study.sweep_run import plan, run_sweep
+from beamdesign.sweep import workers
+from beamdesign.sweep.case import Case
+from beamdesign.sweep.plot import draw
+from beamdesign.sweep.sweep_run import plan, run_sweep
 
 ROOT = Path(__file__).parents[1]
 FORCES = [500.0 + 100.0 * k for k in range(6)]
@@ -226,7 +226,7 @@ def test_case_that_takes_too_long_is_a_failed_row_and_the_others_are_computed(tm
 def test_worker_in_which_no_python_runs_ends_with_its_parent(tmp_path):
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from pathlib import Path\n"
-        "from test_study_workers import endless; from beamdesign.study import workers\n"
+        "from test_study_workers import endless; from beamdesign.sweep import workers\n"
         f"with workers.processes(1) as compute: list(compute([endless(Path({str(tmp_path)!r}))]))"
     )
     process = subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
@@ -277,8 +277,8 @@ def the_set(folder):
 KILLED = """
 import os, random, shutil, signal, sys
 from pathlib import Path
-from beamdesign.report.study_plot import draw
-from beamdesign.study.sweep_run import plan, run_sweep
+from beamdesign.sweep.plot import draw
+from beamdesign.sweep.sweep_run import plan, run_sweep
 
 newer, old = (Path(name) for name in sys.argv[1:])
 laid = plan(newer)

@@ -8,10 +8,10 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.truth import LISTED, OUTSIDE, answer, draw_case, noise_free, take, write_case
-from beamdesign.gap.truth import rates as laws
-from beamdesign.gap.truth.believed import (
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.validation.truth import LISTED, OUTSIDE, answer, draw_case, noise_free, take, write_case
+from beamdesign.validation.truth import rates as laws
+from beamdesign.validation.truth.believed import (
     assembled,
     believed_figures,
     cantilever_modes,
@@ -19,11 +19,11 @@ from beamdesign.gap.truth.believed import (
     packed,
     rig_figures,
 )
-from beamdesign.gap.truth.case import run_figures
-from beamdesign.gap.truth.drawing import linear_critical_gain
-from beamdesign.gap.truth.effects import KINDS, Scales
-from beamdesign.gap.truth.rates import STATES
-from beamdesign.gap.truth.rig import STEP_S, march
+from beamdesign.validation.truth.case import run_figures
+from beamdesign.validation.truth.drawing import linear_critical_gain
+from beamdesign.validation.truth.effects import KINDS, Scales
+from beamdesign.validation.truth.rates import STATES
+from beamdesign.validation.truth.rig import STEP_S, march
 
 PUBLISHED = {
     "name": "published",
@@ -66,12 +66,12 @@ def constant(value):
 
 def test_it_shares_nothing_with_the_diagnosis():
     loaded = subprocess.run(
-        [sys.executable, "-c", "import sys, beamdesign.gap.truth; print('\\n'.join(sys.modules))"],
+        [sys.executable, "-c", "import sys, beamdesign.validation.truth; print('\\n'.join(sys.modules))"],
         capture_output=True, text=True, check=True,
     ).stdout.split()  # fmt: skip
-    shared = [name for name in loaded if name.startswith(("beamdesign.rig", "beamdesign.simulate", "casadi"))]
+    shared = [name for name in loaded if name.startswith(("beamdesign.plant", "beamdesign.simulate", "casadi"))]
     assert shared == []
-    assert "beamdesign.gap.truth.rig" in loaded
+    assert "beamdesign.validation.truth.rig" in loaded
 
 
 # --- physics against closed forms
@@ -292,10 +292,10 @@ def test_critical_gain_of_the_published_rig():
 
 
 def test_measured_compliance_and_gain_of_a_sound_rig_are_those_of_the_linear_loop():
-    from beamdesign.gap.truth.writing import compliance
-    from beamdesign.gap.truth.writing import critical_gain as turned_up
     from beamdesign.loop import critical_gain, loop
     from beamdesign.prototype import prototype_from
+    from beamdesign.validation.truth.writing import compliance
+    from beamdesign.validation.truth.writing import critical_gain as turned_up
 
     sound = replace(NULL, background=(), factors={}, habits={"stroke_on": 0.0})
     run = next(run for run in sound.runs if run.name == "04_disturbance_large")
@@ -324,7 +324,7 @@ def test_it_converges_with_the_step():
 
 @pytest.mark.parametrize("name", [*LISTED, *OUTSIDE])
 def test_every_effect_changes_the_rig_and_more_of_it_changes_more(name):
-    from beamdesign.gap.truth.case import Departure, relative_gap
+    from beamdesign.validation.truth.case import Departure, relative_gap
 
     case = NULL
     shape = KINDS[name].shape(np.random.default_rng(5))
@@ -387,7 +387,7 @@ def test_a_wrong_figure_is_wrong_by_more_than_its_tolerance():
 
 
 def test_what_was_said_of_a_pair_is_what_it_does():
-    from beamdesign.gap.truth.case import relative_gap
+    from beamdesign.validation.truth.case import relative_gap
 
     case = draw_case(8, "pair", short=True, names=("sensor_lag", "seal_friction"))
     bare = noise_free(case.only())

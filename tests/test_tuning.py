@@ -15,23 +15,23 @@ from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Section, Structured
 from beamdesign.controllers.form import form_of
-from beamdesign.design import refinement, tuning
-from beamdesign.design.bandwidth import Polish
-from beamdesign.design.law_search import Found, Search, Start
-from beamdesign.design.loop_samples import samples
-from beamdesign.design.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
-from beamdesign.design.starts import SEARCH_FREQUENCIES_HZ, best_gain, best_starts
-from beamdesign.design.tuning import Tuning, tune, tune_alike
 from beamdesign.loop import loop
-from beamdesign.members import family, paper_model
-from beamdesign.paper import paper_prototype
+from beamdesign.plant.members import family, paper_model
 from beamdesign.polynomial import exact
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.performance import bandwidth as proved_bandwidth
-from beamdesign.proof.performance import least_limit
-from beamdesign.proof.rectangle import Rectangle
-from beamdesign.proof.stability import is_stable_over
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.performance import bandwidth as proved_bandwidth
+from beamdesign.proofs.performance import least_limit
+from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload, Prototype
+from beamdesign.synthesis import refinement, tuning
+from beamdesign.synthesis.bandwidth import Polish
+from beamdesign.synthesis.law_search import Found, Search, Start
+from beamdesign.synthesis.loop_samples import samples
+from beamdesign.synthesis.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
+from beamdesign.synthesis.starts import SEARCH_FREQUENCIES_HZ, best_gain, best_starts
+from beamdesign.synthesis.tuning import Tuning, tune, tune_alike
+from beamdesign.validation.paper import paper_prototype
 
 RANGE_KG = (0.0, 6.8)
 LIMIT_M_PER_N = 5.71e-8

@@ -12,9 +12,9 @@ from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.arm.remaining import InnerTravel, Remaining, TwistRemedy, Vector
-    from beamdesign.arm.result import ArmResult
-    from beamdesign.proof.box import BoxVerdict
+    from beamdesign.proofs.arm.remaining import InnerTravel, Remaining, TwistRemedy, Vector
+    from beamdesign.proofs.arm.result import ArmResult
+    from beamdesign.proofs.box import BoxVerdict
     from beamdesign.prototype import InStage, Prototype
 
 
@@ -56,7 +56,7 @@ def arm(
     load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
     """
-    from beamdesign.arm.plane import arm_of
+    from beamdesign.proofs.arm.plane import arm_of
     from beamdesign.prototype import read_prototype
 
     record = read_prototype(prototype)
@@ -81,10 +81,10 @@ def _worked_out(
     stage: "InStage", force: "Vector", within: "Vector | None", allowed_mm: float | None, out: Path | None
 ) -> tuple[dict[str, Any], bool]:
     """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
-    from beamdesign.arm.both_planes import prove_anywhere
-    from beamdesign.arm.plane import sensor_of
-    from beamdesign.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
-    from beamdesign.arm.result import work_out
+    from beamdesign.proofs.arm.both_planes import prove_anywhere
+    from beamdesign.proofs.arm.plane import sensor_of
+    from beamdesign.proofs.arm.remaining import inner_travel, offset_for_goal_m, twist_remedy
+    from beamdesign.proofs.arm.result import work_out
 
     record, masses, _ = stage
     found = work_out(record, masses, force)
@@ -129,7 +129,7 @@ def _three(text: str, option: str, quantity: str) -> "Vector":
 
 def _force(record: "Prototype", text: str | None, payload: float, source: Path) -> "Vector":
     """The load: given, or weight of the largest payload and the prototype's largest force, downwards."""
-    from beamdesign.members import STANDARD_GRAVITY
+    from beamdesign.plant.members import STANDARD_GRAVITY
     from beamdesign.records import InputError
 
     if text is None:
@@ -180,7 +180,7 @@ def _case(case: "Remaining") -> dict[str, Any]:
 
 def say_figures(record: "Prototype", found: "ArmResult") -> None:
     """Where the payload is, what stands for what, natural frequencies."""
-    from beamdesign.arm.plane import arm_of, sensor_of
+    from beamdesign.proofs.arm.plane import arm_of, sensor_of
 
     offset = arm_of(record).offset_m
     place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", offset, strict=True))
@@ -320,7 +320,7 @@ def write_folder(
 def _written(
     record: "Prototype", found: "ArmResult", force: "Vector", places: Mapping[str, "BoxVerdict"], out: Path
 ) -> dict[str, Any]:
-    from beamdesign.arm.both_planes import both_planes
+    from beamdesign.proofs.arm.both_planes import both_planes
     from beamdesign.prototype import write_prototype
     from beamdesign.report.arm_plot import compliance_curves, draw_arm
     from beamdesign.report.canvas import save

@@ -16,9 +16,9 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.crossing import Crossing
-    from beamdesign.design.rig_spread import Shape
-    from beamdesign.proof.certificate import Asked, Certificate, Guaranteed
+    from beamdesign.proofs.certificate import Asked, Certificate, Guaranteed
     from beamdesign.prototype import Goal, InStage, Prototype
+    from beamdesign.synthesis.rig_spread import Shape
 
 
 @command
@@ -103,7 +103,7 @@ def _proved(
     stage: "InStage", asked: list["Asked"], sought: tuple[float, "Shape"], path: Path
 ) -> tuple[dict[str, Any], bool]:
     """Prove, say and write of one law; what is known of it, and whether all of it holds."""
-    from beamdesign.proof.certifying import certify as prove
+    from beamdesign.proofs.certifying import certify as prove
 
     record, (robust, shape) = stage.prototype, sought
     certificate = prove(record, *stage.outer_end_mass_kg, asked)
@@ -122,7 +122,7 @@ def _proved(
 
 def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dict[str, Any]:
     """What is known between the members of a prototype with effects; its certificate goes beside the other."""
-    from beamdesign.proof.tolerance_box import between, in_words
+    from beamdesign.proofs.tolerance_box import between, in_words
 
     verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
     if certificate.stable and (words := in_words(verdict)):
@@ -138,7 +138,7 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
 
 def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"]:
     """The claims made on the command line."""
-    from beamdesign.proof.certificate import Asked
+    from beamdesign.proofs.certificate import Asked
 
     goal = record.goal
     kinds: dict[str, Callable[[float], Asked]] = {
@@ -153,7 +153,7 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
 
 
 def _say(record: "Prototype", certificate: "Certificate") -> None:
-    from beamdesign.proof.certificate import describe
+    from beamdesign.proofs.certificate import describe
 
     low, high = certificate.outer_end_mass_kg
     if certificate.stable:
@@ -244,7 +244,7 @@ def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
 def _replay(path: Path, record: "Prototype | None") -> Result:
     """Prove a certificate again from what it states."""
     from beamdesign.checker import Unreadable, check
-    from beamdesign.proof.writer import prototype_table
+    from beamdesign.proofs.writer import prototype_table
     from beamdesign.records import InputError
 
     try:

@@ -22,8 +22,8 @@ from beamdesign.cli.output import RangeOption, progress, say, say_table
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.proof.box import Box, BoxVerdict
-    from beamdesign.proof.tolerance_box import Scaling
+    from beamdesign.proofs.box import Box, BoxVerdict
+    from beamdesign.proofs.tolerance_box import Scaling
     from beamdesign.prototype import InStage, Prototype
 
 
@@ -55,7 +55,7 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proof.tolerance_box import tolerance_box
+    from beamdesign.proofs.tolerance_box import tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
@@ -71,8 +71,8 @@ def _proved_box(
     record: "Prototype", box: "Box", budget: int, seconds: float, scaled_sigmas: float | None, path: Path
 ) -> tuple[dict[str, Any], bool]:
     """Prove, say and write of one law; what is known of it, and whether the whole box is stable."""
-    from beamdesign.proof.box import certify_box as prove
-    from beamdesign.proof.tolerance_box import largest_scaling
+    from beamdesign.proofs.box import certify_box as prove
+    from beamdesign.proofs.tolerance_box import largest_scaling
 
     with progress("branch and bound") as update:
         update(0.1, f"{len(box.names)} figures")
@@ -90,8 +90,8 @@ def _proved_box(
 
 
 def _say_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
-    from beamdesign.proof.rational import nearest
-    from beamdesign.proof.tolerance_box import figure_key
+    from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.rational import nearest
 
     words = {True: "stable for every member of the box", False: "NOT stable throughout the box", None: "undecided"}
     say(f"{record.name}: {words[verdict.stable]}")
@@ -113,8 +113,8 @@ def _say_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
 
 
 def _box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
-    from beamdesign.proof.rational import nearest
-    from beamdesign.proof.tolerance_box import figure_key, in_units
+    from beamdesign.proofs.tolerance_box import figure_key, in_units
+    from beamdesign.rational import nearest
 
     def point(of: Any) -> dict[str, float] | None:
         return None if of is None else in_units(of, list(of))
@@ -155,7 +155,7 @@ def certify_switching(
     joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
     schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
     """
-    from beamdesign.proof.mass_family import stage_families
+    from beamdesign.proofs.mass_family import stage_families
     from beamdesign.records import InputError
 
     record = with_controller(prototype)
@@ -170,7 +170,7 @@ def certify_switching(
     schedule = record.schedule
     path = certificate_file(out, f"{prototype.stem}.stages.toml")
 
-    from beamdesign.proof.lyapunov import describe, stages_certificate, switching, switching_fields
+    from beamdesign.proofs.lyapunov import describe, stages_certificate, switching, switching_fields
 
     with progress("Lyapunov functions") as update:
         found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)

@@ -13,10 +13,10 @@ from beamdesign.cli.output import RangeOption, default_folder, progress, say, sa
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
+    from beamdesign.build.realisation.realise import Realisation
+    from beamdesign.build.realisation.verdict import Judgement
+    from beamdesign.build.sampled_loop import SampledVerdict
     from beamdesign.prototype import Prototype
-    from beamdesign.realisation.realise import Realisation
-    from beamdesign.realisation.verdict import Judgement
-    from beamdesign.specification.sampled_loop import SampledVerdict
 
 
 def _wrong_words(word_length: int | None, in_floats: bool, **others: Any) -> Iterator[tuple[str, str]]:
@@ -67,9 +67,9 @@ def code(
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.realisation.folder import compiler, write_code
-    from beamdesign.realisation.realise import full_scales_of, realise
-    from beamdesign.realisation.verdict import judge
+    from beamdesign.build.realisation.folder import compiler, write_code
+    from beamdesign.build.realisation.realise import full_scales_of, realise
+    from beamdesign.build.realisation.verdict import judge
 
     if compile_here and compiler() is None:
         raise InputError("--compile", [("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it")])
@@ -82,7 +82,7 @@ def code(
         raise InputError(prototype, [("controller", str(error))]) from error
     found = judge(record, made, masses)
     if any_computing_time and found.proved:
-        from beamdesign.realisation.loop import prove_any_computing_time, realised_loop
+        from beamdesign.build.realisation.loop import prove_any_computing_time, realised_loop
 
         with progress("any computing time") as update:
             found = replace(found, any_time=prove_any_computing_time(realised_loop(record, made), *masses, update))
@@ -123,8 +123,8 @@ def _compiles(folder: Path) -> bool:
     from shutil import copy
     from tempfile import TemporaryDirectory
 
-    from beamdesign.realisation.c_code import HEADER, LAW, SELF_TEST
-    from beamdesign.realisation.folder import compile_self_test
+    from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST
+    from beamdesign.build.realisation.folder import compile_self_test
 
     with TemporaryDirectory() as scratch:
         for name in (HEADER, LAW, SELF_TEST):
@@ -150,7 +150,7 @@ def json_fields(made: "Realisation", found: "Judgement", masses_kg: tuple[float,
 
 
 def _say(record: "Prototype", made: "Realisation", found: "Judgement", masses: tuple[float, float]) -> None:
-    from beamdesign.realisation.verdict import worst
+    from beamdesign.build.realisation.verdict import worst
 
     words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
     law = found.law

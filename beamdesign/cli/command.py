@@ -189,10 +189,10 @@ def ready_to_run(path: Path) -> "Prototype":
     Raises:
         InputError: with everything that is in the way.
     """
+    from beamdesign.plant.effects import problems
+    from beamdesign.plant.parameters import problem_without_controller
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
-    from beamdesign.rig.effects import problems
-    from beamdesign.rig.parameters import problem_without_controller
 
     record = read_prototype(path)
     wrong = problems(record.effects)

@@ -22,7 +22,7 @@ from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.design.codesign import Codesign
+    from beamdesign.synthesis.codesign import Codesign
 
 
 @command
@@ -35,10 +35,10 @@ def run(
     Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
     certificate, a report and a specification. Exit status 1 if there is no design, with the reason.
     """
+    from beamdesign.build.result_folder import write_result_folder
     from beamdesign.problem import read_problem
-    from beamdesign.report.quantity import at_least, at_most, mass_range_text
-    from beamdesign.report.result_folder import write_result_folder
-    from beamdesign.study.design_run import run_design
+    from beamdesign.quantity_text import at_least, at_most, mass_range_text
+    from beamdesign.synthesis.design_run import run_design
 
     problem = read_problem(study)
     with progress("designing") as update:
@@ -97,11 +97,11 @@ def codesign(
     their full length and the inner end mass. The result is proved for every mass of the payload range, not sampled.
     Exit status 1 if no design can be proved.
     """
-    from beamdesign.design import codesign as room
     from beamdesign.problem import read_problem
+    from beamdesign.quantity_text import at_least, at_most, mass_range_text
     from beamdesign.records import to_toml
-    from beamdesign.report.quantity import at_least, at_most, mass_range_text
-    from beamdesign.study.design_run import CERTIFICATE_NAME, certified
+    from beamdesign.synthesis import codesign as room
+    from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certified
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
@@ -147,7 +147,7 @@ def codesign(
 
 
 def _front_row(design: "Codesign") -> dict[str, Any]:
-    from beamdesign.study.tasks import TUBES
+    from beamdesign.sweep.tasks import TUBES
 
     point = design.point
     row: dict[str, Any] = {
@@ -178,10 +178,10 @@ def front(
     Every point is a proved design; points that failed stay in the table with their reason. Exit
     status 1 if there is no proved point at all.
     """
-    from beamdesign.design.codesign import pareto_front
     from beamdesign.problem import read_problem
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.trade import plot_front
+    from beamdesign.synthesis.codesign import pareto_front
 
     problem = read_problem(study)
     masses = problem.payload.outer_end_mass_kg
@@ -227,12 +227,12 @@ def remedies(
     They are a stiffer outer beam, a heavier or softer inner beam, more phase, and a lag scheduled on the
     payload. Each is optimised for the same payload range and limits, and proved in the same way.
     """
-    from beamdesign.design import remedies as room
     from beamdesign.problem import read_problem
     from beamdesign.records import InputError
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.trade import plot_remedies
-    from beamdesign.study.tasks import REMEDY
+    from beamdesign.sweep.tasks import REMEDY
+    from beamdesign.synthesis import remedies as room
 
     problem = read_problem(study)
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)

@@ -13,11 +13,11 @@ from beamdesign.cli.output import JsonOption, default_folder, folder_to_write, p
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
-    from beamdesign.gap.blind.blindcheck import Check
-    from beamdesign.gap.blind.outcome import Outcome
-    from beamdesign.gap.blind.seal import Seal
-    from beamdesign.gap.designer_terms import LoopTerms
-    from beamdesign.gap.diagnosis import Diagnosis
+    from beamdesign.diagnosis.designer_terms import LoopTerms
+    from beamdesign.diagnosis.diagnosis import Diagnosis
+    from beamdesign.validation.blind.blindcheck import Check
+    from beamdesign.validation.blind.outcome import Outcome
+    from beamdesign.validation.blind.seal import Seal
 
 gap = typer.Typer(
     no_args_is_help=True,
@@ -65,7 +65,7 @@ def diagnose(
     interrupted run is taken up where it stopped by the same command: finished fits are kept in the folder `fits` of
     the results.
     """
-    from beamdesign.gap.data.dataset_index import index_of, kind_of
+    from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
 
     folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
     if kind_of(dataset) == "actuator_bench":
@@ -74,12 +74,12 @@ def diagnose(
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path | None) -> None:
-    from beamdesign.gap.data.dataset import read_dataset
-    from beamdesign.gap.designer_terms import designer_terms, payload_range
-    from beamdesign.gap.diagnose import diagnose as engine
-    from beamdesign.gap.fitting.fit import kept_fits
+    from beamdesign.diagnosis.data.dataset import read_dataset
+    from beamdesign.diagnosis.designer_terms import designer_terms, payload_range
+    from beamdesign.diagnosis.diagnose import diagnose as engine
+    from beamdesign.diagnosis.fitting.fit import kept_fits
+    from beamdesign.diagnosis.redesign import redesign
     from beamdesign.report.gap_folder import write_gap_folder
-    from beamdesign.study.redesign import redesign
 
     data = read_dataset(dataset)
     kept = kept_fits(folder / "fits", data)
@@ -108,8 +108,8 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
 
 
 def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None) -> None:
-    from beamdesign.gap.bench.data import read_bench_set
-    from beamdesign.gap.bench.diagnose import diagnose_bench_set
+    from beamdesign.diagnosis.bench.data import read_bench_set
+    from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set
     from beamdesign.records import InputError
     from beamdesign.report.gap_folder import write_gap_folder
 
@@ -225,7 +225,7 @@ def predict(
     finite. Displacements are stated as the data set states them: the sensor's volts over the gain believed there. A
     loop that diverges ends its record there, and the exit status is 1.
     """
-    from beamdesign.gap.predict import predict_set
+    from beamdesign.diagnosis.predict import predict_set
     from beamdesign.simulate import write_tables
 
     with progress("simulating") as update:
@@ -278,7 +278,7 @@ def blindcheck(
     A check that was stopped goes on by the same command; what is finished is not done again. After a change of how fits
     are judged, the same command judges anew with the fits that are there.
     """
-    from beamdesign.gap.blind.blindcheck import begin_check, diagnose_all, draw_and_seal
+    from beamdesign.validation.blind.blindcheck import begin_check, diagnose_all, draw_and_seal
 
     try:
         with progress("drawing") as update:
@@ -297,10 +297,10 @@ def blindcheck(
 
 def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) -> None:
     from beamdesign.files import write_whole
-    from beamdesign.gap.blind.blindcheck import open_all
-    from beamdesign.gap.blind.outcome import outcome
-    from beamdesign.report.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
     from beamdesign.report.canvas import save
+    from beamdesign.validation.blind.blindcheck import open_all
+    from beamdesign.validation.blind.outcome import outcome
+    from beamdesign.validation.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
 
     opened = open_all(check, unfinished)
     if not opened:
@@ -339,8 +339,8 @@ def _all(digests: Iterable[Any]) -> str:
 
 def say_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
-    from beamdesign.gap.blind.scoring import confusion, scores, split
-    from beamdesign.report.blindcheck_result import BASELINE_COLUMNS, TARGET_COLUMNS, baseline_rows, target_rows
+    from beamdesign.validation.blind.scoring import confusion, scores, split
+    from beamdesign.validation.blindcheck_result import BASELINE_COLUMNS, TARGET_COLUMNS, baseline_rows, target_rows
 
     large, small = split(found)
     title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"

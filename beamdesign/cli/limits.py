@@ -42,7 +42,7 @@ def limits(
 
 def _stated(rig: "Prototype", mass: float, preload: float, out: Path | None) -> tuple[dict[str, Any], bool]:
     """Work out, say and draw of one law; what is known of it, and whether its loop is stable."""
-    from beamdesign.operating_limits import envelope, sensor_reach
+    from beamdesign.synthesis.operating_limits import envelope, sensor_reach
 
     found = envelope(rig, mass, preload)
     fields: dict[str, Any] = {"outer_end_mass_kg": mass, "preload_N": preload, "stable": not found.reason}
@@ -97,7 +97,7 @@ def _say_sensor(reach: Any) -> None:
 
 
 def _modes(rig: Any, mass: float) -> dict[str, Any]:
-    from beamdesign.higher_modes import single_mode_reach
+    from beamdesign.plant.higher_modes import single_mode_reach
     from beamdesign.records import InputError
 
     try:
@@ -122,7 +122,7 @@ def _modes(rig: Any, mass: float) -> dict[str, Any]:
 
 def _linear(rig: Any, mass: float) -> list[dict[str, Any]]:
     from beamdesign.cli.output import progress
-    from beamdesign.linear_reach import Varied, reach, with_published_effects
+    from beamdesign.plant.linear_reach import Varied, reach, with_published_effects
 
     real = with_published_effects(rig)
     equal = real.but(effects={name: given for name, given in real.effects.items() if name != "unequal_piston_areas"})
@@ -159,8 +159,8 @@ def _linear(rig: Any, mass: float) -> list[dict[str, Any]]:
 
 
 def _cycles(rig: Any, mass: float) -> list[dict[str, Any]]:
-    from beamdesign.harmonic_balance import limit_cycles
-    from beamdesign.linear_reach import with_published_effects
+    from beamdesign.plant.harmonic_balance import limit_cycles
+    from beamdesign.plant.linear_reach import with_published_effects
 
     real = with_published_effects(rig)
     results = []

@@ -25,9 +25,9 @@ def paper(
     """
     if figure is not None:
         return _one_figure(figure, out)
-    from beamdesign.paper.comparison import CHOICES, compare
-    from beamdesign.paper.figure_claims import NUMBERS, figure_claims
-    from beamdesign.paper.page import write_page
+    from beamdesign.validation.paper.comparison import CHOICES, compare
+    from beamdesign.validation.paper.figure_claims import NUMBERS, figure_claims
+    from beamdesign.validation.paper.page import write_page
 
     comparison = compare()
     checks = [check for number in NUMBERS for check in figure_claims(number)]
@@ -71,9 +71,9 @@ def paper(
 
 
 def _one_figure(number: int, out: Path) -> Result:
-    from beamdesign.paper.drawings import NUMBERED, drawn
     from beamdesign.records import InputError
     from beamdesign.report.canvas import save
+    from beamdesign.validation.paper.drawings import NUMBERED, drawn
 
     if number not in NUMBERED:
         raise InputError("--figure", [(str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}")])

@@ -33,8 +33,8 @@ def simulate(
     """
     from beamdesign import simulate as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
+    from beamdesign.plant.effects import problems
     from beamdesign.records import InputError, Problem
-    from beamdesign.rig.effects import problems
     from beamdesign.scenario import read_scenario
 
     rig = read_any_prototype(prototype)
@@ -74,7 +74,7 @@ def simulate(
 
 
 def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> Result:
-    from beamdesign.bench_simulation import BENCH_COLUMNS, problems_on_rig, simulate_bench
+    from beamdesign.plant.bench_simulation import BENCH_COLUMNS, problems_on_rig, simulate_bench
     from beamdesign.records import InputError
     from beamdesign.scenario import read_scenario
 
@@ -97,8 +97,8 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
 
 def _plotted(record: Any, plan: Any, rig: Any) -> Any:
     """A simulated record of a twin beam with what its figure draws in."""
+    from beamdesign.plant.effects import library
     from beamdesign.report.record_plot import PlottedRecord
-    from beamdesign.rig.effects import library
 
     limits = {"displacement_m": (plan.displacement_limit_m, "limit")}
     limits["load_pressure_Pa"] = (rig.supply.pressure_Pa, "supply")

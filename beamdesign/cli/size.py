@@ -12,8 +12,8 @@ from beamdesign.cli.output import progress, say, say_table
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.design.checks import CheckedPair
-    from beamdesign.design.sizing import Sizing
+    from beamdesign.synthesis.checks import CheckedPair
+    from beamdesign.synthesis.sizing import Sizing
 
 DEFAULT_TIP_FORCE_N = 2000.0
 _STUDY_TABLES = ("load", "sections", "clearance", "safety")
@@ -47,10 +47,10 @@ def size(
 
 
 def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
-    from beamdesign.design.sizing import size as find_sections
     from beamdesign.problem import read_problem
     from beamdesign.records import InputError
-    from beamdesign.study.tasks.of_problems import check_fields
+    from beamdesign.sweep.tasks.of_problems import check_fields
+    from beamdesign.synthesis.sizing import size as find_sections
 
     problem = read_problem(path)
     if tip_force_N is not None:
@@ -69,10 +69,10 @@ def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
 
 
 def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
-    from beamdesign.design.sizing import check_prototype
     from beamdesign.problem import Clearance, Safety, Sections
     from beamdesign.prototype import read_prototype
-    from beamdesign.study.tasks.of_problems import check_fields
+    from beamdesign.sweep.tasks.of_problems import check_fields
+    from beamdesign.synthesis.sizing import check_prototype
 
     prototype = read_prototype(path)
     force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N

@@ -7,7 +7,7 @@ from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_ra
 from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
 
 if TYPE_CHECKING:
-    from beamdesign.specification.specification import Specification
+    from beamdesign.build.specification import Specification
 
 
 @command
@@ -36,8 +36,8 @@ def spec(
     record = ready_to_run(prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.specification.folder import json_fields, write_specification
-    from beamdesign.specification.specification import specify
+    from beamdesign.build.folder import json_fields, write_specification
+    from beamdesign.build.specification import specify
 
     folder = out or default_folder(f"{prototype.resolve().stem}.specification")
     with progress("specifying") as update:
@@ -59,8 +59,8 @@ def spec(
 def _say(found: "Specification") -> None:
     from decimal import ROUND_CEILING, ROUND_FLOOR
 
-    from beamdesign.report.quantity import at_least, at_most, decimal
-    from beamdesign.specification.words_build import masses_text, optional
+    from beamdesign.build.words_build import masses_text, optional
+    from beamdesign.quantity_text import at_least, at_most, decimal
 
     guaranteed, tolerances, sensor = found.guaranteed, found.tolerances, found.sensor
     assert guaranteed is not None

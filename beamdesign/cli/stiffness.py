@@ -14,9 +14,9 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade
-    from beamdesign.design.end_stiffness import EndStiffness, Need
-    from beamdesign.design.rig_spread import RigSpread
     from beamdesign.prototype import InStage, Prototype
+    from beamdesign.synthesis.end_stiffness import EndStiffness, Need
+    from beamdesign.synthesis.rig_spread import RigSpread
 
 CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "stable"}
 """Of the option, and what the design calls it."""
@@ -116,14 +116,14 @@ def give_stiffness(
     Raises:
         InputError: for a stiffness that is none, or effects.
     """
-    from beamdesign.design.end_stiffness import softest_N_per_m
-    from beamdesign.design.stiffness_search import design
     from beamdesign.polynomial import exact
-    from beamdesign.proof.contact import Wall
+    from beamdesign.proofs.contact import Wall
+    from beamdesign.quantity_text import mass_range_text, quantity
     from beamdesign.records import to_toml
-    from beamdesign.report.quantity import mass_range_text, quantity
-    from beamdesign.study.design_run import CERTIFICATE_NAME
-    from beamdesign.study.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
+    from beamdesign.synthesis.design_run import CERTIFICATE_NAME
+    from beamdesign.synthesis.end_stiffness import softest_N_per_m
+    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
+    from beamdesign.synthesis.stiffness_search import design
 
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall = Wall(stiffest, damping)
@@ -181,12 +181,12 @@ def _judged(
     out: Path | None,
 ) -> tuple[dict[str, Any], bool]:
     """Say what the end of a prototype is like with one law of its own; what is known, and whether that is as asked."""
-    from beamdesign.design.end_stiffness import judge
     from beamdesign.polynomial import exact
-    from beamdesign.proof.contact import Wall
+    from beamdesign.proofs.contact import Wall
+    from beamdesign.quantity_text import mass_range_text
     from beamdesign.records import InputError
-    from beamdesign.report.quantity import mass_range_text
-    from beamdesign.study.stiffness_run import CONTACT_NAME, contact_text, in_words
+    from beamdesign.synthesis.end_stiffness import judge
+    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
 
     stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
     wall, (record, masses, _) = Wall(stiffest, damping), stage
@@ -208,8 +208,8 @@ def _judged(
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
     """Rows of what is proved of stiffness, command and sensitivity."""
-    from beamdesign.design.end_stiffness import SHARE
-    from beamdesign.report.quantity import at_least, at_most, quantity
+    from beamdesign.quantity_text import at_least, at_most, quantity
+    from beamdesign.synthesis.end_stiffness import SHARE
 
     return [
         ("static stiffness of the end", quantity(found.static_N_per_m, "N/m")),

@@ -13,9 +13,9 @@ from beamdesign.cli.size import say_checks
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.study.sampling import Plan
-    from beamdesign.study.sweep_run import SweepRun
-    from beamdesign.study.workers import Workers
+    from beamdesign.sweep.sampling import Plan
+    from beamdesign.sweep.sweep_run import SweepRun
+    from beamdesign.sweep.workers import Workers
 
 
 INTERRUPTED = 130
@@ -52,10 +52,10 @@ def run(
     case has a result.
     """
     from beamdesign.records import InputError
-    from beamdesign.report.study_plot import draw
-    from beamdesign.study.conclusion import in_words
-    from beamdesign.study.store import in_words as unsound_words
-    from beamdesign.study.sweep_run import default_folder, plan, run_sweep
+    from beamdesign.sweep.conclusion import in_words
+    from beamdesign.sweep.plot import draw
+    from beamdesign.sweep.store import in_words as unsound_words
+    from beamdesign.sweep.sweep_run import default_folder, plan, run_sweep
 
     if scheduler is not None and workers != 1:
         raise InputError("study run", [("--workers", "has no meaning with --scheduler")])
@@ -81,13 +81,13 @@ def run(
 
 
 def _where(workers: int, scheduler: str | None, case_seconds: int) -> "AbstractContextManager[Workers]":
-    from beamdesign.study import workers as room
+    from beamdesign.sweep import workers as room
 
     return room.processes(workers, case_seconds) if scheduler is None else room.cluster(scheduler)
 
 
 def _interrupted(folder: Path, laid: "Plan") -> None:
-    from beamdesign.study.sweep_run import finished
+    from beamdesign.sweep.sweep_run import finished
 
     print(
         f"interrupted; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: the same command goes on"
@@ -108,7 +108,7 @@ def _say_run(found: "SweepRun", laid: "Plan") -> None:
 
 
 def _varied(record: dict[str, Any]) -> str:
-    from beamdesign.study.conclusion import cell
+    from beamdesign.sweep.conclusion import cell
 
     return ", ".join(f"{key} = {cell(value)}" for key, value in record["varied"].items()) or "base"
 
@@ -126,7 +126,7 @@ def status(
     Results of other inputs or of another version of the code stay in the folder and are told as such; they are not
     used. Exit status 1 while cases remain, and where every case is refused.
     """
-    from beamdesign.study.sweep_run import default_folder, plan, sweep_status
+    from beamdesign.sweep.sweep_run import default_folder, plan, sweep_status
 
     laid = plan(file, cases)
     found = sweep_status(laid, out or default_folder(file))
@@ -160,8 +160,8 @@ def show(
 
     Rows are numbered as in table.csv; `beamdesign study why DIR/NUMBER` tells what governs one.
     """
-    from beamdesign.study.conclusion import chosen, ordered, rows, worth_showing
-    from beamdesign.study.store import in_words, read_index, rows_of
+    from beamdesign.sweep.conclusion import chosen, ordered, rows, worth_showing
+    from beamdesign.sweep.store import in_words, read_index, rows_of
 
     name = read_index(folder)["name"]
     kept = rows_of(folder)
@@ -193,7 +193,7 @@ def diff(
 
     Cases belong together by the values of their varied keys. Exit status 1 if anything differs.
     """
-    from beamdesign.study.store import difference
+    from beamdesign.sweep.store import difference
 
     found = difference(first, second)
     for line in found.unsound:
@@ -217,7 +217,7 @@ def _code(changed: bool) -> str:
 
 
 def _say_cases(found: Any, first: Path, second: Path) -> None:
-    from beamdesign.study.store import relative
+    from beamdesign.sweep.store import relative
 
     rows = []
     for case in found.cases:
@@ -243,7 +243,7 @@ def _varied_keys(varied: dict[str, Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    from beamdesign.study.conclusion import cell
+    from beamdesign.sweep.conclusion import cell
 
     value = cell(value)
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -261,7 +261,7 @@ def why(
     the claims, the starts that failed and the scope of the proof. Exit status 1 if the case itself has no result.
     """
     from beamdesign.report.statements import price_words
-    from beamdesign.study.governing import case_of, governing
+    from beamdesign.sweep.governing import case_of, governing
 
     found = governing(case_of(case))
     record, details = found.record, found.record["details"]

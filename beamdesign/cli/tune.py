@@ -14,10 +14,10 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Sensed
-    from beamdesign.design.rig_spread import RigSpread, Shape
-    from beamdesign.design.tuning import Tuning
-    from beamdesign.proof.certificate import Asked, Certificate
+    from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.prototype import Goal, InStage, Prototype
+    from beamdesign.synthesis.rig_spread import RigSpread, Shape
+    from beamdesign.synthesis.tuning import Tuning
 
 
 KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compliance")
@@ -93,13 +93,13 @@ def tune(
     controller is. With --robust the same is proved of the worst rigs that the tolerances allow, one by one. Exit
     status 1 if no design can be proved.
     """
-    from beamdesign.design import tuning
-    from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.proof.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
-    from beamdesign.proof.tolerance_box import between, in_words
+    from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
+    from beamdesign.proofs.tolerance_box import between, in_words
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError, to_toml
-    from beamdesign.study.design_run import certified_laws
+    from beamdesign.synthesis import tuning
+    from beamdesign.synthesis.design_run import certified_laws
+    from beamdesign.synthesis.rig_spread import rig_spread
 
     record = read_prototype(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
@@ -162,7 +162,7 @@ def tune(
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
-    from beamdesign.report.quantity import at_least, at_most, mass_range_text
+    from beamdesign.quantity_text import at_least, at_most, mass_range_text
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
     assert best is not None
@@ -239,7 +239,7 @@ DRAWS = 32
 
 def with_stated_tolerances(record: "Prototype") -> "Prototype":
     """The prototype as it is where it states tolerances, else with typical ones, and a word on it."""
-    from beamdesign.gap.examination.caution import with_tolerances
+    from beamdesign.diagnosis.examination.caution import with_tolerances
 
     found, cautions = with_tolerances(record)
     for caution in cautions:
@@ -257,8 +257,8 @@ def told_of_rigs(
 
     Certificates are added to `texts`, name of the file and content by kind.
     """
-    from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.study.design_run import CONFIDENCE, draw_rigs, prove_rigs
+    from beamdesign.synthesis.design_run import CONFIDENCE, draw_rigs, prove_rigs
+    from beamdesign.synthesis.rig_spread import rig_spread
 
     best, masses, end = law.best, stage.outer_end_mass_kg, stage.suffix
     assert best is not None
@@ -305,9 +305,9 @@ def certified_rigs(
 
     Certificates go beside that of the nominal rig.
     """
-    from beamdesign.design.law_search import worst_of
-    from beamdesign.design.rig_spread import rig_spread
-    from beamdesign.proof.certifying import certify
+    from beamdesign.proofs.certifying import certify
+    from beamdesign.synthesis.law_search import worst_of
+    from beamdesign.synthesis.rig_spread import rig_spread
 
     spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)
     worst = worst_of(spread, masses)

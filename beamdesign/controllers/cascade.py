@@ -13,8 +13,8 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign.controllers.protocol import SENSED, Controller, Need, Row, SensedLaw, TransferFunction
+from beamdesign.plant.electronics import Series
 from beamdesign.records import Record
-from beamdesign.rig.electronics import Series
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +39,7 @@ class Factor(ABC):
     """1 or 2."""
 
     open_between: ClassVar[Mapping[str, tuple[float, float]]]
-    """Its figures, in the order of `beamdesign.rig.electronics.Series`: least and largest value that a tuner gives."""
+    """Its figures, in the order of `beamdesign.plant.electronics.Series`: least and largest that a tuner gives."""
 
     @staticmethod
     @abstractmethod
@@ -170,7 +170,7 @@ class Cascade(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, then the figures of each factor; between them what a lag makes of the gain."""
-        from beamdesign.report.quantity import decimal, quantity
+        from beamdesign.quantity_text import decimal, quantity
 
         means = "K_sa, valve current per error voltage when static"
         rows = [("gain", quantity(self.gain_A_per_V, "A/V", 7), means)]

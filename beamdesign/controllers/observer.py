@@ -8,8 +8,8 @@ from pydantic import Field
 
 from beamdesign import quantities as q
 from beamdesign.controllers.protocol import SENSED, Controller, Need, Row, Sensed, SensedLaw
+from beamdesign.plant.electronics import Matrices
 from beamdesign.records import Problem
-from beamdesign.rig.electronics import Matrices
 
 if TYPE_CHECKING:
     import numpy as np
@@ -105,7 +105,7 @@ class Observer(Controller):
 
     def rows(self) -> list[Row]:
         """Its gain, its sensors and its matrices row by row."""
-        from beamdesign.report.quantity import quantity
+        from beamdesign.quantity_text import quantity
 
         rows = [
             ("gain", quantity(self.gain_A_per_V, "A/V", 7), "factor on the whole law"),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from beamdesign.controllers.form import Form
     from beamdesign.controllers.observer import Observer
     from beamdesign.controllers.scheduled import Scheduled
-    from beamdesign.rig.electronics import Law
+    from beamdesign.plant.electronics import Law
 
 Sensed = Literal["displacement_m", "inner_displacement_m", "load_pressure_Pa"]
 SENSED: tuple[Sensed, ...] = ("displacement_m", "inner_displacement_m", "load_pressure_Pa")
@@ -166,7 +166,7 @@ class Controller(Record):
             a (n, n), b (n, p), c (n,) and d (p,), and (n,) what command_V does to the states beside its part of the
             error.
         """
-        from beamdesign.rig.electronics import HEARD, state_space
+        from beamdesign.plant.electronics import HEARD, state_space
 
         a, b, c, d = state_space(self.equations, self.figures())
         places, signs = (
@@ -260,7 +260,7 @@ class Controller(Record):
 
     @property
     def sought(self) -> dict[str, Any]:
-        """What `beamdesign.design.tuning.tune` is asked for another of its kind: kind, and sections or sensors."""
+        """What `beamdesign.synthesis.tuning.tune` is asked for another of its kind: kind, and sections or sensors."""
         return {"kind": self.kind}
 
     def words(self, digits: int = 3) -> str:

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beamdesign.arm.both_planes import BothPlanes
-from beamdesign.arm.plane import arm_of
-from beamdesign.arm.remaining import Remaining, Vector
-from beamdesign.arm.result import ArmResult
+from beamdesign.proofs.arm.both_planes import BothPlanes
+from beamdesign.proofs.arm.plane import arm_of
+from beamdesign.proofs.arm.remaining import Remaining, Vector
+from beamdesign.proofs.arm.result import ArmResult
 from beamdesign.prototype import Prototype
 from beamdesign.report.canvas import LIMIT, STYLES, finish, new_figure
 from beamdesign.spelling import in_plot

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from beamdesign import beam, section
-from beamdesign.lumped import lumped_beam
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.report.canvas import note
+from beamdesign.structure import beam, section
+from beamdesign.structure.lumped import lumped_beam
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,11 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
 from beamdesign.loop import LoopAtMass
-from beamdesign.operating_limits import Envelope
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
+from beamdesign.quantity_text import decibels
 from beamdesign.report.canvas import LIMIT, STYLES, finish, note, plain_numbers
-from beamdesign.report.quantity import decibels
+from beamdesign.synthesis.operating_limits import Envelope
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""

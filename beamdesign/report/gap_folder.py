@@ -10,14 +10,16 @@ from typing import Any
 
 from markupsafe import Markup
 
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.designer_terms import LoopTerms, payload_range
+from beamdesign.diagnosis.diagnosis import Diagnosis, Errors, diagnosis_fields, in_words
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
+from beamdesign.diagnosis.redesign import Redesign
 from beamdesign.files import write_set
-from beamdesign.gap.data.dataset import Dataset
-from beamdesign.gap.designer_terms import LoopTerms, payload_range
-from beamdesign.gap.diagnosis import Diagnosis, Errors, diagnosis_fields, in_words
-from beamdesign.gap.fitting.hypothesis import Hypothesis
 from beamdesign.json_text import json_text, plain
 from beamdesign.loop import loop
 from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.quantity_text import decimal, mass_range_text
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.canvas import inline_svg
 from beamdesign.report.gap_pictures import band_picture, compliance_picture, diverged, record_picture
@@ -34,8 +36,6 @@ from beamdesign.report.gap_tables import (
     witness_table,
 )
 from beamdesign.report.page import page_template
-from beamdesign.report.quantity import decimal, mass_range_text
-from beamdesign.study.redesign import Redesign
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED = "redesigned/prototype.toml"

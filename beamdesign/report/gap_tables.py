@@ -8,13 +8,13 @@ from math import isfinite, log10
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.gap.data.dataset import TimeRecord
-from beamdesign.gap.designer_terms import LoopTerms, Terms
-from beamdesign.gap.diagnosis import Diagnosis, Errors
-from beamdesign.gap.fitting.fit import Fit
-from beamdesign.gap.shrink import BANDS_HZ, in_bands
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.designer_terms import LoopTerms, Terms
+from beamdesign.diagnosis.diagnosis import Diagnosis, Errors
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.shrink import BANDS_HZ, in_bands
 from beamdesign.parameters import PARAMETERS
-from beamdesign.report.quantity import at_least, at_most, decimal, mass_range_text, quantity
+from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
 _WIDEST_Z = 5.0

@@ -15,9 +15,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proof.rational import nearest
-from beamdesign.proof.stability import StabilityMap, stable_ranges
+from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
+from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity
+from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
@@ -27,7 +28,6 @@ from beamdesign.report.figures import (
     plot_sensitivity,
     shade_compliance,
 )
-from beamdesign.report.quantity import at_least, decimal, mass_range_text, quantity
 from beamdesign.report.trade import TradePoint, plot_trade
 
 FAMILY = 41

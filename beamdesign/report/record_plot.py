@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.files import write_whole
+from beamdesign.quantity_text import quantity
 from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figure, save
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
-from beamdesign.report.quantity import quantity
 from beamdesign.spelling import in_plot
 
 _MOST_POINTS = 3000

@@ -19,11 +19,11 @@ from beamdesign.records import Record, nested_records
 FILES = {
     "prototype": "beamdesign.prototype:Prototype",
     "study": "beamdesign.problem:DesignProblem",
-    "sweep": "beamdesign.study.sweep_file:Sweep",
+    "sweep": "beamdesign.sweep.sweep_file:Sweep",
     "scenario": "beamdesign.scenario:Scenario",
-    "data set": "beamdesign.gap.data.dataset_index:Index",
+    "data set": "beamdesign.diagnosis.data.dataset_index:Index",
     "bench prototype": "beamdesign.bench_prototype:BenchPrototype",
-    "bench data set": "beamdesign.gap.bench.data:_File",
+    "bench data set": "beamdesign.diagnosis.bench.data:_File",
 }
 """Kinds of file, each with the record that it is read as."""
 
@@ -107,8 +107,8 @@ def keys() -> tuple[Key, ...]:
 @cache
 def effects() -> tuple[EffectEntry, ...]:
     """All effects in alphabetical order."""
-    from beamdesign.rig.assembly import RIGS
-    from beamdesign.rig.effects import library
+    from beamdesign.plant.assembly import RIGS
+    from beamdesign.plant.effects import library
 
     found = []
     for name, effect in library().items():

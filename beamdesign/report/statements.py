@@ -3,9 +3,9 @@
 from math import isfinite
 from typing import Literal, NamedTuple
 
-from beamdesign.proof.certificate import Certificate, Claim
-from beamdesign.report.quantity import at_least, decimal, mass_range_text, quantity
-from beamdesign.study.design_run import DesignRun
+from beamdesign.proofs.certificate import Certificate, Claim
+from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity
+from beamdesign.synthesis.design_run import DesignRun
 
 Foundation = Literal["proved", "refuted", "verified numerically", "sampled"]
 

@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from beamdesign.design.codesign import Front
-from beamdesign.design.remedies import Remedy
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.report.canvas import STYLES, finish
+from beamdesign.synthesis.codesign import Front
+from beamdesign.synthesis.remedies import Remedy
 
 NAME = "front.csv"
 

@@ -12,12 +12,12 @@ import numpy as np
 from flint import ctx, fmpq
 
 from beamdesign.controllers import Lag
-from beamdesign.proof.box import Box
-from beamdesign.proof.box_member import undamping
-from beamdesign.proof.branch import Search, control_points
-from beamdesign.proof.rig_family import Family, rig_family
-from beamdesign.proof.tolerance_box import largest_scaling, tolerance_box
-from beamdesign.proof.zero_exclusion import PRECISION_BITS, holds, pieces
+from beamdesign.proofs.box import Box
+from beamdesign.proofs.box_member import undamping
+from beamdesign.proofs.branch import Search, control_points
+from beamdesign.proofs.rig_family import Family, rig_family
+from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
 
 RIG = Prototype(

@@ -11,7 +11,7 @@ from stopwatch import Cost, timed
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.form import form_of
 from beamdesign.loop import Loop, close_loop
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 
 LARGEST_INNER_KG = 6.0

@@ -13,13 +13,13 @@ from delivered import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, true_rig
 from trial import Trial, on_trial
 
-from beamdesign.design.starts import sampled_bandwidth
-from beamdesign.gap.amended import amended
-from beamdesign.gap.designer_terms import payload_range
-from beamdesign.gap.truth.case import Case
+from beamdesign.diagnosis.amended import amended
+from beamdesign.diagnosis.designer_terms import payload_range
+from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.study.redesign import Redesign, redesign
+from beamdesign.synthesis.starts import sampled_bandwidth
+from beamdesign.validation.truth.case import Case
 
 Progress = Callable[[str], None]
 

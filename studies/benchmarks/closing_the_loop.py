@@ -21,8 +21,8 @@ from pathlib import Path
 from closing import Attempt, Closed, close_the_loop
 from opened_cases import opened_case, opened_keys
 
-from beamdesign.gap.blind.scoring import clopper_pearson
 from beamdesign.records import InputError
+from beamdesign.validation.blind.scoring import clopper_pearson
 
 COLUMNS = (
     "case", "truth", "verdict", "tuned for", "safe", "bandwidth, Hz: proved", "true", "peak sensitivity: proved",

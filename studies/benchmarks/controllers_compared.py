@@ -20,12 +20,12 @@ from delivered import delivered, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 from matplotlib.figure import Figure
 
-from beamdesign.design.tuning import tune
-from beamdesign.lumped import figures
-from beamdesign.proof.certificate import Asked, goal_claims
-from beamdesign.proof.certifying import certify
+from beamdesign.proofs.certificate import Asked, goal_claims
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Goal, Prototype, read_prototype
 from beamdesign.report.canvas import new_figure, save
+from beamdesign.structure.lumped import figures
+from beamdesign.synthesis.tuning import tune
 
 Range = tuple[float, float]
 

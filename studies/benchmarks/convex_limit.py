@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.design.synthesis import StateSpace
 from beamdesign.prototype import Goal
+from beamdesign.synthesis.synthesis import StateSpace
 
 FREQUENCIES_HZ = np.concatenate(
     [np.geomspace(0.05, 5, 30), np.geomspace(5.1, 120, 260), np.geomspace(122, 1000, 80), np.geomspace(1050, 2e4, 12)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.changed_figures import with_figures
+from beamdesign.plant.changed_figures import with_figures
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
 from beamdesign.simulate import SimulatedRecord, simulate
@@ -108,7 +108,7 @@ def drawn(prototype: Prototype, deviations: Mapping[str, float], count: int, see
 
     Args:
         prototype: nominal.
-        deviations: relative standard deviations, by figure as in `beamdesign.changed_figures`; normal,
+        deviations: relative standard deviations, by figure as in `beamdesign.plant.changed_figures`; normal,
             cut at two of them.
         count: how many rigs.
         seed: of the draws.

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from delivered import Delivered, delivered, drawn
 
-from beamdesign.changed_figures import CHANGEABLE
-from beamdesign.design.law_search import worst_of
-from beamdesign.design.rig_spread import rig_spread
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.tolerance_box import TOLERANCES
+from beamdesign.plant.changed_figures import CHANGEABLE
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype
-from beamdesign.study.design_run import least_share
+from beamdesign.synthesis.design_run import least_share
+from beamdesign.synthesis.law_search import worst_of
+from beamdesign.synthesis.rig_spread import rig_spread
 
 TOLERANCE = Tolerance(
     stiffness=0.02,

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from beamdesign.design.rig_spread import rig_spread
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step, WallAhead
 from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.synthesis.rig_spread import rig_spread
 
 EFFECTS: dict[str, dict[str, dict[str, float]]] = {
     "as designed": {},

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.diagnose import diagnose
-from beamdesign.gap.fitting.evidence import RecordEvidence, at_rest, record_evidence
-from beamdesign.gap.fitting.hypothesis import Hypothesis, Placement
-from beamdesign.rig.assembly import OUTPUTS
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, at_rest, record_evidence
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement
+from beamdesign.plant.assembly import OUTPUTS
 
 SET = Path(__file__).parent.parent / "gaps" / "slow_sensor"
 TOLERANCE, TIGHT = 1e-5, 1e-9

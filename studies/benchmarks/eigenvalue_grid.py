@@ -7,8 +7,8 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.linear import LinearModel
-from beamdesign.proof.mass_family import floats
+from beamdesign.plant.linear import LinearModel
+from beamdesign.proofs.mass_family import floats
 
 
 @dataclass(frozen=True)

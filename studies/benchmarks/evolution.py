@@ -19,12 +19,12 @@ from stopwatch import Cost, timed
 
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.controllers.form import form_of
-from beamdesign.design.loop_samples import samples
-from beamdesign.design.starts import SEARCH_FREQUENCIES_HZ, sampled_bandwidth
-from beamdesign.design.tuning import tune
 from beamdesign.loop import Loop, close_loop
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
+from beamdesign.synthesis.loop_samples import samples
+from beamdesign.synthesis.starts import SEARCH_FREQUENCIES_HZ, sampled_bandwidth
+from beamdesign.synthesis.tuning import tune
 
 LARGEST_INNER_KG = 6.0
 _MASSES = 7

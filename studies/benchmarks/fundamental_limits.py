@@ -19,9 +19,9 @@ from math import inf, pi
 
 import numpy as np
 
-from beamdesign.design.synthesis import StateSpace, sensed_model
-from beamdesign.members import family
+from beamdesign.plant.members import family
 from beamdesign.prototype import Goal, Prototype
+from beamdesign.synthesis.synthesis import StateSpace, sensed_model
 
 _LOWEST_HZ, _HIGHEST_HZ, _POINTS = 1e-3, 1e6, 12000
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.gap.blind.case_plan import Planned
-from beamdesign.gap.blind.seal import broken, folder_digest, read_seal
-from beamdesign.gap.data.dataset import Dataset, read_dataset
-from beamdesign.gap.diagnosis import Diagnosis
-from beamdesign.gap.truth.case import Case
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.records import InputError
+from beamdesign.validation.blind.case_plan import Planned
+from beamdesign.validation.blind.seal import broken, folder_digest, read_seal
+from beamdesign.validation.truth.case import Case
 
 _ALIKE = 1e-6  # relative; another machine's arithmetic may differ in the last digits, another rig does not
 
@@ -85,7 +85,7 @@ def true_rig(opened: OpenedCase) -> Case:
     Raises:
         InputError: where another rig comes out, because the truth model is not that of the check any more.
     """
-    from beamdesign.gap.truth import answer, draw_case
+    from beamdesign.validation.truth import answer, draw_case
 
     planned = opened.planned
     try:
@@ -116,8 +116,8 @@ def unlike(one: Any, other: Any, name: str = "") -> str:
 
 def diagnosed(opened: OpenedCase) -> tuple[Dataset, Diagnosis]:
     """Judge a case once more by this program from the fits that the check keeps; nothing in its folder is changed."""
-    from beamdesign.gap.diagnose import diagnose
-    from beamdesign.gap.fitting.fit import KeptFits, digest
+    from beamdesign.diagnosis.diagnose import diagnose
+    from beamdesign.diagnosis.fitting.fit import KeptFits, digest
 
     key = opened.planned.key
     data = read_dataset(opened.folder / "sets" / key)

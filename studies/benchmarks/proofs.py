@@ -4,11 +4,11 @@ from math import inf
 
 from beamdesign.loop import Loop
 from beamdesign.polynomial import exact
-from beamdesign.proof.certificate import Asked, Certificate
-from beamdesign.proof.certifying import certify
-from beamdesign.proof.performance import bandwidth, least_limit, prove
-from beamdesign.proof.rectangle import Rectangle
-from beamdesign.proof.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.proofs.certificate import Asked, Certificate
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.performance import bandwidth, least_limit, prove
+from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 
 __all__ = [
     "Certificate",

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from delivered_bandwidth import TOLERANCE
 
-from beamdesign.design.law_search import worst_of
-from beamdesign.design.refinement import Proved
-from beamdesign.design.rig_spread import rig_spread
-from beamdesign.proof.certifying import certify
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.study.design_run import draw_rigs
+from beamdesign.synthesis.design_run import draw_rigs
+from beamdesign.synthesis.law_search import worst_of
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.rig_spread import rig_spread
 
 
 def proved_bandwidth(prototype: Prototype, sigmas: float) -> float:

@@ -16,12 +16,12 @@ from delivered import MEASURED_WITHIN, drawn
 from delivered_bandwidth import DEVIATIONS, rig_of
 
 from beamdesign.controllers import Lag, Scheduled, Stage
-from beamdesign.design.tuning import tune
+from beamdesign.controllers.scheduling.simulation import Course, simulate_scheduled
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.scheduling.simulation import Course, simulate_scheduled
 from beamdesign.simulate import SimulatedRecord
+from beamdesign.synthesis.tuning import tune
 
 SCHEDULED = Path(__file__).parents[1] / "scheduled" / "prototype.toml"
 NOISE_V = 0.002

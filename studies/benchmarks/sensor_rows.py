@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from beamdesign.controllers import SENSED, Sensed
-from beamdesign.design.law_search import Search
-from beamdesign.design.refinement import Proved
-from beamdesign.design.weight_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer
-from beamdesign.members import family
-from beamdesign.proof.certificate import Asked, goal_claims
-from beamdesign.proof.certifying import certify
+from beamdesign.plant.members import family
+from beamdesign.proofs.certificate import Asked, goal_claims
+from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype
+from beamdesign.synthesis.law_search import Search
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, search_observer
 
 SETS: tuple[tuple[Sensed, ...], ...] = (SENSED[:1], SENSED[:2], (SENSED[0], SENSED[2]), SENSED)
 """The displacement alone, with the inner tip's displacement, with the load pressure, with both."""

@@ -21,19 +21,19 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from beamdesign.controllers import Lag
-from beamdesign.paper.rig import paper_prototype
-from beamdesign.prototype import Prototype
-from beamdesign.rig.assembly import OUTPUTS, Assembly, assemble
-from beamdesign.rig.compiled import compiled, integrate
-from beamdesign.rig.effects import library
-from beamdesign.rig.equilibrium import equilibrium, scales
-from beamdesign.rig.parameters import parameters_of, structure_of
-from beamdesign.rig.sensitivity import (
+from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble
+from beamdesign.plant.compiled import compiled, integrate
+from beamdesign.plant.effects import library
+from beamdesign.plant.equilibrium import equilibrium, scales
+from beamdesign.plant.parameters import parameters_of, structure_of
+from beamdesign.plant.sensitivity import (
     compiled_with_sensitivities,
     equilibrium_sensitivity,
     integrate_with_sensitivities,
 )
+from beamdesign.prototype import Prototype
 from beamdesign.simulate import half_steps, substeps_for
+from beamdesign.validation.paper.rig import paper_prototype
 
 SAMPLE_S = 5e-4
 LINES_HZ = np.arange(3, 60, 4.0)
@@ -248,7 +248,7 @@ def main(argv: Sequence[str] | None = None) -> list[Row]:
     parser.add_argument("--duration-s", type=float, default=4.0, help="length of the record")
     duration = parser.parse_args(argv).duration_s
     begin = perf_counter()
-    import beamdesign.rig.stepper  # noqa: F401
+    import beamdesign.plant.stepper  # noqa: F401
 
     print(f"numba loaded in {perf_counter() - begin:.2f} s; records of {duration:g} s at {SAMPLE_S * 1e3:g} ms")
     rows: list[Row] = []

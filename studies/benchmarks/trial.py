@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.gap.truth.believed import assembled
-from beamdesign.gap.truth.case import Case, Drive, Run, run_figures, step_of
-from beamdesign.gap.truth.rig import SAMPLE_S, Motion, march
+from beamdesign.validation.truth.believed import assembled
+from beamdesign.validation.truth.case import Case, Drive, Run, run_figures, step_of
+from beamdesign.validation.truth.rig import SAMPLE_S, Motion, march
 
 WATCHED_S = 1.5
 """After each of kick, load on and load off."""

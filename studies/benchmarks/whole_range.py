@@ -15,7 +15,7 @@ from proofs import Certificate, always_stable, certify
 from stopwatch import Cost, timed
 
 from beamdesign.loop import Loop, loop
-from beamdesign.members import paper_model
+from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 
 Stretches = list[tuple[float, float]]

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from beamdesign import DesignProblem, read_problem
-from beamdesign.beam import effective_mass, first_frequency, tip_stiffness
-from beamdesign.design.checks import beam_mass, check_sections
-from beamdesign.materials import material
-from beamdesign.section import SquareTube, clearance, flexural_rigidity, mass_per_length, second_moment
+from beamdesign.structure.beam import effective_mass, first_frequency, tip_stiffness
+from beamdesign.structure.materials import material
+from beamdesign.structure.section import SquareTube, clearance, flexural_rigidity, mass_per_length, second_moment
+from beamdesign.synthesis.checks import beam_mass, check_sections
 
 OUTER, INNER = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)
 ALLOY = material("6061-T6")

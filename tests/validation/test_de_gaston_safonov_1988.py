@@ -11,10 +11,10 @@ from flint import fmpq
 from beamdesign import check
 from beamdesign.crossing import crossings
 from beamdesign.polynomial import Affine, exact
-from beamdesign.proof.box import box_of
-from beamdesign.proof.box_member import member
-from beamdesign.proof.rig_family import Family
-from beamdesign.proof.tolerance_box import largest_scaling
+from beamdesign.proofs.box import box_of
+from beamdesign.proofs.box_member import member
+from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.tolerance_box import largest_scaling
 
 FAMILY = Family(
     "de Gaston and Safonov",

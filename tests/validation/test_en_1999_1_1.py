@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamdesign.section import (
+from beamdesign.structure.section import (
     LOCAL_BUCKLING_CONSTANTS,
     bending_resistance,
     buckling_curve,

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.gap.bench.data import read_bench_set
-from beamdesign.gap.bench.diagnose import diagnose_bench
-from beamdesign.gap.bench.diagnosis import BenchDiagnosis, simulated
-from beamdesign.gap.bench.hypothesis import BenchHypothesis
+from beamdesign.diagnosis.bench.data import read_bench_set
+from beamdesign.diagnosis.bench.diagnose import diagnose_bench
+from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, simulated
+from beamdesign.diagnosis.bench.hypothesis import BenchHypothesis
 
 SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 FOLDER = SHARED / "real" / "servo-cylinder"

@@ -13,12 +13,12 @@ import pytest
 
 from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag, Proportional
-from beamdesign.harmonic_balance import linear_critical_gain
-from beamdesign.linear_reach import departure, linear_part, reach, with_published_effects
 from beamdesign.loop import loop
-from beamdesign.rig.assembly import assemble
-from beamdesign.rig.equilibrium import equilibrium
-from beamdesign.rig.parameters import parameters_of, structure_of
+from beamdesign.plant.assembly import assemble
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.harmonic_balance import linear_critical_gain
+from beamdesign.plant.linear_reach import departure, linear_part, reach, with_published_effects
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulate import simulate
 

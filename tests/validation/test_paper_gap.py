@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.gap.data.dataset import read_dataset
-from beamdesign.gap.gains.classes import GainDiagnosis, explain_gains
-from beamdesign.paper.claims import gain_rows
-from beamdesign.paper.rig import CASES
+from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.gains.classes import GainDiagnosis, explain_gains
+from beamdesign.validation.paper.claims import gain_rows
+from beamdesign.validation.paper.rig import CASES
 
 FOLDER = Path(__file__).parents[2] / "studies" / "gaps" / "paper_gains"
 

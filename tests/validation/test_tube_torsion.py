@@ -5,8 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from beamdesign.materials import material, material_names
-from beamdesign.section import area, second_moment, torsion_constant
+from beamdesign.structure.materials import material, material_names
+from beamdesign.structure.section import area, second_moment, torsion_constant
 
 PUBLISHED = [
     (40, 2, 11.3), (40, 3, 15.8), (40, 4, 19.4), (50, 2, 22.6), (50, 3, 32.1), (50, 4, 40.4), (50, 5, 47.5),

@@ -15,7 +15,10 @@ import pytest
 from beamdesign import Prototype, critical_gain, state_space
 from beamdesign.crossing import crossings
 from beamdesign.loop import loop
-from beamdesign.paper.rig import (
+from beamdesign.polynomial import exact
+from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
+from beamdesign.quantity_text import decibels, from_decibels
+from beamdesign.validation.paper.rig import (
     CASES,
     SMALLER_PISTON_SIDE_M2,
     Case,
@@ -29,9 +32,6 @@ from beamdesign.paper.rig import (
     proportional,
     valve_damping,
 )
-from beamdesign.polynomial import exact
-from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
-from beamdesign.report.quantity import decibels, from_decibels
 
 REPLICATION = 0.02
 PROPORTIONAL, LAG, LOADED, RELIEVED = CASES

@@ -1,0 +1,366 @@
+"""The acceptance test: what a rig built to a prototype should measure, and the data set to be filled in.
+
+Expected is nominal by the linear model, with bands within its tolerances. The data set has excitation signals, empty
+records, dataset.toml and scenario.toml; what comes back goes to `beamdesign gap diagnose` as it is. Two payloads, two
+amplitudes, forces and commands are asked for, because effects show in how these differ; which records no fit sees is
+chosen by the diagnosis.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf, pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
+from beamdesign.files import write_whole
+from beamdesign.loop import CriticalGain, critical_gain, loop
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.synthesis.operating_limits import envelope, rated_current
+from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.polynomial import exact
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.rig_family import rig_values
+from beamdesign.prototype import Prototype, write_prototype
+from beamdesign.records import to_toml
+from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
+from beamdesign.build.tolerances import why_no_box
+from beamdesign.spelling import shorter
+
+MEASURED_WITHIN = 0.05
+"""Relative error allowed to the measurement of a compliance or a critical gain, beyond the bands."""
+FREQUENCIES_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0)
+_MEMBERS = 64
+_BACK_OFF = (0.99, 0.97, 0.94, 0.9, 0.85)
+_BUDGET = 1500
+_EDGE = 0.7
+"""A member is drawn with each figure at an end of its tolerance, with this probability, or else between them."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """A measured quantity: nominal, and its least and largest value over the members looked at.
+
+    Without tolerances all three are the same.
+    """
+
+    nominal: float
+    low: float
+    high: float
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Pass if measured between these: the band and the error of the measurement."""
+        return self.low * (1 - MEASURED_WITHIN), self.high * (1 + MEASURED_WITHIN)
+
+
+@dataclass(frozen=True)
+class AcceptanceAtMass:
+    """Expected measurements with one mass on the outer tip.
+
+    Attributes:
+        outer_end_mass_kg: the mass.
+        bandwidth_Hz: up to where the nominal compliance keeps the goal.
+        peak_sensitivity: largest nominal |1 / (1 + L)|.
+        static_compliance_m_per_N: nominal |x / F_d| at zero frequency.
+        compliance_m_per_N: |x / F_d| by frequency in Hz.
+        critical_gain_A_per_V: band; None where raising the gain never sets in oscillation.
+        oscillation_Hz: band of its frequency.
+        critical_gain_proved_A_per_V: up to this gain every rig within the tolerances is proved stable; None where no
+            gain above the specified one was proved, or there are no tolerances.
+    """
+
+    outer_end_mass_kg: float
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    static_compliance_m_per_N: float
+    compliance_m_per_N: Mapping[float, Band]
+    critical_gain_A_per_V: Band | None
+    oscillation_Hz: Band | None
+    critical_gain_proved_A_per_V: float | None
+
+
+def bare_frequencies_Hz(prototype: Prototype) -> tuple[float, float]:
+    """Undamped frequencies of the beams by themselves: outer with its module alone, inner with its added mass too."""
+    outer, inner = lumped_beam(prototype.outer_beam), lumped_beam(prototype.inner_beam)
+    loaded = inner.mass + prototype.payload.inner_end_mass_kg
+    return sqrt(outer.stiffness / outer.mass) / (2 * pi), sqrt(inner.stiffness / loaded) / (2 * pi)
+
+
+def acceptance(
+    prototype: Prototype,
+    masses_kg: tuple[float, ...],
+    tolerances: Mapping[str, float] | None = None,
+    told: Callable[[float, str], None] = lambda share, text: None,
+) -> tuple[AcceptanceAtMass, ...]:
+    """Expected measurements at some outer end masses.
+
+    Bands are the extremes of members drawn from the box of tolerances, most figures at an end: sampled, not proved.
+    That all rigs of the box are stable up to a gain is proved by zero exclusion.
+
+    Args:
+        prototype: with a controller.
+        masses_kg: outer end masses.
+        tolerances: relative, by figure as in `beamdesign.proofs.rig_family.rig_values`; none where it is None.
+        told: the share done, and with what.
+    """
+    spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
+    members = [prototype, *_drawn(prototype, spread)]
+    responses: list[list[np.ndarray]] = [[] for _ in masses_kg]
+    gains: list[list[CriticalGain]] = [[] for _ in masses_kg]
+    grid = np.array(FREQUENCIES_HZ)
+    nominal = loop(prototype)
+    for k, member in enumerate(members):
+        told(0.7 * k / len(members), "members within the tolerances")
+        closed = loop(member)
+        for at, mass in enumerate(masses_kg):
+            responses[at].append(np.abs(closed.at(mass).compliance_response(grid)))
+            try:
+                gains[at].append(critical_gain(member, mass, from_own=True))
+            except ValueError:  # no gain makes it oscillate
+                gains[at].append(CriticalGain(inf, 0.0))
+    found = []
+    for at, mass in enumerate(masses_kg):
+        told(0.7 + 0.3 * at / len(masses_kg), "gain that all rigs bear")
+        table = np.array(responses[at])
+        onset = [one for one in gains[at] if one.gain_A_per_V < inf]
+        gain = _band([one.gain_A_per_V for one in onset]) if len(onset) == len(members) else None
+        here = nominal.at(mass)
+        found.append(
+            AcceptanceAtMass(
+                mass,
+                here.bandwidth_Hz(prototype.goal.compliance_m_per_N),
+                here.peak_sensitivity(),
+                abs(here.static_compliance()),
+                {float(f): _band(table[:, k]) for k, f in enumerate(grid)},
+                gain,
+                None if gain is None else _band([one.frequency_Hz for one in onset]),
+                _proved_gain(prototype, mass, spread, gain.low) if gain and spread else None,
+            )
+        )
+    return tuple(found)
+
+
+def _band(values: "list[float] | np.ndarray") -> Band:
+    return Band(float(values[0]), float(min(values)), float(max(values)))
+
+
+def _drawn(prototype: Prototype, spread: Mapping[str, float]) -> list[Prototype]:
+    """Each figure alone at either end, and members with all figures off."""
+    random = np.random.default_rng(1)
+    factors = [{name: 1 + side * part} for name, part in spread.items() for side in (-1, 1)]
+    for _ in range(_MEMBERS if spread else 0):
+        at = np.where(random.random(len(spread)) < _EDGE, random.choice((-1.0, 1.0), len(spread)), 0.0)
+        at = np.where(at == 0, random.uniform(-1, 1, len(spread)), at)
+        factors.append({name: 1 + float(a) * part for a, (name, part) in zip(at, spread.items(), strict=True)})
+    return [with_figures(prototype, one) for one in factors]
+
+
+def _proved_gain(prototype: Prototype, mass: float, spread: Mapping[str, float], sampled: float) -> float | None:
+    """A gain, as near as was proved to the least critical one sampled, up to which all rigs are stable."""
+    if why_no_box(prototype):
+        return None
+    values = rig_values(prototype)
+    own = prototype.controller
+    assert own is not None
+    ranges = {
+        name: (values[name] * (1 - exact(part)), values[name] * (1 + exact(part)))
+        for name, part in spread.items()
+        if name != "controller_gain"
+    }
+    for back_off in _BACK_OFF:
+        gain = float(f"{back_off * sampled:.4g}")
+        if gain <= own.gain_A_per_V:
+            return None
+        box = box_of(
+            {**ranges, "outer_end_mass": (mass, mass), "controller_gain": (own.gain_A_per_V, gain)},
+            {"controller_gain": own.gain_A_per_V},
+        )
+        if certify_box(prototype, box, _BUDGET, volumes=False).stable:
+            return gain
+    return None
+
+
+COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
+"""Of a record; behind them what else its law senses."""
+DURATION_S, SAMPLE_S = 4.0, 0.5e-3
+LOW_HZ, HIGH_HZ = 1.0, 250.0
+_SHARE = 0.3
+"""Of the least force that the actuator can carry within the band: well inside what is linear."""
+_SMALLER = 4.0
+_COMMAND_M = 1.5e-4
+_OF_RATED = 0.5
+_HEAVIEST_KG, _FURTHEST_KG = 20.0, 5.0
+
+
+@dataclass(frozen=True)
+class AcceptancePlan:
+    """What is done to the rig.
+
+    Attributes:
+        scenario: records with their excitation, payload and controller, as `beamdesign simulate` takes it.
+        force_N: peak of the larger multisine.
+        command_V: peak of the command.
+        masses_kg: payloads.
+        second_mass: how the second payload was chosen, in words; empty where both are ends of the certified range.
+    """
+
+    scenario: Scenario
+    force_N: float
+    command_V: float
+    masses_kg: tuple[float, ...]
+    second_mass: str
+
+
+def acceptance_plan(
+    prototype: Prototype, masses_kg: tuple[float, float], duration_s: float = DURATION_S
+) -> AcceptancePlan:
+    """Excitations of the acceptance test.
+
+    Args:
+        prototype: with a controller whose loop is stable over the range.
+        masses_kg: range of outer end mass that is certified.
+        duration_s: of each record.
+    """
+    masses, words = _payloads(prototype, masses_kg)
+    force = _two_digits(_SHARE * min(_least_load(prototype, mass) for mass in masses))
+    command = _COMMAND_M * prototype.sensor.gain_V_per_m
+    controller = prototype.controller
+    assert controller is not None
+    if (rated := rated_current(prototype)) is not None:
+        command = min(command, _OF_RATED * rated / controller.gain_A_per_V)
+    command, small = _two_digits(command), _two_digits(force / _SMALLER)
+    rows: list[ScenarioRecord] = []
+
+    def add(name: str, mass: float, signal: Input) -> None:
+        rows.append(
+            ScenarioRecord(
+                name=name,
+                input=(signal,),
+                outer_end_mass_kg=mass,
+                inner_end_mass_kg=prototype.payload.inner_end_mass_kg,
+                controller=controller,
+            )
+        )
+
+    for k, mass in enumerate(masses):
+        load = "light" if k == 0 else "heavy"
+        add(f"{load}_force", mass, Multisine(amplitude_N=force, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + 1))
+        add(f"{load}_small_force", mass, Multisine(amplitude_N=small, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + 2))
+        add(f"{load}_command", mass, Multisine(amplitude_V=command, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + 3))
+    dwell = _two_digits(duration_s / 5)
+    add("load_steps", masses[-1], LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=dwell, rise_s=0.03))
+    scenario = Scenario(
+        name=f"acceptance of {shorter(prototype.name)}",
+        duration_s=duration_s,
+        sample_s=SAMPLE_S,
+        start="rest",
+        record=tuple(rows),
+    )
+    return AcceptancePlan(scenario, force, command, masses, words)
+
+
+def believed(prototype: Prototype, specified: Mapping[str, float]) -> Prototype:
+    """The prototype as the diagnosis should take it: with standard deviations that it states, or else as specified.
+
+    A figure anywhere within its specified tolerance, no value more likely than another, has a standard deviation of the
+    tolerance over the root of three; of the figures that share one key of `[tolerance]` the loosest counts.
+
+    Args:
+        prototype: as specified.
+        specified: relative tolerances by figure, named as in `beamdesign.proofs.rig_family.rig_values`.
+    """
+    if any(prototype.tolerance.model_dump().values()):
+        return prototype.but(guarantee=None)
+    deviations: dict[str, float] = {}
+    for figure, part in specified.items():
+        if key := RIG_TOLERANCES.get(figure):
+            deviations[key] = max(deviations.get(key, 0.0), _two_digits(part / sqrt(3)))
+    return prototype.but(guarantee=None, tolerance=prototype.tolerance.but(**deviations))
+
+
+def write_data_folder(prototype: Prototype, plan: AcceptancePlan, folder: Path) -> list[Path]:
+    """Write the folder to fill in; records that already hold rows are left as they are.
+
+    Args:
+        prototype: see `believed`.
+        plan: what is to be measured.
+        folder: made if need be.
+
+    Returns:
+        every file of the folder's layout.
+
+    Raises:
+        OSError: where something cannot be written.
+    """
+    paths = [folder / "prototype.toml", folder / "scenario.toml", folder / "dataset.toml"]
+    folder.mkdir(parents=True, exist_ok=True)
+    write_prototype(prototype, paths[0])
+    write_whole(paths[1], to_toml(plan.scenario))
+    write_whole(paths[2], dataset_text(prototype, plan))
+    for row in plan.scenario.record:
+        signal, record = (folder / kind / f"{row.name}.csv" for kind in ("excitation", "records"))
+        table = np.column_stack([plan.scenario.times, inputs_of(row, plan.scenario)])
+        lines = [",".join(("t_s", *CHANNELS)), *(f"{t:.4f},{force:.5g},{volts:.5g}" for t, force, volts in table)]
+        write_whole(signal, "\n".join(lines) + "\n")
+        if not (record.exists() and len(record.read_text().splitlines()) > 1):
+            added = () if row.controller is None else row.controller.added
+            write_whole(record, ",".join((*COLUMNS, *added)) + "\n")
+        paths += [signal, record]
+    return paths
+
+
+def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
+    """dataset.toml of the records to be taken; critical gains are prepared as comments."""
+    controller = prototype.controller
+    assert controller is not None
+    table = {
+        "name": plan.scenario.name,
+        "prototype": "prototype.toml",
+        "record": [
+            {
+                "file": f"records/{row.name}.csv",
+                "outer_end_mass_kg": row.outer_end_mass_kg,
+                "inner_end_mass_kg": row.inner_end_mass_kg,
+                "controller": controller.model_dump(),
+            }
+            for row in plan.scenario.record
+        ],
+    }
+    gains = [
+        "# Where critical gains were measured, take the marks away and put them in:",
+        *(
+            f"# [[critical_gain]]\n# outer_end_mass_kg = {mass!r}\n"
+            f"# inner_end_mass_kg = {prototype.payload.inner_end_mass_kg!r}\n"
+            "# gain_A_per_V = \n# relative_std = 0.03\n# frequency_Hz = \n"
+            for mass in plan.masses_kg
+        ),
+    ]
+    return tomli_w.dumps(table) + "\n" + "\n".join(gains)
+
+
+def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tuple[float, ...], str]:
+    """Both ends of the range; where it is one mass, a second one at which the loop is proved stable as well."""
+    low, high = masses_kg
+    if low < high:
+        return (low, high), ""
+    for first, last in certify(prototype, 0.0, max(_HEAVIEST_KG, 2 * high)).stable_ranges_kg:
+        if first <= low <= last:
+            ahead, behind = last - low, low - first
+            other = low + min(ahead / 2, _FURTHEST_KG) if ahead >= behind else low - min(behind / 2, _FURTHEST_KG)
+            other = _two_digits(other)
+            if first < other < last and abs(other - low) > 0.05:
+                words = f"the loop is proved stable from {first:.4g} to {last:.4g} kg; {other:g} kg lies well inside"
+                return tuple(sorted((low, other))), words
+    return (low,), "no second payload at which the loop is stable was found; one payload tells less"
+
+
+def _least_load(prototype: Prototype, mass: float) -> float:
+    return float(envelope(prototype, mass, 0.0, np.geomspace(LOW_HZ, 100.0, 60)).load_N.min())
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.2g}")

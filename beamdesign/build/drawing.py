@@ -1,0 +1,303 @@
+"""The dimensioned drawing as DXF, and the same drawing as SVG: lengthwise section with clamps, and cross-section."""
+
+import random
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import StringIO
+from typing import TYPE_CHECKING, Any
+
+from beamdesign.structure import section
+from beamdesign.prototype import Beam, Prototype
+from beamdesign.report.drawing import drawable
+from beamdesign.quantity_text import tube_text
+from beamdesign.spelling import in_dxf, one_line
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+    from ezdxf.layouts import Modelspace
+
+LAYERS = {
+    "OUTER_TUBE": (5, 50),
+    "INNER_TUBE": (3, 50),
+    "BASE": (8, 35),
+    "HATCH": (8, 13),
+    "JOINT": (1, 35),
+    "CENTRE": (1, 18),
+    "DIMENSIONS": (7, 18),
+    "TEXT": (7, 25),
+}
+"""Layer, its colour index and its line weight in hundredths of a millimetre."""
+
+_STYLE = "BEAMDESIGN"
+_DRAWN_MM = 210.0
+"""Length of the longest tube on the paper that text and arrows are sized for."""
+
+_SHOWN_BEHIND = 0.1
+"""A tube whose cut length is not given is drawn this share of its free length into its clamp, and not dimensioned."""
+
+
+@dataclass(frozen=True)
+class _Tube:
+    """One tube in mm; `cut` is None where the prototype does not give it."""
+
+    width: float
+    wall: float
+    radius: float
+    free: float
+    cut: float | None
+
+    @property
+    def back(self) -> float:
+        """Where it ends, behind the tip at 0."""
+        return -(self.cut if self.cut is not None else (1 + _SHOWN_BEHIND) * self.free)
+
+
+def missing_geometry(prototype: Prototype) -> str:
+    """Why there is no drawing, in words; empty where the geometry of both beams is given."""
+    if drawable(prototype):
+        return ""
+    lacking = [
+        f"{name}_beam.{key}"
+        for name in ("outer", "inner")
+        for key in ("width_m", "wall_m", "free_length_m", "material")
+        if getattr(getattr(prototype, f"{name}_beam"), key) is None
+    ]
+    return f"the prototype gives lumped figures only; missing for a drawing: {', '.join(lacking)}"
+
+
+@contextmanager
+def _reproducible() -> Iterator[None]:
+    """Without the clock, and without the chance that ezdxf shifts hatches by: one prototype, the same bytes."""
+    import ezdxf
+
+    chance, clock = random.getstate(), ezdxf.options.write_fixed_meta_data_for_testing
+    random.seed(0)
+    ezdxf.options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        random.setstate(chance)
+        ezdxf.options.write_fixed_meta_data_for_testing = clock
+
+
+@_reproducible()
+def drawing(prototype: Prototype) -> "Drawing":
+    """The drawing in millimetres at full size; text and arrows are sized for plotting it to fit a sheet of A3.
+
+    Model space holds the lengthwise section, the tips at x = 0, and the cross-section to its right. Every dimension is
+    a DIMENSION entity that measures the geometry.
+
+    Raises:
+        ValueError: where a beam has no geometry.
+    """
+    import ezdxf
+    from ezdxf import units
+
+    if reason := missing_geometry(prototype):
+        raise ValueError(reason)
+    outer, inner = _tube(prototype.outer_beam), _tube(prototype.inner_beam)
+    document = ezdxf.new("R2010", setup=True)
+    document.units = units.MM
+    for name, (colour, weight) in LAYERS.items():
+        document.layers.add(name, color=colour, lineweight=weight)
+    document.layers.get("CENTRE").dxf.linetype = "CENTER"
+    scale = max(-outer.back, -inner.back) / _DRAWN_MM
+    style = document.dimstyles.duplicate_entry("EZDXF", _STYLE)
+    style.set_arrows(blk="")
+    for key, value in {
+        "dimscale": scale, "dimtxt": 3.0, "dimasz": 2.5, "dimtsz": 0.0, "dimexo": 1.0, "dimexe": 1.5, "dimgap": 1.0,
+        "dimdec": 2, "dimzin": 8, "dimlfac": 1.0, "dimtad": 1, "dimdsep": ord("."),
+    }.items():  # fmt: skip
+        style.dxf.set(key, value)
+    space = document.modelspace()
+    _lengthwise(space, outer, inner, scale)
+    _across(space, outer, inner, scale)
+    _words(space, prototype, outer, inner, scale)
+    return document
+
+
+@_reproducible()
+def dxf_text(document: "Drawing") -> str:
+    """The drawing as a DXF file.
+
+    Raises:
+        ValueError: where ezdxf's auditor finds an error in it.
+    """
+    auditor = document.audit()
+    if auditor.errors:
+        raise ValueError("; ".join(error.message for error in auditor.errors))
+    for name in sorted(document.entitydb.dxf_types_in_use()):  # which ezdxf itself would take in the order of a set
+        document.classes.add_class(name)
+    stream = StringIO()
+    document.write(stream)
+    return stream.getvalue()
+
+
+@_reproducible()
+def svg_text(document: "Drawing", description: str) -> str:
+    """The same drawing as an SVG element; its lines follow the page's ink."""
+    from xml.sax.saxutils import quoteattr
+
+    from ezdxf.addons.drawing import Frontend, RenderContext, layout
+    from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration
+    from ezdxf.addons.drawing.svg import SVGBackend
+
+    backend = SVGBackend()
+    config = Configuration(
+        background_policy=BackgroundPolicy.OFF, color_policy=ColorPolicy.BLACK, lineweight_scaling=0.5
+    )
+    Frontend(RenderContext(document), backend, config=config).draw_layout(document.modelspace())
+    text = backend.get_string(layout.Page(400, 0, layout.Units.mm), settings=layout.Settings(scale=1 / 5))
+    text = text[text.index("<svg") :]
+    head, rest = text.split(">", 1)
+    head = re.sub(r' (width|height)="[^"]*"', "", head)
+    rest = re.sub(r"\bC(\d+)\b(?=[ \"{])", r"drawing-\1", rest)
+    rest = rest.replace("#000000", "var(--ink, #000)")
+    return f'{head} role="img" aria-label={quoteattr(one_line(description))}>{rest.strip()}'
+
+
+def _tube(record: Beam) -> _Tube:
+    assert record.width_m is not None
+    assert record.wall_m is not None
+    assert record.free_length_m is not None
+    return _Tube(
+        _mm(record.width_m),
+        _mm(record.wall_m),
+        _mm(record.corner_radius_m),
+        _mm(record.free_length_m),
+        None if record.length_m is None else _mm(record.length_m),
+    )
+
+
+def _mm(length_m: float) -> float:
+    """Millimetres without the noise of floats."""
+    return round(1e3 * length_m, 6)
+
+
+def _box(space: "Modelspace", layer: str, x: tuple[float, float], y: tuple[float, float]) -> None:
+    corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
+    space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
+
+
+def _hatch(space: "Modelspace", x: tuple[float, float], y: tuple[float, float], scale: float) -> None:
+    hatch = space.add_hatch(dxfattribs={"layer": "HATCH"})
+    hatch.set_pattern_fill("ANSI31", scale=0.8 * scale)
+    hatch.paths.add_polyline_path([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])], is_closed=True)
+
+
+def _dimension(
+    space: "Modelspace",
+    start: tuple[float, float],
+    end: tuple[float, float],
+    at: tuple[float, float],
+    angle: float = 0.0,
+    text: str = "<>",
+    text_at: tuple[float, float] | None = None,
+) -> None:
+    """A dimension that measures from `start` to `end`, its line through `at`; `text_at` places its text, horizontal."""
+    made = space.add_linear_dim(
+        base=at,
+        p1=start,
+        p2=end,
+        angle=angle,
+        text=text,
+        dimstyle=_STYLE,
+        override={} if text_at is None else {"dimtad": 0, "dimtih": 1, "dimtoh": 1},
+        dxfattribs={"layer": "DIMENSIONS"},
+    )
+    if text_at is not None:
+        made.set_location(text_at)
+    made.render()
+
+
+def _lengthwise(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -> None:
+    """Both tubes cut along their axis, the base around the outer one, the plug around the inner one, the tip joint."""
+    half, inside = outer.width / 2, inner.width / 2
+    for layer, tube in (("OUTER_TUBE", outer), ("INNER_TUBE", inner)):
+        for side in (-1, 1):
+            _box(space, layer, (tube.back, 0.0), (side * tube.width / 2, side * (tube.width / 2 - tube.wall)))
+    thick = 0.25 * outer.width
+    blocks = [((outer.back, -outer.free), half, half + thick), ((inner.back, -inner.free), inside, half - outer.wall)]
+    for x, low, high in blocks:
+        for side in (-1, 1):
+            _box(space, "BASE", x, (side * low, side * high))
+            _hatch(space, x, (side * low, side * high), scale)
+    back = min(outer.back, inner.back)
+    space.add_line((back - 8 * scale, 0), (14 * scale, 0), dxfattribs={"layer": "CENTRE"})
+    # The joint: a cylinder between the inner tip and the outer one, as a symbol.
+    reach = min(0.35 * inner.width, 12 * scale)
+    _box(space, "JOINT", (-reach, 0.0), (inside, half - outer.wall))
+    _box(space, "JOINT", (-reach, 0.0), (-half + outer.wall, -inside))
+    space.add_line((0, -half - thick), (0, half + thick), dxfattribs={"layer": "CENTRE"})
+    low, step = -half - thick, 9 * scale
+    _dimension(space, (-inner.free, -inside), (0, -inside), (0, low - step), text="inner, free <>")
+    _dimension(space, (-outer.free, -half), (0, -half), (0, low - 2 * step), text="outer, free <>")
+    if outer.cut is not None:
+        _dimension(space, (outer.back, -half), (-outer.free, -half), (0, low - 2 * step), text="clamp <>")
+        _dimension(space, (outer.back, -half), (0, -half), (0, low - 3 * step), text="outer, cut <>")
+    high = half + thick
+    if inner.cut is not None:
+        _dimension(space, (inner.back, inside), (-inner.free, inside), (0, high + step), text="clamp <>")
+        _dimension(space, (inner.back, inside), (0, inside), (0, high + 2 * step), text="inner, cut <>")
+
+
+def _across(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -> None:
+    """Both tubes in cross-section, with widths, walls and the gap."""
+    half, inside, step = outer.width / 2, inner.width / 2, 9 * scale
+    x = half + 60 * scale
+    for layer, tube in (("OUTER_TUBE", outer), ("INNER_TUBE", inner)):
+        for side, radius in (
+            (tube.width / 2, tube.radius),
+            (tube.width / 2 - tube.wall, max(tube.radius - tube.wall, 0.0)),
+        ):
+            _rounded(space, layer, x, side, radius)
+    for along in ((x - half - 6 * scale, 0, x + half + 6 * scale, 0), (x, -half - 6 * scale, x, half + 6 * scale)):
+        space.add_line(along[:2], along[2:], dxfattribs={"layer": "CENTRE"})
+    _dimension(space, (x - half, -half), (x + half, -half), (0, -half - 2 * step))
+    _dimension(space, (x - inside, -inside), (x + inside, -inside), (0, -half - step))
+    right, left, top = x + half, x - inside, half + step
+    _dimension(space, (right - outer.wall, 0.6 * half), (right, 0.6 * half), (0, top), text="outer wall <>")
+    _dimension(space, (left, 0.6 * inside), (left + inner.wall, 0.6 * inside), (0, top + step), text="inner wall <>")
+    beside = right + 1.5 * step
+    words = (beside + 13 * scale, (inside + half - outer.wall) / 2)
+    _dimension(space, (x, inside), (x, half - outer.wall), (beside, 0), 90, "gap <>", words)
+
+
+def _rounded(space: "Modelspace", layer: str, x: float, half: float, radius: float) -> None:
+    """A square about (x, 0), its corners rounded by arcs of a polyline (bulge = tan 22.5 deg)."""
+    if radius <= 0:
+        return _box(space, layer, (x - half, x + half), (-half, half))
+    a, bulge = half - radius, 0.41421356237309503
+    points = [
+        (x + half, -a, 0.0), (x + half, a, bulge), (x + a, half, 0.0), (x - a, half, bulge),
+        (x - half, a, 0.0), (x - half, -a, bulge), (x - a, -half, 0.0), (x + a, -half, bulge),
+    ]  # fmt: skip
+    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
+
+
+def _words(space: "Modelspace", prototype: Prototype, outer: _Tube, inner: _Tube, scale: float) -> None:
+    gap = section.clearance(outer.width, outer.wall, inner.width)
+    load = prototype.payload
+    added = f", {load.inner_end_mass_kg:g} kg to be added" if load.inner_end_mass_kg else ""
+    lines = [
+        prototype.name,
+        f"Outer tube: {tube_text(outer.width / 1e3, outer.wall / 1e3)}, {prototype.outer_beam.material};"
+        f" {prototype.outer_beam.end_mass_kg:g} kg fixed to the tip",
+        f"Inner tube: {tube_text(inner.width / 1e3, inner.wall / 1e3)}, {prototype.inner_beam.material};"
+        f" {prototype.inner_beam.end_mass_kg:g} kg fixed to the tip{added}",
+        f"Gap per side at assembly {gap:.4g}. Tips in one plane. Tip joint and clamps are symbols. Dimensions in mm.",
+    ]
+    top = outer.width / 2 * 1.5 + 44 * scale
+    for k, line in enumerate(lines):
+        space.add_text(
+            in_dxf(line),
+            height=(4.0 if k == 0 else 3.0) * scale,
+            dxfattribs={"layer": "TEXT", "insert": (min(outer.back, inner.back), top - 5.5 * k * scale)},
+        )
+    for text, at in (("Lengthwise section", outer.back / 2), ("Cross-section", outer.width / 2 + 60 * scale)):
+        entity: Any = space.add_text(text, height=3.0 * scale, dxfattribs={"layer": "TEXT"})
+        from ezdxf.enums import TextEntityAlignment
+
+        entity.set_placement((at, -outer.width * 0.75 - 36 * scale), align=TextEntityAlignment.CENTER)

@@ -1,0 +1,274 @@
+"""What cylinder, valve, supply and sensor must give, by the linear loop."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from beamdesign.loop import loop
+from beamdesign.synthesis.operating_limits import Envelope, demand, envelope, smaller_side
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.certifying import guaranteed_by_all
+from beamdesign.proofs.rig_family import rig_family
+from beamdesign.prototype import InStage, Prototype
+from beamdesign.plant.effects import library
+from beamdesign.build.tolerances import why_no_box
+
+if TYPE_CHECKING:
+    from beamdesign.proofs.certificate import Guaranteed
+
+
+MARGIN = 1.25
+"""On what the linear loop asks of flow, current and stroke."""
+PRESSURE_SHARE = 2 / 3
+"""Of the supply pressure that the load should use at most: there a valve gives the most power (H. E. Merritt, Hydraulic
+Control Systems (1967), section 7-3)."""
+_LOWEST_HZ, _POINTS, _PHASES = 0.01, 60, 360
+SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Ratings:
+    """Ratings for a sinusoidal force on the tip of one amplitude, at any frequency up to a bandwidth.
+
+    Attributes:
+        load_N: amplitude of the force.
+        up_to_Hz: bandwidth.
+        cylinder_force_N: largest.
+        load_pressure_Pa: that on the smaller side of the piston.
+        supply_pressure_Pa: least, so that the load pressure is two thirds of it.
+        flow_m3_per_s: largest through the valve under load.
+        no_load_flow_m3_per_s: flow the valve must give without a load at the prototype's supply pressure, margin
+            included; infinite where the load pressure reaches the supply's.
+        rated_current_A: current that gives it, the spool's lag included, margin included.
+        stroke_m: from end to end, margin included.
+        supply_flow_m3_per_s: margin included.
+        given: what the prototype states, by the names above; None where it does not.
+        envelope: largest amplitude over frequency that the prototype's own ratings allow, with the largest payload.
+    """
+
+    load_N: float
+    up_to_Hz: float
+    cylinder_force_N: float
+    load_pressure_Pa: float
+    supply_pressure_Pa: float
+    flow_m3_per_s: float
+    no_load_flow_m3_per_s: float
+    rated_current_A: float
+    stroke_m: float
+    supply_flow_m3_per_s: float
+    given: dict[str, float | None]
+    envelope: Envelope
+
+
+def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float, up_to_Hz: float) -> Ratings:
+    """Ratings over both ends and the middle of a payload range, of each law its own; the largest of each.
+
+    Args:
+        prototype: with a controller whose loop is stable at these masses.
+        masses_kg: range of outer end mass.
+        load_N: amplitude of the force on the tip.
+        up_to_Hz: highest frequency of it.
+    """
+    grid = np.geomspace(_LOWEST_HZ, max(up_to_Hz, 2 * _LOWEST_HZ), _POINTS)
+    area, supply = smaller_side(prototype), prototype.supply.pressure_Pa
+    stall = supply * area
+    force = flow = current = stroke = no_load = 0.0
+    turn = np.exp(2j * np.pi * np.arange(_PHASES) / _PHASES)
+    stages = prototype.stages(masses_kg)
+    for law, mass in ((stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg):
+        asked = demand(law, mass, grid)
+        force = max(force, load_N * float(np.abs(asked.force).max()))
+        flow = max(flow, load_N * float(np.abs(asked.flow).max()))
+        stroke = max(stroke, load_N * float(np.abs(asked.stroke).max()))
+        moved, held = (load_N * np.real(one[:, None] * turn) for one in (asked.flow, asked.force))
+        left = 1 - np.sign(moved) * held / stall
+        # Orifice flow at a load pressure: q = q_0 sqrt(1 - p_L / p_S); asked the other way round for q_0.
+        through = np.where(left > 0, np.abs(moved) / np.sqrt(np.maximum(left, 1e-12)), np.inf).max(axis=1)
+        no_load = max(no_load, float(through.max()))
+        per_flow = np.abs(asked.current) / np.maximum(np.abs(asked.flow), 1e-300)
+        current = max(current, float((through * per_flow).max()))
+    given = {
+        "supply_pressure_Pa": supply,
+        "rated_current_A": prototype.servovalve.rated_current_A,
+        "stroke_m": prototype.actuator.stroke_m,
+        "supply_flow_m3_per_s": prototype.supply.flow_m3_per_s,
+    }
+    shown = np.array(SHOWN_HZ)
+    return Ratings(
+        load_N, up_to_Hz, force, force / area, force / area / PRESSURE_SHARE, flow, MARGIN * no_load, MARGIN * current,
+        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, shown),
+    )  # fmt: skip
+
+
+KEPT = 0.05
+"""How much of the guaranteed bandwidth, and by how much the peak sensitivity, the sensor's lag may cost."""
+_SLOWEST_HZ, _FASTEST_HZ = 1.0, 1e5
+_HALVINGS = 9
+_BUDGET = 2000
+
+
+@dataclass(frozen=True)
+class SensorNeed:
+    """Requirements on the sensor.
+
+    Attributes:
+        stable_from_Hz: first-order break of the sensor from which the loop is proved stable at every outer end mass,
+            for every break from here to `fastest_Hz`; None where none was proved.
+        fastest_Hz: largest break that was asked about.
+        performs_from_Hz: break at which bandwidth and peak sensitivity are proved within `KEPT` of what they are with
+            an ideal sensor; None where none was.
+        bandwidth_Hz, peak_sensitivity: proved at that break.
+        motion_m: tip motion that the goal allows under the reference load.
+        share: of it that noise may cause.
+        resolution_m: least step that the sensor must tell: the loop follows it where it is slow.
+        noise_bandwidth_Hz: of the loop from sensor noise to tip motion, the largest over the masses looked at.
+        noise_density_m_per_rtHz: one-sided density of sensor noise, white, that moves the tip by that share, RMS.
+        noise_m: RMS of that noise in the band of a first-order sensor that performs.
+        given_resolution_m, given_noise_m: what the prototype states; None where it does not.
+    """
+
+    stable_from_Hz: float | None
+    fastest_Hz: float
+    performs_from_Hz: float | None
+    bandwidth_Hz: float | None
+    peak_sensitivity: float | None
+    motion_m: float
+    share: float
+    resolution_m: float
+    noise_bandwidth_Hz: float
+    noise_density_m_per_rtHz: float
+    noise_m: float | None
+    given_resolution_m: float | None
+    given_noise_m: float | None
+
+
+def lagging(prototype: Prototype, break_Hz: float) -> Prototype:
+    """The prototype with a first-order lag in its sensor, beside what it has already."""
+    if prototype.sensor.filter_Hz is None:
+        return prototype.but(sensor=prototype.sensor.but(filter_Hz=break_Hz), guarantee=None)
+    return prototype.but(effects={**prototype.effects, "sensor_lag": {"break_Hz": break_Hz}}, guarantee=None)
+
+
+def sensor_need(
+    prototype: Prototype,
+    masses_kg: tuple[float, float],
+    load_N: float,
+    share: float,
+    told: Callable[[str], None] = lambda text: None,
+) -> SensorNeed:
+    """Requirements on the sensor of a prototype whose loop is proved stable over the range.
+
+    Args:
+        prototype: with a controller.
+        masses_kg: range of outer end mass.
+        load_N: reference load, for the motion that the goal allows.
+        share: of that motion that noise may cause.
+        told: what is being done.
+    """
+    told("bandwidth of the sensor")
+    stages = prototype.stages(masses_kg)
+    nominal = guaranteed_by_all(stages)
+
+    def reaches(break_Hz: float) -> "Guaranteed | None":
+        return guaranteed_by_all(lagging(prototype, break_Hz).stages(masses_kg))
+
+    stable = performs = reached = None
+    breaks = _breaks_Hz(prototype)
+    if nominal is not None:
+        if not why_no_box(stages[0].prototype):
+            stable = _least(lambda f: reaches(f) is not None, breaks)
+        while stable is not None and not _proved_above(prototype, masses_kg, stable):
+            stable = None if 1.1 * stable >= breaks[1] else 1.1 * stable
+        performs = _least(lambda f: _kept(reaches(f), nominal), breaks)
+        reached = None if performs is None else reaches(performs)
+    motion = prototype.goal.compliance_m_per_N * load_N
+    band = max(noise_bandwidth_Hz(stage.prototype, mass) for stage in stages for mass in stage.looked_at_kg)
+    density = share * motion / sqrt(band)
+    sensor = prototype.sensor
+    return SensorNeed(
+        stable,
+        breaks[1],
+        performs,
+        None if reached is None else reached.bandwidth_Hz,
+        None if reached is None else reached.peak_sensitivity,
+        motion,
+        share,
+        share * motion,
+        band,
+        density,
+        None if performs is None else density * sqrt(pi / 2 * performs),
+        sensor.resolution_m,
+        None if sensor.noise_V is None else sensor.noise_V / sensor.gain_V_per_m,
+    )
+
+
+def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
+    """Integral of |T|^2 over frequency, Hz, with T from sensor noise (as displacement) to tip motion, L / (1 + L).
+
+    By quadrature on a grid that is refined around the poles. The tip moves by L / (1 + L) of the noise where the sensor
+    has no filter; with one it moves by a little more near the filter's break.
+    """
+    here = loop(prototype).at(outer_end_mass)
+    poles = here.poles()
+    parts = [np.geomspace(1e-4, 1e5, 4000)]
+    for pole in poles:
+        centre, width = abs(pole.imag) / (2 * pi), max(abs(pole.real) / (2 * pi), 1e-6)
+        parts.append(centre + width * np.linspace(-30, 30, 601))
+    grid = np.unique(np.concatenate(parts))
+    grid = grid[grid > 0]
+    transmitted = np.abs(1 - here.sensitivity_response(grid)) ** 2
+    return float(np.trapezoid(transmitted, grid) + transmitted[0] * grid[0])
+
+
+def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz: float) -> bool:
+    """Whether every break from this one up is proved stable with every outer end mass."""
+    varied, name, factor = ["sensor_lag.break_Hz"], "sensor_lag_break_Hz", 1.0
+    if prototype.sensor.filter_Hz is None:
+        varied, name, factor = [], "filter_frequency", 2 * pi
+    ends = (factor * break_Hz, factor * _breaks_Hz(prototype)[1])
+
+    def proved(stage: InStage) -> bool:
+        box = box_of({"outer_end_mass": stage.outer_end_mass_kg, name: ends})
+        return certify_box(rig_family(stage.prototype, varied=varied), box, _BUDGET, volumes=False).stable is True
+
+    return all(map(proved, lagging(prototype, break_Hz).stages(masses_kg)))
+
+
+def _kept(found: "Guaranteed | None", nominal: "Guaranteed") -> bool:
+    if found is None:
+        return False
+    return (
+        found.bandwidth_Hz >= (1 - KEPT) * nominal.bandwidth_Hz
+        and found.peak_sensitivity <= (1 + KEPT) * nominal.peak_sensitivity
+    )
+
+
+def _breaks_Hz(prototype: Prototype) -> tuple[float, float]:
+    """Least and largest break of the sensor to ask about: any filter, but what the effect allows beside a filter."""
+    if prototype.sensor.filter_Hz is None:
+        return _SLOWEST_HZ, _FASTEST_HZ
+    parameter = library()["sensor_lag"].parameters[0]
+    return parameter.low, parameter.high
+
+
+def _least(holds: Callable[[float], bool], breaks_Hz: tuple[float, float]) -> float | None:
+    """About the least frequency at which something holds, coming from above; None where it does not at the fastest."""
+    low, high = breaks_Hz
+    if not holds(high):
+        return None
+    while high > 1.5 * low:  # first in large steps down
+        step = max(high / 4, low)
+        if holds(step):
+            high = step
+            if high == low:
+                return high
+        else:
+            low = step
+            break
+    for _ in range(_HALVINGS):
+        middle = sqrt(low * high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high

@@ -1,0 +1,300 @@
+"""What the controller does in one period, written once for every arithmetic; coefficients as a machine holds them.
+
+Integers, floats of 32 bits, exact linear forms and C text are made from the same lines by exchanging the operations.
+
+A linear form is what a value depends on: a coefficient per state, per reading, and per rounding made so far. Roundings
+count as bounded inputs of the linear law, which is no approximation: a rounded value is the value plus something that
+is at most half a step.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import frexp
+from typing import Literal, Protocol, TypeVar
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section
+
+V = TypeVar("V")
+
+
+class Arithmetic(Protocol[V]):
+    """The operations of the law; names are those of coefficients, states and signals."""
+
+    def read(self, state: str) -> V:
+        """A state, rounded to a word."""
+
+    def multiply(self, coefficient: str, value: V) -> V:
+        """A coefficient times a word."""
+
+    def add(self, one: V, other: V) -> V:
+        """A sum."""
+        return one + other  # type: ignore[operator]
+
+    def subtract(self, one: V, other: V) -> V:
+        """A difference."""
+        return one - other  # type: ignore[operator]
+
+    def signal(self, name: str, value: V) -> V:
+        """A named signal: limited to what a word holds."""
+
+    def begin(self, channel: int) -> None:
+        """What follows belongs to a channel, by its place."""
+        return
+
+    def current(self, terms: Sequence[tuple[str, V]]) -> V:
+        """The sum of gains, by name, times words, limited to the largest current."""
+
+    def advance(self, state: str, coefficient: str, value: V, held: bool) -> None:
+        """Add a coefficient times a word to a state; `held`: not while that drives a limited current further."""
+
+
+def one_period(channels: Sequence[Channel], readings: Sequence[V], arithmetic: Arithmetic[V]) -> V:
+    """The current of one sample; all states are advanced after it is known.
+
+    Anti-windup: while the current is at its limit, sections of first order that the error passes and whose output
+    follows the state more than the input (direct term below one, a lag) do not move further in that direction. The
+    other sections are stable filters of unit static gain and run on.
+    """
+    number, terms, advances = 0, [], []
+    for place, (channel, value) in enumerate(zip(channels, readings, strict=True)):
+        arithmetic.begin(place)
+        for section in channel.sections:
+            number += 1
+            x = arithmetic.read(f"x{number}")
+            missing = arithmetic.subtract(value, x)
+            if section.order == 1:
+                d = arithmetic.signal(f"d{number}", missing)
+                value = arithmetic.add(x, arithmetic.multiply(f"direct{number}", d))
+                held = place == 0 and channel.gain > 0 and section.direct < 1
+                advances.append((place, f"x{number}", f"follow{number}", d, held))
+            else:
+                w = arithmetic.read(f"w{number}")
+                missing = arithmetic.subtract(missing, arithmetic.multiply(f"damping{number}", w))
+                d = arithmetic.signal(f"d{number}", missing)
+                value = arithmetic.add(x, arithmetic.multiply(f"slope{number}", w))
+                value = arithmetic.add(value, arithmetic.multiply(f"direct{number}", d))
+                advances.append((place, f"x{number}", f"follow{number}", w, False))
+                advances.append((place, f"w{number}", f"follow{number}", d, False))
+            value = arithmetic.signal(f"y{number}", value)
+        terms.append((channel.gain_name, value))
+    current = arithmetic.current(terms)
+    for place, state, coefficient, given, held in advances:
+        arithmetic.begin(place)
+        arithmetic.advance(state, coefficient, given, held)
+    return current
+
+
+def states_of(sections: Sequence[Section]) -> tuple[str, ...]:
+    """Names of the states, in order."""
+    return tuple(f"{letter}{number}" for number, section in enumerate(sections, 1) for letter in "xw"[: section.order])
+
+
+def coefficients_of(law: DiscreteLaw) -> dict[str, float]:
+    """Values of all its coefficients by name, the gains last."""
+    named: dict[str, float] = {}
+    for number, section in enumerate(law.sections, 1):
+        named[f"follow{number}"] = section.follow
+        if section.order == 2:
+            named[f"damping{number}"] = section.damping
+            named[f"slope{number}"] = section.slope
+        named[f"direct{number}"] = section.direct
+    return named | {channel.gain_name: channel.gain for channel in law.channels}
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A coefficient as realised.
+
+    Attributes:
+        asked: before rounding.
+        integer: of a fixed-point coefficient integer / 2^places; None in floats.
+        places: binary places of it.
+    """
+
+    asked: float
+    integer: int | None
+    places: int
+
+    @property
+    def value(self) -> fmpq:
+        """As realised, exact."""
+        if self.integer is not None:
+            return fmpq(self.integer, 2**self.places)
+        exactly = Fraction(float(np.float32(self.asked)))
+        return fmpq(exactly.numerator, exactly.denominator)
+
+    @property
+    def error(self) -> float:
+        """Relative, of what is realised; 0 where nothing was asked."""
+        return int(self.value.p) / int(self.value.q) / self.asked - 1 if self.asked else 0.0
+
+
+def fixed_point(value: float, word_length: int, more_places: int = 0) -> Coefficient:
+    """Round to a word of its own scaling: the integer has word_length - 1 significant bits, and a sign.
+
+    No more than 2 word_length - 2 places are used, so that a word times it, rounded, fits two words; `more_places`
+    where the word that it multiplies has so many less than none, as of a pressure in Pa.
+
+    Raises:
+        ValueError: where it is too large for a word without places.
+    """
+    most = 2 ** (word_length - 1) - 1
+    places = min(word_length - 1 - frexp(value)[1], 2 * word_length - 2 + more_places) if value else 0
+    while abs(integer := round(Fraction(value) * Fraction(2) ** places)) > most:
+        places -= 1
+    if places < 0:
+        raise ValueError(f"a coefficient of {value:.6g} is too large for words of {word_length} bits")
+    return Coefficient(value, integer, places)
+
+
+def float32(value: float) -> Coefficient:
+    """Round to the nearest float of 32 bits."""
+    return Coefficient(value, None, 0)
+
+
+def float64(value: float) -> Coefficient:
+    """A float of 64 bits as it is: an integer over a power of two."""
+    integer, below = value.as_integer_ratio()
+    return Coefficient(value, integer, below.bit_length() - 1)
+
+
+Form = dict[str, fmpq]
+Step = Literal["signal", "state", "current", "relative"]
+"""What half of is the bound of a rounding: a step of words, of states, of the current, or of a float itself."""
+
+
+@dataclass(frozen=True)
+class LinearLaw:
+    """x+ = A x + B e + F v, i = C x + D e + G v with the readings e and the bounded roundings v; exact.
+
+    Attributes:
+        states: names of x.
+        heard: what e holds, as of `Channel`: k of them, the error first.
+        roundings: name, kind and place of the channel of each.
+        a, b, c, d: (n, n), (n, k), (1, n), (1, k).
+        f, g: (n, m), (1, m).
+        signals: (p, n + k + m) forms of what words must hold: columns x, e, v.
+        signal_channels: place of the channel of each of these rows.
+        rounded: (m, n + k + m) forms of what is rounded.
+    """
+
+    states: tuple[str, ...]
+    heard: tuple[str, ...]
+    roundings: tuple[tuple[str, Step, int], ...]
+    a: fmpq_mat
+    b: fmpq_mat
+    c: fmpq_mat
+    d: fmpq_mat
+    f: fmpq_mat
+    g: fmpq_mat
+    signals: fmpq_mat
+    signal_channels: tuple[int, ...]
+    rounded: fmpq_mat
+
+
+def linear_law(law: DiscreteLaw, coefficients: Mapping[str, Coefficient], in_floats: bool) -> LinearLaw:
+    """Run the law of realised coefficients on linear forms.
+
+    Args:
+        law: what was discretised.
+        coefficients: realised, the gains among them.
+        in_floats: whether every operation rounds, relative to its result; else products, states read and readings do.
+    """
+    states, given = states_of(law.sections), tuple(channel.name for channel in law.channels)
+    forms, readings = _Forms(coefficients, in_floats), []
+    for place, name in enumerate(given):
+        forms.begin(place)
+        readings.append(forms.signal(name, forms.word({name: fmpq(1)}, name, "relative" if in_floats else "signal")))
+    current = one_period(law.channels, readings, forms)
+    names = tuple(forms.roundings)
+
+    def matrix(rows: Sequence[Form], columns: Sequence[str]) -> fmpq_mat:
+        return fmpq_mat(len(rows), len(columns), [row.get(name, fmpq(0)) for row in rows for name in columns])
+
+    after = [forms.after[name] for name in states]
+    whole = (*states, *given, *names)
+    return LinearLaw(
+        states,
+        tuple(channel.heard for channel in law.channels),
+        tuple((name, kind, place) for name, (kind, place, _) in forms.roundings.items()),
+        matrix(after, states),
+        matrix(after, given),
+        matrix([current], states),
+        matrix([current], given),
+        matrix(after, names),
+        matrix([current], names),
+        matrix([form for _, form in forms.signals.values()], whole),
+        tuple(place for place, _ in forms.signals.values()),
+        matrix([form for _, _, form in forms.roundings.values()], whole),
+    )
+
+
+@dataclass
+class _Forms(Arithmetic[Form]):
+    """Arithmetic on forms; collects signals, roundings and the states after the period."""
+
+    coefficients: Mapping[str, Coefficient]
+    in_floats: bool
+    signals: dict[str, tuple[int, Form]] = field(default_factory=dict)
+    roundings: dict[str, tuple[Step, int, Form]] = field(default_factory=dict)
+    after: dict[str, Form] = field(default_factory=dict)
+    place: int = 0
+
+    def begin(self, channel: int) -> None:
+        self.place = channel
+
+    def word(self, form: Form, name: str, kind: Step) -> Form:
+        label = f"{name} #{len(self.roundings) + 1}"
+        self.roundings[label] = (kind, self.place, form)
+        return form | {label: fmpq(1)}
+
+    def _each(self, form: Form, name: str) -> Form:
+        return self.word(form, name, "relative") if self.in_floats else form
+
+    def read(self, state: str) -> Form:
+        form: Form = {state: fmpq(1)}
+        return form if self.in_floats else self.word(form, state, "signal")
+
+    def multiply(self, coefficient: str, value: Form) -> Form:
+        product = _times(self.coefficients[coefficient].value, value)
+        return self.word(product, coefficient, "relative" if self.in_floats else "signal")
+
+    def add(self, one: Form, other: Form) -> Form:
+        return self._each(_sum(one, other), "sum")
+
+    def subtract(self, one: Form, other: Form) -> Form:
+        return self._each(_sum(one, _times(fmpq(-1), other)), "difference")
+
+    def signal(self, name: str, value: Form) -> Form:
+        self.signals[name] = (self.place, value)
+        return value
+
+    def current(self, terms: Sequence[tuple[str, Form]]) -> Form:
+        kind: Step = "relative" if self.in_floats else "current"
+        total: Form = {}
+        for k, (gain, value) in enumerate(terms):
+            product = self.word(_times(self.coefficients[gain].value, value), "current", kind)
+            total = product if k == 0 else self._each(_sum(total, product), "sum")
+        return total
+
+    def advance(self, state: str, coefficient: str, value: Form, held: bool) -> None:
+        step = _times(self.coefficients[coefficient].value, value)
+        before: Form = {state: fmpq(1)}
+        if self.in_floats:
+            step = self.word(step, coefficient, "relative")
+            self.after[state] = self.word(_sum(before, step), state, "relative")
+        else:
+            self.after[state] = _sum(before, self.word(step, coefficient, "state"))
+        self.signals[state] = (self.place, before)
+
+
+def _times(factor: fmpq, form: Form) -> Form:
+    return {name: factor * value for name, value in form.items()}
+
+
+def _sum(one: Form, other: Form) -> Form:
+    return {name: one.get(name, fmpq(0)) + other.get(name, fmpq(0)) for name in (*one, *other)}

@@ -1,0 +1,337 @@
+"""The folder a design run leaves behind: prototype, certificate, report, specification.
+
+The report is one self-contained HTML page: no requests, both themes, fit for print. With each picture go the points of
+its curves and their places in the SVG, so that the page can tell values under the pointer.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from markupsafe import Markup
+
+from beamdesign.synthesis.checks import Check, CheckedPair
+from beamdesign.files import write_set
+from beamdesign.loop import loop
+from beamdesign.structure.lumped import LumpedBeam, lumped_beam, notes
+from beamdesign.proofs.certificate import Certificate
+from beamdesign.proofs.lyapunov import CHANGES_NAME
+from beamdesign.prototype import Beam, InStage, Prototype
+from beamdesign.records import to_toml
+from beamdesign.report.canvas import inline_svg, readings_json
+from beamdesign.report.page import (
+    Block,
+    Code,
+    Document,
+    Folded,
+    Items,
+    Paragraph,
+    Part,
+    Picture,
+    Table,
+    to_html,
+    to_markdown,
+)
+from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
+from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
+from beamdesign.report.statements import price_words, statements
+from beamdesign.report.trade import TradePoint, read_trade
+from beamdesign.build.acceptance import acceptance
+from beamdesign.build.folder import document_of
+from beamdesign.build.specification import specification_of
+from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun
+
+FILES = {
+    "prototype": "prototype.toml",
+    "certificate": CERTIFICATE_NAME,
+    "report": "report.html",
+    "specification": "specification.md",
+}
+"""Names of the files, by kind."""
+
+
+def write_result_folder(result: DesignRun, out: Path) -> dict[str, Path]:
+    """Write what a run gave, all of it or nothing.
+
+    Args:
+        result: a run with a certified prototype.
+        out: the folder, made if need be; files of an earlier run are replaced, and a front.csv there is shown in the
+            report.
+
+    Returns:
+        Paths of the four files, by the keys of `FILES`; of several laws those of each but for the prototype,
+        with the suffix of its stage in key and name, and the proof of changes between them.
+
+    Raises:
+        OSError: where the folder cannot be made or written to; it is then as it was.
+        ValueError: where the run has no result; nothing is written then.
+    """
+    if result.prototype is None or result.certificate is None:
+        raise ValueError(f"no result to write: {result.reason}")
+    texts = {"prototype": (FILES["prototype"], to_toml(result.prototype))}
+    for law in result.laws or (result,):
+        assert law.certificate is not None
+        names = {kind: name.replace(".", f"{law.suffix}.") for kind, name in FILES.items()}
+        names["prototype"] = FILES["prototype"]
+        own = {
+            "certificate": law.certificate.text,
+            "report": report_html(law, names, read_trade(out)),
+            "specification": to_markdown(document_of(specification_of(law))),
+        }
+        texts |= {kind + law.suffix.replace(".", "_"): (names[kind], text) for kind, text in own.items()}
+    if result.changes:
+        texts["certificate_switching"] = (CHANGES_NAME, result.changes)
+    return write_set(out, texts, ("*.stage_*.*", CHANGES_NAME))
+
+
+def report_html(run: DesignRun, files: dict[str, str], trade: tuple[TradePoint, ...] = ()) -> str:
+    """The report of a design run that gave a certified prototype.
+
+    Args:
+        run: all of its steps done.
+        files: names of the files beside the report, by kind; "certificate" among them.
+        trade: proved designs of a front to show this one beside.
+
+    Raises:
+        ValueError: where the run has no result; its `reason` says why.
+    """
+    prototype, certificate, sizing = run.prototype, run.certificate, run.sizing
+    if prototype is None or certificate is None or prototype.guarantee is None or prototype.controller is None:
+        raise ValueError(f"nothing to report: {run.reason or 'the run is not complete'}")
+    guarantee, added_kg = prototype.guarantee, prototype.payload.inner_end_mass_kg
+    load_N, moving_mass_kg = run.problem.load.tip_force_N, sizing.beam_mass_kg + added_kg
+    shown = [prototype_picture(prototype, load_N), *loop_pictures(prototype, loop(prototype))]
+    if trade:
+        shown.append(trade_picture(trade, guarantee.bandwidth_Hz, moving_mass_kg))
+    pictures = {picture.name: _inline(picture) for picture in shown}
+    masses = mass_range_text(guarantee.outer_end_mass_kg)
+    bandwidth, peak = at_least(guarantee.bandwidth_Hz, "Hz"), at_most(guarantee.peak_sensitivity, "1")
+    verdict = Markup(
+        "With every mass from {} on its outer tip the rig is <strong>{}</strong>, gives way by no more than {} up to"
+        " <strong>{}</strong>, and keeps its peak sensitivity at {} or below; it carries {} with beams of {}."
+    ).format(
+        masses, "proved stable" if certificate.stable else "not stable",
+        quantity(prototype.goal.compliance_m_per_N, "m/N"), bandwidth, peak, quantity(load_N, "N"),
+        quantity(sizing.beam_mass_kg, "kg"),
+    )  # fmt: skip
+    key = (
+        ("guaranteed bandwidth", bandwidth),
+        ("guaranteed peak sensitivity", peak),
+        ("for outer end masses of", masses),
+        ("both beams", quantity(sizing.beam_mass_kg, "kg")),
+        ("inner end mass", quantity(added_kg, "kg")),
+        ("beams and inner end mass", quantity(moving_mass_kg, "kg")),
+    )
+    law: list[Block] = [
+        Table(
+            ("figure", "value", "meaning"),
+            (
+                *prototype.controller.rows(),
+                ("inner end mass", quantity(added_kg, "kg", 7), "added to the inner beam's tip"),
+            ),
+            numbers=(1,),
+        )
+    ]
+    if prototype.controller.kind == "lag":
+        words = "C(s) = (1 + s/(2π zero)) / (1 + s/(2π pole)); the valve current is gain × C(s)"
+        law.append(Paragraph(f"{words} × (command − sensor voltage)."))
+    heads = (
+        "outer end mass", "bandwidth", "peak sensitivity", "static compliance", "critical gain", "oscillation"
+    )  # fmt: skip
+    expected = Table(
+        heads,
+        tuple(expected_rows(prototype, guarantee.outer_end_mass_kg)),
+        "By the linear model, at single masses",
+        numbers=tuple(range(len(heads))),
+    )
+    lumped = Table(("figure", "symbol", "value", "source"), tuple(lumped_rows(prototype)), numbers=(2,), whole=(0,))
+    proof = files["certificate"]
+    parts = (
+        Part("Sections", _sections(run)),
+        Part("Drawing", (pictures["prototype"],)),
+        Part("Figures of the model", (lumped, *(Paragraph(f"{note}.") for note in notes(prototype)))),
+        Part("Controller and end mass", tuple(law)),
+        Part("Performance", (pictures["compliance"], pictures["sensitivity"], expected, pictures["loop"])),
+        Part(
+            "Stability over the outer end mass",
+            (Paragraph(_stability_words(certificate)), *(pictures[n] for n in ("ranges", "gains", "locus", "poles"))),
+        ),
+        *((Part("Trade curves", (pictures["trade"],)),) if trade else ()),
+        Part(
+            "What is proved, and what is not",
+            (
+                Table(("claim", "foundation", "by"), tuple(statements(run)), whole=(1,)),
+                Paragraph(
+                    "All of it is about the linear model with the figures above; how far a rig follows that model is"
+                    f" for measurements to say. What is called proved stands in `{proof}`, and is proved again from"
+                    " that file alone, by another method than the one that found it, with"
+                ),
+                Code(f"beamdesign certify --replay {proof}"),
+            ),
+        ),
+        Part(
+            "Certificate",
+            (
+                Paragraph(f"`{proof}` holds the proof with every figure it needs."),
+                Paragraph(f"Its SHA-256, as noted in `{files['prototype']}`: `{guarantee.certificate_sha256}`"),
+                Folded("The certificate in full", certificate.text),
+            ),
+        ),
+    )
+    beside = tuple(name for kind, name in files.items() if kind != "report")
+    return to_html(Document(prototype.name, "Design report", verdict, key, parts, beside=beside))
+
+
+def _sections(run: DesignRun) -> tuple[Block, ...]:
+    """The chosen tubes beside the candidates, their checks, and what requirements cost."""
+    sizing = run.sizing
+    reason = f"{sizing.reason[:1].upper()}{sizing.reason[1:]}."
+    if sizing.price_of_rounding_kg is not None:
+        reason += f" Taking stock sizes instead of free ones costs {quantity(sizing.price_of_rounding_kg, 'kg', 3)}."
+    checks, marks = [], []
+    for check in sorted(sizing.checks, key=lambda check: -check.utilisation):
+        name, value, limit, used, satisfied, share = check_row(check)
+        governs = check.name == sizing.governing
+        word = Markup('<span class="{}">{}</span>').format("good" if satisfied else "bad", used)
+        bar = Markup('<span class="bar"><i style="width:{:.1f}%"></i></span>').format(100 * share)
+        failing = "" if satisfied else Markup('<span class="bad">, fails</span>')
+        checks.append((f"{name} (governing)" if governs else name, value, limit, word + failing, bar))
+        marks.append("governing" if governs else "")
+    heads = ("check", "value", "limit", "used", "")
+    blocks: list[Block] = [
+        Paragraph(reason),
+        Table(("", "outer tube", "inner tube", "both beams", "checks"), tuple(section_rows(run)), "", (3,), (0, 1, 2)),
+        Table(heads, tuple(checks), "Checks of the chosen pair", (1, 3), (2,), tuple(marks)),
+    ]
+    if prices := price_words(sizing.shadow_prices):
+        blocks += [
+            Paragraph("What a requirement costs, by slopes of the least mass at the optimum over free sizes:"),
+            Items(tuple(prices)),
+        ]
+    return tuple(blocks)
+
+
+def _stability_words(certificate: Certificate) -> str:
+    """Why the range is stable, and the next masses beside it at which poles lie on the axis."""
+    words = f"{certificate.reason or 'Every mass of the range is stable'}."
+    for side in ("below", "above"):
+        crossing = getattr(certificate.stability, side)
+        if crossing and crossing.value >= 0 and crossing.finite:
+            words += (
+                f" The next mass {side} the range at which poles lie on the axis is"
+                f" {quantity(crossing.value, 'kg', 6)}, at {quantity(crossing.frequency_Hz, 'Hz')}."
+            )
+    return words
+
+
+def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:
+    """The chosen pair of tubes beside the other candidates: what, outer, inner, mass, verdict."""
+    sizing = run.sizing
+    candidates: list[tuple[str, CheckedPair, str]] = []
+    if sizing.free:
+        candidates.append(("free sizes", sizing.free.pair, sizing.free.governing))
+    if sizing.stock:
+        candidates.append(("stock sizes", sizing.stock.pair, sizing.stock.pair.governing))
+    if sizing.given:
+        candidates.append(("given in the study", sizing.given, sizing.given.governing))
+    rows = []
+    for name, pair, governing in candidates:
+        chosen = " (chosen)" if pair == sizing.chosen else ""
+        failing = "; ".join(check.name for check in pair.failing)
+        verdict = f"fails {failing}" if failing else f"passes, governed by {governing}"
+        mass = quantity(pair.beam_mass_kg, "kg")
+        rows.append((name + chosen, tube_text(*pair.outer), tube_text(*pair.inner), mass, verdict))
+    return rows
+
+
+def check_row(check: Check) -> tuple[str, str, str, str, bool, float]:
+    """Name, value, limit with its sense, utilisation, whether satisfied, and the share of the bar to fill."""
+    sense = "at least" if check.at_least else "at most"
+    used = check.utilisation
+    return (
+        check.name,
+        quantity(float(check.value), check.unit),
+        f"{sense} {quantity(float(check.limit), check.unit)}",
+        per_cent(used),
+        bool(check.satisfied),
+        min(max(used, 0.0), 1.0),
+    )
+
+
+def expected_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tuple[str, ...]]:
+    """Mass, bandwidth, peak sensitivity, static compliance, critical gain and its oscillation, at single masses."""
+    return [
+        (
+            quantity(row.outer_end_mass_kg, "kg"),
+            quantity(row.bandwidth_Hz, "Hz"),
+            decimal(row.peak_sensitivity),
+            quantity(row.static_compliance_m_per_N, "m/N"),
+            quantity(row.critical_gain_A_per_V.nominal, "A/V") if row.critical_gain_A_per_V else "∞",
+            quantity(row.oscillation_Hz.nominal, "Hz") if row.oscillation_Hz else "–",
+        )
+        for row in acceptance(prototype, InStage(prototype, bounds).looked_at_kg)
+    ]
+
+
+def _inline(picture: CaptionedFigure) -> Picture:
+    """A figure as it stands in the page, with the values that it tells under the pointer."""
+    # The SVG writer escapes what it is given, so its output is markup.
+    svg = inline_svg(picture.figure, picture.name, picture.caption)
+    if data := readings_json(picture.figure):
+        svg += f'<script type="application/json" class="readings">{data}</script>'
+    return Picture(svg, "", picture.caption, picture.name)
+
+
+class LumpedRow(NamedTuple):
+    """One figure of the linear model; `source` says what it rests on."""
+
+    name: str
+    symbol: str
+    value: str
+    source: str
+
+
+def lumped_rows(prototype: Prototype) -> list[LumpedRow]:
+    """Every figure of the linear model but controller and end masses."""
+    actuator, valve, sensor = prototype.actuator, prototype.servovalve, prototype.sensor
+    rows = []
+    for name, suffix, record in (("outer", "m", prototype.outer_beam), ("inner", "f", prototype.inner_beam)):
+        rows += _beam_rows(name, suffix, record, lumped_beam(record))
+    rows += [
+        LumpedRow("oil spring", "K_c", quantity(actuator.oil_stiffness_N_per_m, "N/m"), "given"),
+        LumpedRow("piston area", "A", quantity(actuator.piston_area_m2, "m2"), "given, mean of both sides"),
+        LumpedRow("valve flow gain", "K_q", quantity(valve.flow_gain_m3_per_s_per_A, "m3/s/A"), "given"),
+        LumpedRow("leakage", "K_pq", quantity(valve.leakage_m3_per_s_per_Pa, "m3/s/Pa"), "given"),
+        LumpedRow("valve natural frequency", "f_n", quantity(valve.natural_frequency_Hz, "Hz"), "given"),
+        LumpedRow("valve damping ratio", "ξ", quantity(valve.damping_ratio, "1"), "given"),
+        LumpedRow("sensor gain", "F", quantity(sensor.gain_V_per_m, "V/m"), "given"),
+    ]
+    filtered = quantity(sensor.filter_Hz, "Hz") if sensor.filter_Hz else "none"
+    return [*rows, LumpedRow("sensor filter", "", filtered, "given")]
+
+
+def _beam_rows(name: str, suffix: str, record: Beam, lumped: LumpedBeam) -> list[LumpedRow]:
+    def source(measured: float | None, equation: str) -> str:
+        if measured is None:
+            return f"geometry, {equation}"
+        return "measured; it replaces what the geometry gives" if record.has_geometry else "measured"
+
+    return [
+        LumpedRow(
+            f"{name} tip stiffness",
+            f"K_{suffix}",
+            quantity(lumped.stiffness, "N/m"),
+            source(record.stiffness_N_per_m, "equation (3) on the free length"),
+        ),
+        LumpedRow(
+            f"{name} effective mass",
+            f"M_{suffix}",
+            quantity(lumped.mass, "kg"),
+            source(record.effective_mass_kg, "equation (5)"),
+        ),
+        LumpedRow(
+            f"{name} dashpot",
+            f"b_{suffix}",
+            quantity(lumped.damping, "N s/m"),
+            f"2 ζ √(K M) of the bare beam, ζ = {record.damping_ratio:g}; it stays as end mass is added",
+        ),
+    ]

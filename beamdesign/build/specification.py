@@ -1,0 +1,288 @@
+"""The specification of a prototype: what to build, what of it is proved, and how to accept what was built."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from beamdesign.loop import loop
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.certificate import Certificate, Guaranteed
+from beamdesign.proofs.certifying import certify, guaranteed_by_all
+from beamdesign.proofs.lyapunov import Switching, switching
+from beamdesign.proofs.mass_family import stage_families
+from beamdesign.prototype import InStage, Prototype
+from beamdesign.build.realisation.loop import realised_loop
+from beamdesign.records import InputError
+from beamdesign.build.acceptance import (
+    DURATION_S,
+    AcceptanceAtMass,
+    AcceptancePlan,
+    acceptance,
+    acceptance_plan,
+)
+from beamdesign.build.analogue import AnalogueController, analogue_controllers
+from beamdesign.build.difference_equation import (
+    DifferenceEquation,
+    difference_equation,
+    sensible_rate_Hz,
+    upper_break_Hz,
+)
+from beamdesign.build.ratings import Ratings, SensorNeed, ratings, sensor_need
+from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
+from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
+from beamdesign.build.tubes import StockChoice, stock_choices
+from beamdesign.synthesis.design_run import DesignRun
+
+STANDARD_GRAVITY = 9.80665
+_REFERENCE_N = 100.0
+_DELAY_BUDGET = 2000
+_TRIES = 3
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class DigitalController:
+    """The difference equation and what is proved of the loop with it.
+
+    Attributes:
+        equation: its coefficients.
+        crossover_Hz: highest frequency with |L| = 1 over the masses looked at.
+        at_once: sampled-data loop whose current is put out at the sample; None for a prototype with effects.
+        one_period_late: the same put out one whole period later.
+        delay_s: one and a half periods: half of the hold, one of computation.
+        delay_stable: the continuous law with every pure delay from 0 to `delay_s`, over all masses: proved stable
+            (True), refuted (False), undecided (None).
+        delay_certificate: text that `beamdesign certify --replay` proves again; empty unless proved.
+        reason: why there is no sampled-data verdict; empty where there is.
+    """
+
+    equation: DifferenceEquation
+    crossover_Hz: float
+    at_once: SampledVerdict | None
+    one_period_late: SampledVerdict | None
+    delay_s: float
+    delay_stable: bool | None
+    delay_certificate: str = field(repr=False)
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class LawSpecification:
+    """How a law is realised, and what is to be measured while it acts; a fixed law is the only one.
+
+    The parts after `certificate` are None or empty where not every loop is stable over its range, and but for
+    `acceptance` where a design run is specified.
+
+    Attributes:
+        stage: the prototype with this law, and the payloads that it is for.
+        certificate: stability, bandwidth and peak sensitivity over these.
+        analogue_reason: why there is no circuit, in words; empty where there is one.
+    """
+
+    stage: InStage
+    certificate: Certificate
+    analogue: tuple[AnalogueController, ...] = ()
+    analogue_reason: str = ""
+    digital: DigitalController | None = None
+    acceptance: tuple[AcceptanceAtMass, ...] = ()
+    plan: AcceptancePlan | None = None
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Everything; the parts after `laws` are None where the loop is not stable over the range.
+
+    Of a design run it is what follows from the design without a further search: no sensor, tolerances, circuit or code.
+
+    Attributes:
+        prototype: what is specified.
+        masses_kg: range of outer end mass.
+        load_N: reference load of the ratings.
+        load_words: where it comes from.
+        laws: of the controller, each over its own payloads.
+        switching: what is proved of changes between them; None for one law.
+        guaranteed: the worst that is proved with any of the laws over its own payloads.
+        stock: nearest stock sizes; None where a beam has no geometry.
+        tolerances_reason: why no tolerances are proved, in words; empty where they are.
+        governing: the structural check that governs the sections of a design run; empty for another prototype.
+        reason: why there is no specification, in words; empty where there is one.
+    """
+
+    prototype: Prototype
+    masses_kg: tuple[float, float]
+    load_N: float
+    load_words: str
+    laws: tuple[LawSpecification, ...]
+    switching: Switching | None = None
+    guaranteed: Guaranteed | None = None
+    stock: tuple[StockChoice, ...] | None = None
+    ratings: Ratings | None = None
+    sensor: SensorNeed | None = None
+    tolerances: Tolerances | None = None
+    tolerances_reason: str = ""
+    governing: str = ""
+    reason: str = ""
+
+
+def specify(
+    prototype: Prototype,
+    masses_kg: tuple[float, float],
+    rate_Hz: float | None = None,
+    load_N: float | None = None,
+    noise_share: float = 0.1,
+    duration_s: float = DURATION_S,
+    progress: Progress = lambda share, words: None,
+) -> Specification:
+    """Work out the specification of a prototype.
+
+    Args:
+        prototype: with a controller.
+        masses_kg: range of outer end mass it is to be built for.
+        rate_Hz: sampling rate of the difference equations; chosen where it is None, as the schedule's of several laws.
+        load_N: reference load; else the prototype's largest force, else the weight of the largest payload.
+        noise_share: share of the motion that the goal allows, which sensor noise may cause.
+        duration_s: of each record of the acceptance test.
+        progress: told the share done and what is being done.
+
+    Raises:
+        InputError: for a sampling rate that is too low for its laws, or one that cannot be sampled; for effects for
+            which no linear loop stands; for several laws and one payload, or several laws and effects.
+    """
+    stages, schedule = prototype.stages(masses_kg), prototype.schedule
+    rate_Hz = rate_Hz or (1 / schedule.period_s if schedule else None)
+    _refuse_slow(prototype, rate_Hz)
+    progress(0.0, "certificate")
+    laws = tuple(LawSpecification(stage, certify(stage.prototype, *stage.outer_end_mass_kg)) for stage in stages)
+    load, words = _reference_load(prototype, masses_kg, load_N)
+    found = Specification(prototype, masses_kg, load, words, laws)
+    for one in laws:
+        if one.certificate.guaranteed is None:
+            low, high = one.stage.outer_end_mass_kg
+            reason = f"not certifiable from {low:g} to {high:g} kg: {one.certificate.reason}"
+            return replace(found, reason=reason)
+    if schedule is not None:
+        if not masses_kg[0] < masses_kg[1]:
+            reason = f"{masses_kg[0]:g} kg is one payload, which is not for a scheduled controller; give one law"
+            raise InputError(prototype.name, [("payload.outer_end_mass_kg", reason)])
+        progress(0.01, "changes of stage")
+        switched = switching(stage_families(prototype), *masses_kg, dwell_s=schedule.dwell_s)
+        found = replace(found, switching=switched)
+        if not switched.stable:
+            return replace(found, reason=f"changes between its laws are not proved: {switched.reason}")
+    progress(0.02, "sections and ratings")
+    found = _with_ratings(found)
+    sensor = sensor_need(prototype, masses_kg, load, noise_share, lambda text: progress(0.05, text))
+    unboxed = why_no_box(stages[0].prototype)
+    kept = None
+    if not unboxed:
+        kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.1 + 0.4 * share, text))
+    specified = {} if kept is None else kept.specified
+
+    def told(share: float, text: str, law: int) -> None:
+        progress(0.5 + 0.5 * (law + share) / len(laws), text)
+
+    laws = tuple(_realised(one, specified, rate_Hz, duration_s, partial(told, law=k)) for k, one in enumerate(laws))
+    return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
+
+
+def specification_of(run: DesignRun) -> Specification:
+    """The specification of a design run with one law that gave a certified prototype; its load is the study's.
+
+    Raises:
+        ValueError: where the run has no result; its `reason` says why.
+    """
+    prototype, certificate = run.prototype, run.certificate
+    if prototype is None or certificate is None or prototype.guarantee is None or prototype.controller is None:
+        raise ValueError(f"nothing to specify: {run.reason or 'the run is not complete'}")
+    masses_kg = prototype.guarantee.outer_end_mass_kg
+    stage = InStage(prototype, masses_kg, int(run.suffix.rpartition("_")[2] or 0))
+    law = LawSpecification(stage, certificate, acceptance=acceptance(prototype, stage.looked_at_kg))
+    load_N = run.problem.load.tip_force_N
+    found = Specification(prototype, masses_kg, load_N, "the study's load on the tip", (law,))
+    return replace(_with_ratings(found), governing=run.sizing.governing)
+
+
+def _with_ratings(found: Specification) -> Specification:
+    """With what follows from the proofs of its laws at once: guarantee, stock sizes and ratings."""
+    reached = guaranteed_by_all(found.prototype.stages(found.masses_kg))
+    assert reached is not None
+    return replace(
+        found,
+        guaranteed=reached,
+        stock=stock_choices(found.prototype, found.masses_kg),
+        ratings=ratings(found.prototype, found.masses_kg, found.load_N, reached.bandwidth_Hz),
+    )
+
+
+def _refuse_slow(prototype: Prototype, rate_Hz: float | None) -> None:
+    """Refuse a sampling rate that is too low for a law."""
+    assert prototype.controller is not None
+    try:
+        upper = max(upper_break_Hz(law) for law, _ in prototype.controller.laws)
+    except ValueError as error:
+        raise InputError(prototype.name, [("controller", str(error))]) from error
+    if rate_Hz is not None and rate_Hz <= 2 * upper:
+        reason = f"{rate_Hz:g} Hz is not more than twice the controller's upper break, {upper:g} Hz"
+        raise InputError("--sampling-rate-Hz", [("rate", reason)])
+
+
+def _realised(
+    law: LawSpecification, specified: Mapping[str, float], rate_Hz: float | None, duration_s: float, progress: Progress
+) -> LawSpecification:
+    """A law that is proved stable over its payloads with its circuit, code and acceptance test."""
+    prototype, masses_kg, _ = law.stage
+    analogue: tuple[AnalogueController, ...] = ()
+    why = ""
+    try:
+        analogue = analogue_controllers(prototype, masses_kg, lambda text: progress(0.0, text))
+    except ValueError as error:
+        why = str(error)
+    progress(0.2, "difference equation")
+    digital = digital_controller(prototype, masses_kg, law.stage.looked_at_kg, rate_Hz)
+    plan = acceptance_plan(prototype, masses_kg, duration_s)
+    expected = acceptance(
+        prototype,
+        tuple(sorted({*law.stage.looked_at_kg, *plan.masses_kg})),
+        specified,
+        lambda share, text: progress(0.4 + 0.6 * share, text),
+    )
+    return replace(law, analogue=analogue, analogue_reason=why, digital=digital, acceptance=expected, plan=plan)
+
+
+def digital_controller(
+    prototype: Prototype, masses_kg: tuple[float, float], looked_at: tuple[float, ...], rate_Hz: float | None
+) -> DigitalController:
+    """The difference equation; where no rate is asked for, it is raised until the sampled-data loop is proved."""
+    assert prototype.controller is not None
+    controller = prototype.controller
+    closed = loop(prototype)
+    crossover = max(max(closed.at(mass).crossovers_Hz(), default=0.0) for mass in looked_at)
+    rate = rate_Hz or sensible_rate_Hz(crossover, upper_break_Hz(controller))
+    for _ in range(1 if rate_Hz else _TRIES):
+        equation = difference_equation(controller, rate)
+        verdicts: list[SampledVerdict] = []
+        if not prototype.effects:
+            verdicts = [prove_sampled(realised_loop(prototype, equation, late), *masses_kg) for late in (False, True)]
+        if all(verdict.stable for verdict in verdicts):
+            break
+        rate = sensible_rate_Hz(1.01 * rate / 40)
+    delay = 1.5 * equation.period_s
+    at_once, late = verdicts or (None, None)
+    reason = "" if verdicts else "not worked out for a prototype with effects"
+    stable, proof = None, ""
+    if not why_no_box(prototype):
+        box = box_of({"outer_end_mass": masses_kg, "delay": (0.0, delay)})
+        verdict = certify_box(prototype, box, _DELAY_BUDGET, volumes=False)
+        stable, proof = verdict.stable, verdict.certificate if verdict.stable else ""
+    return DigitalController(equation, crossover, at_once, late, delay, stable, proof, reason)
+
+
+def _reference_load(prototype: Prototype, masses_kg: tuple[float, float], asked: float | None) -> tuple[float, str]:
+    if asked is not None:
+        return asked, "as asked for"
+    if prototype.payload.largest_force_N:
+        return prototype.payload.largest_force_N, "payload.largest_force_N of the prototype"
+    if masses_kg[1] > 0:
+        return round(STANDARD_GRAVITY * masses_kg[1], 1), "weight of the largest payload"
+    return _REFERENCE_N, "chosen, since the prototype states no load; give one with --load-N"

@@ -1,0 +1,235 @@
+"""What came back from an actuator bench: runs out and back between the end stops, one chamber's pressure in each.
+
+A data set of this kind names `rig = "actuator_bench"`, and per record its `condition` and `replicate`. Both chambers of
+one condition come from two runs.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from beamdesign import records
+from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
+from beamdesign.columns import read_columns, uniform_times
+from beamdesign.diagnosis.data.dataset_index import wrong_files
+from beamdesign.records import FileName, InputError, Problem, Record
+
+LEAST_SAMPLES = 200
+_CLIPPED = 0.02  # share of samples that hold the very same extreme value
+_SCALES = {1e-6: "MPa", 1e-5: "bar", 1e-3: "kPa", 1 / 6894.757: "psi"}
+
+
+@dataclass(frozen=True)
+class BenchRun:
+    """One run.
+
+    Attributes:
+        name: file name without its ending.
+        condition: as the data set calls it.
+        replicate: number within the condition.
+        side: `a` or `b`, the chamber whose pressure was recorded.
+        times: (N,) s, uniform.
+        command_V: (N,).
+        displacement_m: (N,).
+        pressure_Pa: (N,) of that chamber.
+    """
+
+    name: str
+    condition: str
+    replicate: int
+    side: str
+    times: np.ndarray = field(repr=False)
+    command_V: np.ndarray = field(repr=False)
+    displacement_m: np.ndarray = field(repr=False)
+    pressure_Pa: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
+class BenchSet:
+    """All runs of a bench with the prototype that was believed.
+
+    Attributes:
+        name: of the set.
+        folder: where it was read from.
+        prototype: the model that was believed.
+        runs: in the order of the file.
+        warnings: what is odd about them, in words.
+    """
+
+    name: str
+    folder: Path
+    prototype: BenchPrototype
+    runs: tuple[BenchRun, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """In order of appearance."""
+        return tuple(dict.fromkeys(run.condition for run in self.runs))
+
+
+class _Entry(Record):
+    file: Annotated[
+        FileName,
+        Field(
+            description="CSV file beside dataset.toml: t_s, command_V, displacement_m and the pressure of one chamber"
+        ),
+    ]
+    condition: Annotated[str, Field(min_length=1, description="what the runs that belong together have in common")]
+    replicate: Annotated[int, Field(ge=0, description="number of the run within its condition")] = 1
+
+
+class _File(Record):
+    name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
+    rig: Annotated[str, Field(description="kind of rig it came from: actuator_bench")]
+    prototype: Annotated[FileName, Field(description="file of the model that was believed, beside dataset.toml")] = (
+        "prototype.toml"
+    )
+    record: Annotated[tuple[_Entry, ...], Field(min_length=1, description="one run out or back each")]
+
+
+def read_bench_set(folder: str | Path) -> BenchSet:
+    """Read the data set of a bench from its folder (or from its dataset.toml).
+
+    Raises:
+        InputError: with everything wrong in dataset.toml, or with the first record that cannot be used: missing
+            columns, figures that are not finite, times that are not uniform, units out of scale, a chamber or a
+            direction that contradicts the command.
+    """
+    path = Path(folder)
+    path = path if path.is_file() else path / "dataset.toml"
+    entry = records.read(_File, path)
+    if entry.rig != "actuator_bench":
+        raise InputError(path, [("rig", f"{entry.rig!r} is not a bench; expected 'actuator_bench'")])
+    if wrong := wrong_files("record.file", [row.file for row in entry.record], path.parent):
+        raise InputError(path, wrong)
+    prototype = read_bench_prototype(path.parent / entry.prototype)
+    runs = tuple(_run(path.parent / row.file, row, prototype) for row in entry.record)
+    taken = Counter((run.condition, run.replicate, run.side) for run in runs)
+    twice = [each for each, count in taken.items() if count > 1]
+    if twice:
+        raise InputError(path, [("record", f"{c}, replicate {r}, chamber {s} stands twice") for c, r, s in twice])
+    conditions = dict.fromkeys(run.condition for run in runs)
+    alone = [
+        Problem("record.condition", f"{condition} has no run with the pressure of chamber {side}")
+        for condition in conditions
+        for side in "ab"
+        if not any(run.condition == condition and run.side == side for run in runs)
+    ]
+    if len(conditions) < 2:
+        alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
+    if alone:
+        raise InputError(path, alone)
+    warnings = [words for run in runs for words in _odd(run, prototype)]
+    return BenchSet(entry.name, path.parent, prototype, runs, tuple(dict.fromkeys(warnings)))
+
+
+def stretches(command_V: np.ndarray) -> list[tuple[int, int, float]]:
+    """Where the command stays at one value other than zero: first sample, sample after the last, volts."""
+    edges = np.nonzero(np.diff(command_V) != 0)[0] + 1
+    bounds = [0, *edges.tolist(), len(command_V)]
+    return [
+        (i, j, float(command_V[i])) for i, j in pairwise(bounds) if command_V[i] != 0 and j - i >= LEAST_SAMPLES // 4
+    ]
+
+
+def held(run: BenchRun, sign: int) -> slice:
+    """The last fifth of the last stretch with commands of one sign, where the piston rests against its stop."""
+    found = [(i, j) for i, j, volts in stretches(run.command_V) if volts * sign > 0]
+    i, j = found[-1]
+    return slice(j - max(1, (j - i) // 5), j)
+
+
+def _run(path: Path, row: _Entry, prototype: BenchPrototype) -> BenchRun:
+    columns = read_columns(path)
+    problems = [
+        Problem(name, f"column missing; the file has {', '.join(columns)}")
+        for name in ("t_s", "command_V", "displacement_m")
+        if name not in columns
+    ]
+    sides = [side for side in "ab" if f"pressure_{side}_Pa" in columns]
+    if len(sides) != 1:
+        found = "neither" if not sides else "both"
+        problems.append(Problem("pressure_a_Pa", f"{found} of pressure_a_Pa and pressure_b_Pa; a run records one"))
+    if problems:
+        raise InputError(path, problems)
+    uniform_times(path, columns["t_s"])
+    times = columns["t_s"]
+    times = np.linspace(times[0], times[-1], len(times))
+    pressure = columns[f"pressure_{sides[0]}_Pa"]
+    run = BenchRun(
+        path.stem,
+        row.condition,
+        row.replicate,
+        sides[0],
+        times,
+        columns["command_V"],
+        columns["displacement_m"],
+        pressure,
+    )
+    if problems := _contradictions(run, prototype):
+        raise InputError(path, problems)
+    return run
+
+
+def _contradictions(run: BenchRun, prototype: BenchPrototype) -> list[Problem]:
+    """What cannot be of this bench."""
+    if len(run.times) < LEAST_SAMPLES:
+        return [Problem("t_s", f"too short: {len(run.times)} samples, at least {LEAST_SAMPLES} are needed")]
+    signs = {int(np.sign(volts)) for _, _, volts in stretches(run.command_V)}
+    if signs != {1, -1}:
+        return [Problem("command_V", "needs one stretch of constant positive and one of constant negative command")]
+    found, actuator = [], prototype.actuator
+    out, back = (float(np.median(run.displacement_m[held(run, sign)])) for sign in (1, -1))
+    travel = out - back
+    if travel < 0:
+        found.append(Problem("displacement_m", "falls under positive commands: turned round, or the command is"))
+    elif travel > 20 * actuator.stroke_m:
+        found.append(Problem("displacement_m", f"travels {travel:.3g} m of {actuator.stroke_m:g} m: in mm, it seems"))
+    elif not 0.5 * actuator.stroke_m < travel < 1.2 * actuator.stroke_m:
+        found.append(
+            Problem(
+                "displacement_m", f"travels {travel:.3g} m; the stroke is {actuator.stroke_m:g} m from stop to stop"
+            )
+        )
+    key, supply = f"pressure_{run.side}_Pa", actuator.supply_pressure_Pa
+    extended, retracted = (float(np.median(run.pressure_Pa[held(run, sign)])) for sign in (1, -1))
+    top = max(extended, retracted)
+    if top < 0.05 * supply:
+        scale = min(_SCALES, key=lambda s: abs(np.log(max(abs(top), 1e-12) / (s * supply))))
+        found.append(Problem(key, f"reaches {top:.3g} of {supply:.3g} Pa supply: in {_SCALES[scale]}, it seems"))
+    elif (extended > retracted) != (run.side == "a"):
+        where = "extended" if extended > retracted else "retracted"
+        other = "b" if run.side == "a" else "a"
+        found.append(Problem(key, f"is at supply pressure where the piston is held {where}: that is chamber {other}"))
+    elif not 0.5 * supply < top < 1.5 * supply:
+        found.append(Problem(key, f"reaches {top:.3g} Pa against a stop; the supply is {supply:.3g} Pa"))
+    return found
+
+
+def saturates_at(data: BenchSet) -> float | None:
+    """Reading (m) at which the displacement of any run is clipped; None where it is of none."""
+    tops = [
+        float(run.displacement_m.max()) for run in data.runs if _clipped(run.displacement_m, run.displacement_m.max())
+    ]
+    return max(tops, default=None)
+
+
+def _clipped(values: np.ndarray, extreme: float) -> bool:
+    return bool(np.mean(values == extreme) > _CLIPPED)
+
+
+def _odd(run: BenchRun, prototype: BenchPrototype) -> list[str]:
+    """What is odd about a run, in words."""
+    found = []
+    for name, values in (("displacement_m", run.displacement_m), (f"pressure_{run.side}_Pa", run.pressure_Pa)):
+        for extreme in (float(values.max()), float(values.min())):
+            if _clipped(values, extreme):
+                share = 100 * float(np.mean(values == extreme))
+                found.append(f"{run.name}: {name} is clipped at {extreme:g} ({share:.0f} % of its samples)")
+    return found

@@ -1,0 +1,289 @@
+"""A data set: what came back from a rig, with the prototype that was believed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beamdesign import records
+from beamdesign.columns import read_columns, uniform_times
+from beamdesign.controllers import Controller
+from beamdesign.diagnosis.data.dataset_index import (
+    GainEntry,
+    Index,
+    ResponseEntry,
+    Taken,
+    TimeEntry,
+    index_of,
+    read_index,
+)
+from beamdesign.diagnosis.data.inputs import without_noise
+from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.records import InputError, Problem, Record
+
+INPUTS = ("disturbance_N", "command_V")
+MEASURED = ("current_A", "displacement_m")
+MORE_MEASURED = ("load_pressure_Pa", "inner_displacement_m")
+
+
+@dataclass(frozen=True)
+class TimeRecord:
+    """One time record.
+
+    Attributes:
+        name: file name without its ending.
+        times: (N,) s, uniform.
+        inputs: (N, 2) columns as in `INPUTS`.
+        measured: (N,) each, by channel: `current_A`, `displacement_m` and those of `MORE_MEASURED` that were recorded.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg, added to the inner tip.
+        controller: of the loop while it was taken.
+        source: file it was read from.
+    """
+
+    name: str
+    times: np.ndarray = field(repr=False)
+    inputs: np.ndarray = field(repr=False)
+    measured: Mapping[str, np.ndarray] = field(repr=False)
+    outer_end_mass: float
+    inner_end_mass: float
+    controller: Controller
+    source: str = ""
+
+    @property
+    def step(self) -> float:
+        """Sampling interval, s."""
+        return float(self.times[-1] - self.times[0]) / (len(self.times) - 1)
+
+    @cached_property
+    def excitation(self) -> str:
+        """Which input drives it: `command`, `disturbance`, `both` or `none`; a force sensor's noise drives nothing."""
+        forced = bool(np.any(without_noise(self.inputs[:, 0])))
+        return {(1, 1): "both", (1, 0): "disturbance", (0, 1): "command", (0, 0): "none"}[
+            forced, bool(np.std(self.inputs[:, 1]) > 0)
+        ]
+
+    @property
+    def cleaned(self) -> "TimeRecord":
+        """The record with its force as it acted, without the noise of the sensor that recorded it."""
+        force = without_noise(self.inputs[:, 0])
+        return replace(self, inputs=np.column_stack([force, self.inputs[:, 1]]))
+
+    @cached_property
+    def condition(self) -> tuple[Any, ...]:
+        """What the rig was asked to do, apart from the run of the input: masses, controller, excitation, its size.
+
+        Sizes count as one condition within a factor of two.
+        """
+        column = 1 if self.excitation == "command" else 0
+        rms = float(np.sqrt(np.mean(self.inputs[:, column] ** 2)))
+        size = round(float(np.log2(rms))) if rms > 0 else None
+        return (self.outer_end_mass, self.inner_end_mass, self.controller, self.excitation, size)
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Closed-loop compliance |x/F_d| of the outer tip, measured at lines.
+
+    Attributes:
+        name: file name without its ending.
+        frequencies_Hz: (N,) rising.
+        response: (N,) complex where the phase was measured, else its magnitude; m/N.
+        has_phase: whether it was.
+        amplitude_N: of the force.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg.
+        controller: of the loop.
+        source: file it was read from.
+    """
+
+    name: str
+    frequencies_Hz: np.ndarray = field(repr=False)
+    response: np.ndarray = field(repr=False)
+    has_phase: bool
+    amplitude_N: float
+    outer_end_mass: float
+    inner_end_mass: float
+    controller: Controller
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class MeasuredGain:
+    """A gain at which sustained oscillation set in.
+
+    Attributes:
+        controller: with that gain.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg.
+        relative_std: of the gain.
+        frequency_Hz: of the oscillation, where it was noted.
+        predicted_gain: that its designers predicted with a model of their own, where they said so, A/V.
+        raised_from: gain that the law has in the prototype, below which its loop need not be stable, A/V; 0 of others.
+    """
+
+    controller: Controller
+    outer_end_mass: float
+    inner_end_mass: float
+    relative_std: float
+    frequency_Hz: float | None = None
+    predicted_gain: float | None = None
+    raised_from: float = 0.0
+
+    @property
+    def gain(self) -> float:
+        """A/V."""
+        return self.controller.gain_A_per_V
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Everything that came back.
+
+    Attributes:
+        name: of the set.
+        folder: where it was read from.
+        prototype: the model that was believed.
+        records: time records.
+        responses: frequency responses.
+        gains: critical gains.
+        warnings: what was left aside while reading, in words.
+    """
+
+    name: str
+    folder: Path
+    prototype: Prototype
+    records: tuple[TimeRecord, ...] = ()
+    responses: tuple[FrequencyResponse, ...] = ()
+    gains: tuple[MeasuredGain, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class _Gained(Record):
+    """A controller with the critical gain put in."""
+
+    controller: Controller
+
+
+def read_dataset(folder: str | Path) -> Dataset:
+    """Read a data set from its folder (or from its dataset.toml).
+
+    Keys that this version does not know are left aside with a warning, unless they look like a known one misspelt.
+
+    Raises:
+        InputError: with everything wrong in dataset.toml, or in the first record that cannot be used: file, column,
+            row and reason.
+    """
+    path = index_of(Path(folder))
+    entry, warnings = read_index(path)
+    prototype = read_prototype(path.parent / entry.prototype)
+    if problems := _missing_controllers(entry, prototype):
+        raise InputError(path, problems)
+
+    def law(row: TimeEntry | ResponseEntry) -> Controller:
+        chosen = row.controller or prototype.controller
+        assert chosen is not None  # checked above
+        return _acting(chosen, row, row.file, path)
+
+    taken = tuple(_time_record(path.parent / row.file, row, law(row), warnings) for row in entry.record)
+    responses = tuple(_response(path.parent / row.file, row, law(row)) for row in entry.frequency_response)
+    gains = tuple(_measured_gain(row, prototype, path) for row in entry.critical_gain)
+    return Dataset(entry.name, path.parent, prototype, taken, responses, gains, tuple(warnings))
+
+
+def _acting(controller: Controller, row: Taken, name: str, path: Path) -> Controller:
+    """The law that acted while an entry was taken: of several the one for its payload, which does not change."""
+    try:
+        return controller.law_for(row.outer_end_mass_kg)
+    except ValueError as error:
+        reason = f"of {name}: {error}; state the one that acted as its controller"
+        raise InputError(path, [("outer_end_mass_kg", reason)]) from error
+
+
+def _missing_controllers(entry: Index, prototype: Prototype) -> list[Problem]:
+    rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
+    if prototype.controller is not None:
+        return []
+    return [
+        Problem(f"{kind}.controller", f"missing for {row.file}, and the prototype has none")
+        for kind, row in rows
+        if row.controller is None
+    ]
+
+
+def _missing_columns(path: Path, needed: tuple[str, ...], columns: Mapping[str, np.ndarray]) -> None:
+    """Refuse a file without a column it needs; one of the same quantity in another unit is pointed at."""
+    problems = []
+    for name in needed:
+        if name in columns:
+            continue
+        stem, _, unit = name.partition("_")
+        alike = [other for other in columns if other.partition("_")[0].lower() == stem and other not in needed]
+        if alike:
+            problems.append(Problem(name, f"column missing; the file has {alike[0]}: give it in {unit}, as {name}"))
+        else:
+            problems.append(Problem(name, f"column missing; the file has {', '.join(columns)}"))
+    if problems:
+        raise InputError(path, problems)
+
+
+def _time_record(path: Path, row: TimeEntry, controller: Controller, warnings: list[str]) -> TimeRecord:
+    columns = read_columns(path)
+    needed = ("t_s", *INPUTS, *MEASURED)
+    _missing_columns(path, needed, columns)
+    uniform_times(path, columns["t_s"])
+    known = (*needed, *MORE_MEASURED)
+    warnings += [
+        f"{path.name}: column {name} is not known here and was left aside" for name in columns if name not in known
+    ]
+    measured = {name: columns[name] for name in (*MEASURED, *MORE_MEASURED) if name in columns}
+    inputs = np.column_stack([columns[name] for name in INPUTS])
+    times = columns["t_s"]
+    times = np.linspace(times[0], times[-1], len(times))
+    masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
+    return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path))
+
+
+def _response(path: Path, row: ResponseEntry, controller: Controller) -> FrequencyResponse:
+    columns = read_columns(path)
+    _missing_columns(path, ("frequency_Hz", "magnitude_m_per_N"), columns)
+    frequencies, magnitude = columns["frequency_Hz"], columns["magnitude_m_per_N"]
+    wrong = []
+    if np.any(np.diff(frequencies) <= 0) or frequencies[0] <= 0:
+        wrong.append(Problem("frequency_Hz", "must be positive and rise from row to row"))
+    if np.all(magnitude < 0):
+        wrong.append(Problem("magnitude_m_per_N", "all are negative: give the ratio in m/N, not decibels"))
+    elif np.any(magnitude <= 0):
+        first = int(np.argmax(magnitude <= 0))
+        wrong.append(Problem("magnitude_m_per_N", f"must be positive, is {magnitude[first]:g} in row {first + 2}"))
+    if wrong:
+        raise InputError(path, wrong)
+    phase = columns.get("phase_deg")
+    response = magnitude if phase is None else magnitude * np.exp(1j * np.deg2rad(phase))
+    return FrequencyResponse(
+        path.stem,
+        frequencies,
+        response,
+        phase is not None,
+        row.amplitude_N,
+        row.outer_end_mass_kg,
+        row.inner_end_mass_kg,
+        controller,
+        str(path),
+    )
+
+
+def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> MeasuredGain:
+    own, least = prototype.controller, 0.0
+    if row.controller is None and own is not None:
+        law = _acting(own, row, "a critical gain", path)
+        given, least = law.model_dump(), law.gain_A_per_V
+    else:
+        given = dict(row.controller or {"kind": "proportional"})
+    table = {"controller": given | {"gain_A_per_V": row.gain_A_per_V}}
+    found = records.parse(_Gained, table, path).controller
+    masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
+    return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V, least)

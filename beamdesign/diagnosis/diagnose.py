@@ -1,0 +1,232 @@
+"""The diagnosis of a data set: where its gap lies, what causes it, how far it closes.
+
+Some records are kept out of every fit, to measure the gap on; what is found is told in two sentences.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from beamdesign.diagnosis.amended import amended
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
+from beamdesign.diagnosis.examination.plausibility import examine
+from beamdesign.diagnosis.experiment import next_experiment
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of
+from beamdesign.diagnosis.fitting.fit import Fit, KeptFits
+from beamdesign.diagnosis.fitting.followed import followed
+from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
+from beamdesign.diagnosis.gains.classes import explain_gains
+from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
+from beamdesign.diagnosis.second_look import second_look
+from beamdesign.diagnosis.separability import indistinguishable
+from beamdesign.diagnosis.shrink import errors, gap
+from beamdesign.diagnosis.where.locate import locate
+from beamdesign.prototype import Prototype
+
+_SHARE = 0.25
+
+
+def held_out(records: Sequence[TimeRecord]) -> tuple[int, ...]:
+    """Positions of a quarter of the records, rounded, at least one of two.
+
+    Each must be a condition of its own whose parts (payload, excitation and, where it can be, controller) are known to
+    the fits from other records, and smaller than the largest of its kind: to predict it is to combine, not to guess,
+    and what shows only at the largest amplitude (a limit) must be seen by the fits. Among such choices the most
+    different records are taken, and of those the most strongly excited.
+
+    Returns:
+        none where there is one record only, or where no choice leaves the fits such a view.
+    """
+    count = max(1, round(_SHARE * len(records)))
+    if len(records) < 2:
+        return ()
+    for demanding in (True, False):
+        choices = [c for c in combinations(range(len(records)), count) if _known(records, c, demanding)]
+        if choices:
+            return max(choices, key=lambda chosen: _value(records, chosen))
+    return ()
+
+
+def _known(records: Sequence[TimeRecord], chosen: Sequence[int], demanding: bool) -> bool:
+    rest = [r for k, r in enumerate(records) if k not in chosen]
+    if any(r.condition == records[k].condition for k in chosen for r in rest):
+        return False  # a replicate in the fits would give it away
+    for k in chosen:
+        record = records[k]
+        alike = [r for r in rest if r.excitation == record.excitation]
+        largest = max((_swing(r) for r in alike), default=0.0)
+        if not any(_masses(r) == _masses(record) for r in rest) or largest < _swing(record):
+            return False
+        if demanding and not any(r.controller == record.controller for r in rest):
+            return False
+    return True
+
+
+def _value(records: Sequence[TimeRecord], chosen: Sequence[int]) -> tuple[int, float]:
+    different = len({_masses(records[k]) for k in chosen}) + len({records[k].excitation for k in chosen})
+    largest: dict[str, float] = {}
+    for record in records:
+        largest[record.excitation] = max(largest.get(record.excitation, 0.0), _size(record))
+    strength = sum(_size(records[k]) / max(largest[records[k].excitation], 1e-300) for k in chosen)
+    return different, strength
+
+
+def _size(record: TimeRecord) -> float:
+    column = 1 if record.excitation == "command" else 0
+    return float(np.sqrt(np.mean(record.inputs[:, column] ** 2)))
+
+
+def _swing(record: TimeRecord) -> float:
+    """Of the current, A: how hard the valve is driven."""
+    return float(np.abs(record.measured["current_A"]).max())
+
+
+def _masses(record: TimeRecord) -> tuple[float, float]:
+    return record.outer_end_mass, record.inner_end_mass
+
+
+def diagnose(
+    data: Dataset,
+    workers: int = 2,
+    progress: Progress = lambda share, words: None,
+    kept: KeptFits | None = None,
+) -> Diagnosis[Prototype]:
+    """Diagnose the gap between a prototype and its rig.
+
+    Time records, with or without other figures, are explained by fits; figures alone by `explain_gains`, also where no
+    record turns out to be sound.
+
+    Args:
+        data: what came back from the rig.
+        workers: processes.
+        progress: told the share done and what is being done.
+        kept: fits of an earlier run, where those of this one are kept as well.
+
+    Raises:
+        InputError: where the data cannot be what they say they are; see
+            `beamdesign.diagnosis.examination.plausibility`.
+    """
+    stated = data.prototype.tolerance
+    examined = examine(data)
+    data = examined.data
+    if not data.records:
+        figures_only = explain_gains(replace(data, warnings=examined.words), progress)
+        return replace(figures_only, prototype=figures_only.prototype.but(tolerance=stated))
+    kept_out = held_out(data.records)
+    seen = replace(data, records=tuple(r for k, r in enumerate(data.records) if k not in kept_out))
+    found = search(data, workers, lambda share, doing: progress(0.7 * share, doing), kept)
+    judged, words, plain = judge(found), examined.words, found.null
+    again = None
+    if judged.unknown > 0.5:
+        again = second_look(data, found, workers, lambda share, doing: progress(0.7 + 0.26 * share, doing), kept)
+    if again is not None:
+        found, judged, words = again.search, again.judged, (*words, again.warning)
+    best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
+    progress(0.96, "what the data can tell")
+    evidence = evidence_of(data)
+    told = indistinguishable(data, evidence)
+    progress(0.97, "records held out")
+    tuned, outside = plain, best
+    if kept_out:
+        tuned, outside = again.refit(seen, plain, best, workers, kept) if again else refit(seen, best, workers, kept)
+    ranked = causes(found, judged)
+    chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
+    records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
+    from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
+    measured = in_step = gap(from_rest, kept_out)
+    if again is not None:
+        # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
+        in_step = gap([errors(followed(piece), data.prototype, tuned, outside, best) for piece in records], kept_out)
+        measured = in_step if again.oscillates else measured
+    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(in_step))
+    progress(1.0, "where the gap lies")
+    where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
+    return Diagnosis(
+        data.name,
+        verdict,
+        sentences(verdict, ranked, chosen, measured, where, in_step=again is not None and again.oscillates),
+        ranked,
+        chosen,
+        judged.unknown,
+        where,
+        measured,
+        classes(judged),
+        next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
+        amended(data.prototype, best).but(tolerance=stated),
+        words,
+        found,
+        told,
+        cause_sets(found, judged),
+        from_rest,
+    )
+
+
+def verdict_of(judged: Judgement, doubtful: bool = False) -> Verdict:
+    """What the probabilities come to.
+
+    Data that are not what they should be allow no confident answer, nor do figures strained to make a cause fit (a
+    resonance that is missing, fitted as a delay).
+    """
+    if judged.unknown > 0.5:
+        return "unknown"
+    named = bool(judged.best.hypothesis.names)
+    if doubtful or (named and judged.strained):
+        return "ambiguous" if named else "unknown"
+    if not named:
+        return "no_gap"
+    return "effect" if judged.sure >= THRESHOLDS.confident * (1 - judged.unknown) else "ambiguous"
+
+
+def confirmed(measured: Gap) -> bool:
+    """Whether conditions held out do not speak against what is chosen: re-tuned tolerances predict them no better."""
+    return measured.after <= max(THRESHOLDS.worse * measured.tuned, THRESHOLDS.near_noise * measured.noise_floor)
+
+
+def rivals(found: Search, judged: Judgement) -> list[Fit]:
+    """The most probable fits, best first; the next experiment has to tell them apart."""
+    fits = (found.null, *found.fits)
+    return sorted((f for f in fits if f.hypothesis in judged.of), key=lambda f: -judged.of[f.hypothesis])
+
+
+def sentences(
+    verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where, in_step: bool = False
+) -> str:
+    """The verdict for people: what it is, and how far the gap closes.
+
+    Args:
+        verdict: in a word.
+        causes: most probable first.
+        chosen: names of those that are held responsible.
+        gap: as measured.
+        where: it lies.
+        in_step: whether errors are those of models that follow the records.
+    """
+    errors = (
+        f"On records left out of the fits that measure it, the {'error in step' if in_step else 'prediction error'} "
+        "falls from "
+        f"{gap.before:.1%} of the signal "
+        f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
+        f"the sensor's noise alone is {gap.noise_floor:.1%}."
+    )
+    by_name = {cause.name: cause for cause in causes}
+    match verdict:
+        case "no_gap":
+            first = "There is no gap that the tolerances of the prototype would not explain."
+        case "effect":
+            first = f"The gap is caused by {_listed([by_name[name] for name in chosen])}."
+        case "ambiguous":
+            others = [c for c in causes if c.name not in chosen][:3]
+            rivals = f"; it may as well be {_listed(others, 'or')}" if others else ""
+            first = f"The gap is most probably caused by {_listed([by_name[name] for name in chosen])}{rivals}."
+        case _:
+            place = f" It lies in the {where.subsystem}." if where.subsystem else ""
+            first = f"Nothing that is known here explains the gap.{place}"
+    return f"{first} {errors}"
+
+
+def _listed(causes: Sequence[Cause], word: str = "and") -> str:
+    named = [f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes]
+    return named[0] if len(named) == 1 else f"{', '.join(named[:-1])} {word} {named[-1]}"

@@ -1,0 +1,295 @@
+"""What a diagnosis says, whatever the evidence: records that a report prints, and the fields of its JSON file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, Literal, TypeVar
+
+import numpy as np
+
+from beamdesign.bench_prototype import AnyPrototype
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.separability import Separability
+from beamdesign.json_text import plain
+
+Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure with its standard error, SI."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect, or a wrong figure (`parameter:NAME`), with what speaks for it.
+
+    Attributes:
+        name: of the effect.
+        subsystem: where it sits.
+        probability: that it is at work, alone or together with others.
+        share: of the gap that it explains, from 0 to 1.
+        parameters: of the effect (or the figures set free), by name.
+        flags: what makes it suspicious, in words (a parameter at its bound, a figure
+            moved by more than two tolerances).
+    """
+
+    name: str
+    subsystem: str
+    probability: float
+    share: float
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RecordGap:
+    """Normalised rms errors of one record's displacement.
+
+    Attributes:
+        record: its name.
+        held_out: whether it is left out of the fits by which errors are measured; those that choose a cause see all.
+        before: of the believed prototype.
+        tuned: with the tolerated figures fitted.
+        after: with the chosen causes as well.
+        noise_floor: that of the sensor's noise.
+    """
+
+    record: str
+    held_out: bool
+    before: float
+    tuned: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class BandGap:
+    """The same for one band of frequency over all held-out records, each over the whole channel's rms."""
+
+    low_Hz: float
+    high_Hz: float
+    before: float
+    tuned: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How large the gap is and how far it shrinks, on held-out records.
+
+    Attributes:
+        before: normalised rms error of the believed prototype, over records the root mean square.
+        tuned: with the tolerated figures re-tuned only.
+        after: with the chosen causes.
+        noise_floor: below which no model can go.
+        closed: (before^2 - after^2) / (before^2 - noise_floor^2).
+        closed_interval: 90 % interval by block bootstrap; it holds that of the written prototype as well.
+        records: one by one, the fitted ones too.
+        bands: by frequency.
+    """
+
+    before: float
+    tuned: float
+    after: float
+    noise_floor: float
+    closed: float
+    closed_interval: tuple[float, float]
+    records: tuple[RecordGap, ...] = ()
+    bands: tuple[BandGap, ...] = ()
+
+
+@dataclass(frozen=True)
+class Witness:
+    """One independent way of looking for the place.
+
+    Attributes:
+        name: of the way.
+        subsystem: where it points; empty where it cannot say.
+        strength: from 0 (says nothing) to 1 (says it beyond doubt).
+        text: in words, with the figures.
+        table: what a report may draw; rows of plain values by column name.
+    """
+
+    name: str
+    subsystem: str
+    strength: float
+    text: str
+    table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the gap lies.
+
+    Attributes:
+        subsystem: one of those of the contract; empty without a gap.
+        band_Hz: where in frequency most of it is.
+        condition: under which conditions it shows, in words.
+        kind: `linear`, `static`, `hysteretic`, `drifting` or empty.
+        witnesses: each with its own opinion.
+        sentence: that weighs them.
+    """
+
+    subsystem: str
+    band_Hz: tuple[float, float]
+    condition: str
+    kind: str = ""
+    witnesses: tuple[Witness, ...] = ()
+    sentence: str = ""
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """What to measure next.
+
+    Attributes:
+        text: in words, ready to be done.
+        separates: names of the causes it tells apart.
+        separation: expected misfit between their predictions in units of misfit (square root), at the experiment.
+        settings: input, amplitude, band, payload, added sensor: for a scenario file.
+    """
+
+    text: str
+    separates: tuple[str, ...]
+    separation: float
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Displacement errors of three models on one record, over the rms of what was measured.
+
+    Attributes:
+        name: of the record.
+        times: (N,) s.
+        measured: (N,) m.
+        before: (N,) error of the believed prototype.
+        tuned: (N,) with the tolerated figures fitted.
+        after: (N,) with the chosen causes, by a fit without the held-out records.
+        written: (N,) with the chosen causes, by the fit to all records, as the written prototype has it.
+        noise: noise of the sensor over the rms.
+    """
+
+    name: str
+    times: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
+    before: np.ndarray = field(repr=False)
+    tuned: np.ndarray = field(repr=False)
+    after: np.ndarray = field(repr=False)
+    written: np.ndarray = field(repr=False)
+    noise: float
+
+
+@dataclass(frozen=True)
+class CauseSet:
+    """Causes that were fitted together.
+
+    Attributes:
+        names: of the causes; none where only tolerated figures were moved.
+        probability: of these and no others.
+        share_left: misfit that they leave beyond noise, as a share of what tolerances alone leave; NaN where it was not
+            worked out.
+    """
+
+    names: tuple[str, ...]
+    probability: float
+    share_left: float
+
+
+Rig = TypeVar("Rig", bound=AnyPrototype)
+
+
+@dataclass(frozen=True)
+class Diagnosis(Generic[Rig]):
+    """The answer, from whatever evidence; kinds of evidence with more to say have a record of their own under it.
+
+    Attributes:
+        name: of the data set.
+        verdict: `no_gap`, `effect`, `ambiguous` (several causes explain it alike) or `unknown` (none does).
+        sentences: the verdict for people, two sentences.
+        causes: best first.
+        chosen: names held responsible, the dominant one first.
+        probability_unknown: that something outside the library is behind the gap; NaN where only known causes are
+            weighed.
+        where: it lies.
+        gap: before and after.
+        classes: causes that these data cannot tell apart, each class with what is common to it.
+        next_experiment: where the verdict is not clear.
+        prototype: believed one with the fitted figures and the chosen effects.
+        warnings: about the data.
+        search: all fits, to all of the data.
+        separability: what the data could tell before any fit.
+        hypotheses: sets of causes, most probable first.
+        errors: of the time records as predicted from rest.
+        notes: what else has to be said, in words.
+    """
+
+    MEASURE: ClassVar[str] = (
+        "Prediction errors of the displacement over its rms. Records held out of the fits that measure them count; a"
+        " cause is chosen by fits to all."
+    )
+    """What the errors of its gap are."""
+    name: str
+    verdict: Verdict
+    sentences: str
+    causes: tuple[Cause, ...]
+    chosen: tuple[str, ...]
+    probability_unknown: float
+    where: Where
+    gap: Gap
+    classes: tuple[tuple[str, ...], ...]
+    next_experiment: NextExperiment | None
+    prototype: Rig
+    warnings: tuple[str, ...] = ()
+    search: Search | None = field(default=None, repr=False)
+    separability: Separability | None = field(default=None, repr=False)
+    hypotheses: tuple[CauseSet, ...] = ()
+    errors: tuple[Errors, ...] = field(default=(), repr=False)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def own_fields(self) -> dict[str, Any]:
+        """What its JSON file holds beside the fields of any diagnosis."""
+        return {}
+
+
+def in_words(names: str) -> str:
+    """Names of causes as sentences have them."""
+    return names.replace("parameter:", "a wrong ").replace("_", " ")
+
+
+_LISTED = 12  # sets of causes
+_LEAST_PROBABILITY = 1e-6
+
+
+def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
+    """Everything a diagnosis says as plain fields for programs: names and units of its JSON file.
+
+    `effects` come best first; `gap` holds errors over the rms of the signal, on records held out of the fits that
+    measure it (those that choose a cause see all); `next_experiment` is None where the verdict is clear.
+    """
+    fields = {
+        "verdict": found.verdict,
+        "sentences": found.sentences,
+        "effects": found.causes,
+        "chosen": found.chosen,
+        "probability_unknown": found.probability_unknown,
+        "where": found.where,
+        "gap": found.gap,
+        "classes": found.classes,
+        "next_experiment": found.next_experiment,
+        "warnings": found.warnings,
+        "hypotheses": [one for one in found.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY],
+        "data_set": found.name,
+    }
+    if (told := found.separability) is not None:
+        fields["before_fitting"] = {
+            "not_told_apart": told.classes,
+            "nearly_alike": told.close,
+            "not_visible": told.invisible,
+        }
+    return {name: plain(value) for name, value in (fields | found.own_fields).items()}

@@ -1,0 +1,376 @@
+"""What a record is held against: the believed rig as a linear loop, and the equation of its controller.
+
+The loop is quick enough to try many readings of a record against it. The equation, i = K C(s) (command - F x), is the
+one that measured channels can check alone: whatever the rig does, command, displacement as the controller saw it and
+current must obey it. Where they do not, either the record is not what it says it is, or the amplifier does something of
+its own: saturate, lag, have another gain.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from math import pi
+
+import numpy as np
+from scipy.optimize import least_squares, minimize_scalar
+from scipy.signal import cont2discrete, fftconvolve
+
+from beamdesign.controllers import Controller, Lag
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.fitting.weighting import TOP, faded, white
+from beamdesign.plant.electronics import HEARD, state_space
+from beamdesign.plant.members import paper_model
+from beamdesign.prototype import Prototype
+
+CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displacement_m")
+
+
+@dataclass(frozen=True)
+class BelievedLoop:
+    """The closed loop x' = A x + B (force, command) of a prototype without effects.
+
+    Attributes:
+        a: (n, n).
+        b: (n, 2).
+        c: (4, n) to `CHANNELS`.
+        d: (4, 2).
+        poles: (n,) rad/s.
+    """
+
+    a: np.ndarray = field(repr=False)
+    b: np.ndarray = field(repr=False)
+    c: np.ndarray = field(repr=False)
+    d: np.ndarray = field(repr=False)
+    poles: np.ndarray = field(repr=False)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every pole is in the left half-plane."""
+        return bool(np.all(self.poles.real < 0))
+
+    @property
+    def slowest_Hz(self) -> float:
+        """Of the modes that swing."""
+        swinging = np.abs(self.poles[np.abs(self.poles.imag) > 0.2 * np.abs(self.poles)])
+        return float(swinging.min()) / (2 * pi) if len(swinging) else float(np.abs(self.poles).min()) / (2 * pi)
+
+    def responses(self, frequencies_Hz: np.ndarray) -> np.ndarray:
+        """(N, 4, 2) from force (N) and command (V) to `CHANNELS`."""
+        values, vectors = np.linalg.eig(self.a)
+        left, right = self.c @ vectors, np.linalg.solve(vectors, self.b.astype(complex))
+        s = 2j * pi * np.asarray(frequencies_Hz)[:, None]
+        residues = (left[:, None, :] * right.T[None, :, :]).reshape(8, -1)
+        return ((1 / (s - values)) @ residues.T).reshape(-1, 4, 2) + self.d
+
+    def driven(self, inputs: np.ndarray, step_s: float) -> np.ndarray:
+        """(N, 4, 2) shares of force and of command in each of `CHANNELS`, from rest.
+
+        Args:
+            inputs: (N, 2) force and command, band-limited between samples.
+            step_s: sampling interval.
+        """
+        count = len(inputs)
+        padded = 2 * count
+        shares = self.responses(np.fft.rfftfreq(padded, step_s))
+        spectra = np.fft.rfft(inputs * faded(count)[:, None], padded, axis=0)
+        return np.fft.irfft(shares * spectra[:, None, :], padded, axis=0)[:count]
+
+
+def believed_loop(
+    prototype: Prototype, controller: Controller, outer_end_mass: float, inner_end_mass: float
+) -> BelievedLoop:
+    """Close the loop around a prototype's linear plant, its effects left out.
+
+    Args:
+        prototype: believed.
+        controller: of the record.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg.
+    """
+    plant = paper_model(prototype.but(effects={}))
+    a, b, c = plant.matrices(outer_end_mass, inner_end_mass)
+    force, current, volts = b[:, 0], b[:, 1], c[1]
+    own, entering, leaving, straight = state_space(controller.equations, controller.figures())
+    # What the law hears: error = command - volts, command, inner tip, load pressure.
+    heard, commanded = np.vstack([-volts, 0 * volts, c[2], c[3]]), np.array([1.0, 1.0, 0.0, 0.0])
+    closed = np.block([[a + np.outer(current, straight @ heard), np.outer(current, leaving)], [entering @ heard, own]])
+    driven = np.zeros((len(closed), 2))
+    driven[: len(a), 0] = force
+    driven[:, 1] = np.concatenate([current * (straight @ commanded), entering @ commanded])
+    seen, through = np.zeros((4, len(closed))), np.zeros((4, 2))
+    seen[0], through[0, 1] = np.concatenate([straight @ heard, leaving]), straight @ commanded
+    seen[1:, : len(a)] = volts / prototype.sensor.gain_V_per_m, c[3], c[2]
+    return BelievedLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
+
+
+def loop_of(record: TimeRecord, prototype: Prototype) -> BelievedLoop:
+    """The believed loop of a record."""
+    return believed_loop(prototype, record.controller, record.outer_end_mass, record.inner_end_mass)
+
+
+def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarray] | None:
+    """(N, 2) shares of force and command by channel of a record; None where the believed loop is unstable."""
+    loop = loop_of(record, prototype)
+    if not loop.stable:
+        return None
+    shares = loop.driven(record.inputs, record.step)
+    return {name: shares[:, k] for k, name in enumerate(CHANNELS)}
+
+
+_LONGEST_LAG_S = 0.02
+_KNEES = (3.0, 6.0, 12.0, 40.0)
+_SATURATION_LEVELS = 24
+_TRIED = 4000  # samples
+_TRUSTED = 3.0  # by how much saturation must shrink the residual to be believed
+_UNSEEN = 1e-6  # of the largest power of a line
+_BREAKS_HZ = (0.05, 2000.0)
+_LEFT = 0.05  # residual that saturation may leave and be believed
+_SEEN = 0.01  # residual from which it is worth explaining
+
+
+@dataclass(frozen=True)
+class ControllerFit:
+    """How well a record obeys the controller it is said to have been taken with.
+
+    Every residual is relative to the rms of the current and has the recorder's white noise taken out; `noise` is what
+    was taken out.
+
+    Attributes:
+        record: its name.
+        residual: of the equation as stated.
+        noise: of current and displacement together, white.
+        gain: current over what the controller would give, best in the mean square; 1 where all is well.
+        with_gain: residual once that factor is allowed.
+        delay_s: best dead time between the equation's current and the measured one, together with a gain.
+        with_delay: residual once it is allowed.
+        lag_s: best time constant of a first-order lag there, together with a gain.
+        with_lag: residual once it is allowed.
+        limit_A: level at which the current saturates; None where it does not.
+        with_limit: residual once saturation is allowed; `residual` where there is none.
+        offset_A: mean of the residual.
+    """
+
+    record: str
+    residual: float
+    noise: float
+    gain: float
+    with_gain: float
+    delay_s: float
+    with_delay: float
+    lag_s: float
+    with_lag: float
+    limit_A: float | None
+    with_limit: float
+    offset_A: float
+
+    @property
+    def explained(self) -> float:
+        """Least residual of all of these."""
+        return min(self.residual, self.with_gain, self.with_delay, self.with_lag, self.with_limit)
+
+
+def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> np.ndarray | None:
+    """(N,) current that a controller makes of a record's command and of what was sensed, A.
+
+    Where its states stand at the beginning is not known of a record that was cut out of a longer one: they start where
+    they fit the measured current best, an offset of that apart. None where the record lacks a channel that the
+    controller hears, or where its states run away when they are followed alone.
+
+    Args:
+        record: measured.
+        controller: any.
+        sensor_gain: believed, V/m.
+    """
+    if any(name not in record.measured for name in controller.senses):
+        return None
+    command, count = record.inputs[:, 1], len(record.times)
+    given = {"error_V": command - sensor_gain * record.measured["displacement_m"], "command_V": command}
+    heard = np.column_stack([(given | dict(record.measured)).get(name, np.zeros(count)) for name in HEARD])
+    a, b, c, d = state_space(controller.equations, controller.figures())
+    if not len(a):
+        return np.asarray(heard @ d)
+    # Exact for what goes straight from sample to sample.
+    a, b, _, d, _ = cont2discrete((a, b, c[None, :], d[None, :]), record.step, "foh")
+    fading = c[None, :]
+    with np.errstate(over="ignore", invalid="ignore"):
+        while len(fading) < count:
+            fading, a = np.vstack([fading, fading @ a]), a @ a
+    fading = fading[:count]
+    if not np.all(np.isfinite(fading)):
+        return None
+    pulses = np.vstack([d, fading[:-1] @ b])
+    asked = fftconvolve(pulses, heard, axes=0)[:count].sum(axis=1)
+    size = np.abs(fading).max(axis=0)
+    columns = np.column_stack([fading / np.where(size > 0, size, 1.0), np.ones(count)])
+    shares = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]
+    return np.asarray(asked + columns[:, :-1] @ shares[:-1])
+
+
+def mismatch(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+    """Rms of what differs over the rms of what was measured: without its white noise, and that noise."""
+    rms = float(np.std(measured))
+    if rms == 0:
+        return np.inf, 0.0
+    difference = measured - predicted
+    power = np.abs(np.fft.rfft(difference - difference.mean())) ** 2
+    noise = white(power[round(TOP * len(power)) :]) / len(difference)
+    total = float(np.var(difference))
+    return float(np.sqrt(max(total - noise, 0.0))) / rms, float(np.sqrt(noise)) / rms
+
+
+def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | None:
+    """Hold a record against its controller's equation; None where `demanded` cannot tell.
+
+    Args:
+        record: measured.
+        sensor_gain: believed, V/m.
+    """
+    current = record.measured["current_A"]
+    if (asked := demanded(record, record.controller, sensor_gain)) is None:
+        return None
+    residual, noise = mismatch(current, asked)
+    gain = _gain(current, asked)
+    delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
+    lag, with_lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
+    limit, with_limit, left = _saturated(current, asked) if residual >= _SEEN else (None, residual, noise)
+    if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
+        limit, with_limit = None, residual
+    return ControllerFit(
+        record.name,
+        residual,
+        noise,
+        gain,
+        mismatch(current, gain * asked)[0],
+        delay,
+        with_delay,
+        lag,
+        with_lag,
+        limit,
+        with_limit,
+        float(np.mean(current - asked)),
+    )
+
+
+def _gain(current: np.ndarray, asked: np.ndarray) -> float:
+    power = float(asked @ asked)
+    return float(current @ asked) / power if power > 0 else 0.0
+
+
+def _shifted(
+    current: np.ndarray, asked: np.ndarray, step: float, law: Callable[[np.ndarray, float], np.ndarray], both_ways: bool
+) -> tuple[float, float]:
+    """Best time of a law of delay, and the residual with it and a gain."""
+    count = len(asked)
+    spectrum, given = np.fft.rfft(asked, 2 * count), np.fft.rfft(current, 2 * count)
+    rates = 2 * pi * np.fft.rfftfreq(2 * count, step)
+    power = np.abs(spectrum) ** 2
+    kept = power > _UNSEEN * power.max()  # what is nothing but noise says nothing of times
+    rate, source, target = rates[kept], spectrum[kept], given[kept]
+
+    def left(time: float) -> float:
+        found = source * law(rate, time)
+        size = float(np.vdot(found, found).real)
+        return -(float(np.vdot(found, target).real) ** 2) / size if size > 0 else 0.0
+
+    longest = min(_LONGEST_LAG_S, 0.1 * count * step)
+    grid = np.concatenate([[0.0], np.geomspace(0.05 * step, longest, 14)])
+    if both_ways:
+        grid = np.concatenate([-grid[:0:-1], grid])
+    values = [left(float(t)) for t in grid]
+    k = int(np.argmin(values))
+    low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
+    best = float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step}).x)
+    if left(best) > values[k]:
+        best = float(grid[k])
+    # What passes the end of the record has nowhere to go.
+    inside = slice(0, count - max(2, round(0.02 * count)))
+    found = np.fft.irfft(spectrum * law(rates, best), 2 * count)[inside]
+    return best, mismatch(current[inside], _gain(current[inside], found) * found)[0]
+
+
+def _knee(asked: np.ndarray, limit: float, sharpness: float) -> np.ndarray:
+    """Asked / (1 + |asked / limit|^sharpness)^(1 / sharpness), for ratios whose powers overflow as well."""
+    ratio = np.abs(asked / limit)
+    small = np.minimum(ratio, 1 / np.maximum(ratio, 1))
+    return np.asarray(np.copysign(limit * np.minimum(ratio, 1), asked) / (1 + small**sharpness) ** (1 / sharpness))
+
+
+def _saturated(current: np.ndarray, asked: np.ndarray) -> tuple[float | None, float, float]:
+    """Level of a symmetric limit, sharp or rounded; the residual with it, and the noise taken out of that."""
+    largest = float(np.abs(asked).max())
+    if largest == 0:
+        return None, np.inf, 0.0
+    levels = np.abs(current).max() * np.geomspace(0.7, 1.6, _SATURATION_LEVELS)
+    trials = [(limit, sharpness) for limit in levels[levels < largest] for sharpness in _KNEES]
+    some = slice(None, None, 1 + len(asked) // _TRIED)  # the law holds sample by sample
+    errors = [float(np.sum((current[some] - _knee(asked[some], *trial)) ** 2)) for trial in trials]
+    if not errors:
+        return None, np.inf, 0.0
+    level, sharpness = trials[int(np.argmin(errors))]
+
+    def left(limit: float) -> float:
+        return float(np.sum((current - _knee(asked, limit, sharpness)) ** 2))
+
+    bounds = (level / 1.05, level * 1.05)
+    best = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": 1e-4 * level}).x)
+    return best, *mismatch(current, _knee(asked, best, sharpness))
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another controller that a record obeys.
+
+    Attributes:
+        controller: that one.
+        residual: of its equation, as in `ControllerFit`.
+        words: where it comes from.
+    """
+
+    controller: Controller
+    residual: float
+    words: str = field(default="")
+
+
+def rivals(record: TimeRecord, sensor_gain: float, others: Iterable[tuple[str, Controller]]) -> tuple[Rival, ...]:
+    """Hold a record against other controllers; best first.
+
+    Args:
+        record: measured.
+        sensor_gain: believed, V/m.
+        others: words and controllers.
+    """
+    current = record.measured["current_A"]
+    found = [
+        Rival(controller, mismatch(current, asked)[0], words)
+        for words, controller in others
+        if controller != record.controller and (asked := demanded(record, controller, sensor_gain)) is not None
+    ]
+    return tuple(sorted(found, key=lambda rival: rival.residual))
+
+
+def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
+    """The lag controller that a record obeys best.
+
+    Args:
+        record: measured.
+        sensor_gain: believed, V/m.
+    """
+    current = record.measured["current_A"]
+    size = float(np.std(current)) or 1.0
+
+    def lag(z: np.ndarray) -> Lag:
+        gain = np.exp(np.clip(z[0], -16, 12))
+        pole, zero = np.exp(np.clip(z[1:], *np.log(_BREAKS_HZ)))
+        return Lag(gain_A_per_V=float(gain), pole_Hz=float(pole), zero_Hz=float(zero))
+
+    def left(law: Lag) -> np.ndarray:
+        asked = demanded(record, law, sensor_gain)
+        assert asked is not None  # a lag hears the displacement alone, and is stable
+        return np.asarray((current - asked) / size)
+
+    own = record.controller
+    starts = [(own.gain_A_per_V, 1.0, 1.5), (own.gain_A_per_V, 2.0, 20.0)]
+    if breaks := own.lag:
+        starts.append((own.gain_A_per_V, breaks.pole_Hz, breaks.zero_Hz))
+    fits = (least_squares(lambda z: left(lag(z)), np.log(s), method="lm", max_nfev=60) for s in starts)
+    best = lag(min(fits, key=lambda f: f.cost).x)
+    return Rival(best, mismatch(current / size, current / size - left(best))[0], "the one that fits best")

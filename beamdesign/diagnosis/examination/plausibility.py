@@ -1,0 +1,267 @@
+"""Whether a data set can be what it says it is: looked at after reading, before anything is concluded from it.
+
+Frequency responses and critical gains are looked at here: whether they are in the units they should be in. Time
+records are looked at in `sound_records`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import pi
+from pathlib import Path
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.diagnosis.examination.believed import ControllerFit, believed_loop, controller_fit
+from beamdesign.diagnosis.examination.caution import Caution, with_tolerances
+from beamdesign.diagnosis.examination.controller_words import contradictions, lost_by_recorder
+from beamdesign.diagnosis.examination.readings import Reading, as_it_stands, other_readings, other_units
+from beamdesign.diagnosis.examination.sound_records import (
+    HIGH_HZ,
+    LOW_HZ,
+    first,
+    law,
+    masses,
+    remarks,
+    signals,
+    suitability,
+    twins,
+)
+from beamdesign.loop import critical_gain
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
+
+__all__ = ["Caution", "Examination", "examine"]
+
+_UNITS = {
+    "mm/N": 1e3, "um/N": 1e6, "in/lbf": 4.4482216 / 0.0254, "mm/kN": 1e6, "m/kN": 1e3, "m/lbf": 4.4482216,
+}  # fmt: skip
+_FAR = np.log(3.0)
+_NEAR = np.log(2.0)
+_FEWEST = 3
+_GAIN_FAR = 10.0
+
+
+def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype) -> None:
+    """Refuse frequency responses that make sense only when read otherwise.
+
+    Raises:
+        InputError: of the first file that does, with column and reason.
+    """
+    for response in responses:
+        problems = _problems(response, prototype)
+        if problems:
+            raise InputError(response.source or response.name, problems)
+
+
+def _believed(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        loop = believed_loop(prototype, response.controller, response.outer_end_mass, response.inner_end_mass)
+    return loop.responses(frequencies)[:, 1, 0] if loop.stable else None
+
+
+def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem]:
+    frequencies = response.frequencies_Hz
+    if len(frequencies) < _FEWEST:
+        return [Problem("frequency_Hz", f"only {len(frequencies)} lines: measure at least {_FEWEST}")]
+    inside = (frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)
+    if inside.sum() < _FEWEST:
+        return [Problem("frequency_Hz", f"fewer than {_FEWEST} lines between {LOW_HZ:g} and {HIGH_HZ:g} Hz")]
+    believed = _believed(response, prototype, frequencies)
+    slower = _believed(response, prototype, frequencies / (2 * pi))
+    if believed is None or slower is None:
+        return []
+    measured = np.abs(response.response)
+    level, shape = _level_and_shape(measured, believed)
+    if abs(level) > _FAR:
+        for unit, factor in _UNITS.items():
+            if abs(level - np.log(factor)) < min(_NEAR, 0.3 * np.log(factor)) and shape < _NEAR:
+                return [Problem("magnitude_m_per_N", f"values are in {unit}, by their scale: divide by {factor:g}")]
+    problems = []
+    slower_level, slower_shape = _level_and_shape(measured, slower)
+    if max(shape, abs(level)) > 0.4 and max(slower_shape, abs(slower_level)) < 0.5 * max(shape, abs(level)):
+        problems.append(Problem("frequency_Hz", "values are in rad/s, by the place of the resonances: divide by 2 pi"))
+        believed = slower
+    if response.has_phase and (reason := _phase(response, believed)):
+        problems.append(Problem("phase_deg", reason))
+    return problems
+
+
+def _level_and_shape(measured: np.ndarray, believed: np.ndarray) -> tuple[float, float]:
+    """Median logarithm of measured over believed, and the typical distance of the lines from it."""
+    ratio = np.log(measured / np.abs(believed))
+    level = float(np.median(ratio))
+    return level, float(np.sqrt(np.mean((ratio - level) ** 2)))
+
+
+def _phase(response: FrequencyResponse, believed: np.ndarray) -> str:
+    """What is wrong with phases, if they make sense only when read otherwise."""
+    phases = np.unwrap(np.angle(response.response))
+    expected = np.unwrap(np.angle(believed))
+    if np.ptp(expected) < 1.0:
+        return ""
+    as_written = _phase_error(phases, expected)
+    if as_written < 0.5:
+        return ""
+    if _phase_error(np.rad2deg(np.angle(response.response)), expected) < 0.5 * as_written:
+        return "values are in radians, by their scale: give degrees"
+    if _phase_error(-phases, expected) < 0.4 * as_written:
+        return "its sign is the other way round"
+    return ""
+
+
+def _phase_error(phases: np.ndarray, expected: np.ndarray) -> float:
+    """Typical distance on the circle, rad."""
+    return float(np.sqrt(np.mean(np.angle(np.exp(1j * (phases - expected))) ** 2)))
+
+
+def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Path) -> list[Caution]:
+    """Compare critical gains with those believed.
+
+    Raises:
+        InputError: where they are in another unit.
+    """
+    problems, warnings = [], []
+    for k, gain in enumerate(gains, start=1):
+        law = gain.controller.but(gain_A_per_V=gain.raised_from or gain.gain)
+        rig = prototype.but(effects={}, controller=law)
+        rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=gain.inner_end_mass))
+        try:
+            believed = critical_gain(rig, gain.outer_end_mass, from_own=True).gain_A_per_V
+        except (ArithmeticError, ValueError):
+            continue
+        ratio = gain.gain / believed
+        if 0.2 < ratio / 1e3 < 3:
+            words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
+            problems.append(Problem("critical_gain.gain_A_per_V", words))
+        elif not 1 / _GAIN_FAR < ratio < _GAIN_FAR:
+            text = (
+                f"critical gain {k}, {gain.gain:g} A/V, is {ratio:.3g} times what is believed: check it and its masses"
+            )
+            warnings.append(Caution("critical_gain", "", text, limits_confidence=True))
+    if problems:
+        raise InputError(folder / "dataset.toml", problems)
+    return warnings
+
+
+@dataclass(frozen=True)
+class Examination:
+    """A data set with what is to be said about it.
+
+    Attributes:
+        data: the set without records that cannot be used; with typical tolerances where none are stated.
+        warnings: named, in words.
+        controllers: how each record that was kept obeys its controller, by name of the record.
+    """
+
+    data: Dataset
+    warnings: tuple[Caution, ...] = ()
+    controllers: Mapping[str, ControllerFit] = field(default_factory=dict)
+
+    @property
+    def limits_confidence(self) -> bool:
+        """Whether a verdict on this set must not be a confident one."""
+        return any(warning.limits_confidence for warning in self.warnings)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Warnings as lines of text, those of reading first; what holds of several records alike is said once."""
+        of: dict[tuple[str, bool], list[str]] = {}
+        for warning in self.warnings:
+            of.setdefault((warning.text, warning.left_out), []).append(warning.record)
+        lines = (str(Caution("", ", ".join(names), text, out)) for (text, out), names in of.items())
+        return (*self.data.warnings, *lines)
+
+
+def examine(data: Dataset) -> Examination:
+    """Check a data set.
+
+    Args:
+        data: as read.
+
+    Raises:
+        InputError: where a column is plainly not what its name says, or no usable evidence remains.
+    """
+    prototype, missing = with_tolerances(data.prototype)
+    data = replace(data, prototype=prototype)
+    warnings, gain = list(missing), prototype.sensor.gain_V_per_m
+
+    def usable() -> tuple[TimeRecord, ...]:
+        out = {caution.record for caution in warnings if caution.left_out}
+        return tuple(record for record in data.records if record.name not in out)
+
+    # Each check sees what those before it have left.
+    warnings += signals(usable())
+    warnings += first(law, usable(), prototype)
+    warnings += _misread(usable(), data)
+    warnings += first(suitability, usable(), prototype)
+    warnings += twins(usable())
+    held = {r.name: controller_fit(r, gain) for r in usable()}
+    fits = {name: fit for name, fit in held.items() if fit is not None}
+    warnings = [lost_by_recorder(caution, fits) for caution in warnings]
+    stuck = {caution.record for caution in warnings if caution.name == "stuck"}
+    warnings += contradictions([r for r in usable() if r.name in fits.keys() - stuck], fits, prototype)
+    pairs = list(dict.fromkeys((r.outer_end_mass, r.inner_end_mass) for r in usable()))
+    warnings += first(partial(masses, pairs=pairs), usable(), prototype)
+    warnings += first(remarks, usable(), prototype)
+    check_responses(data.responses, prototype)
+    warnings += check_gains(data.gains, prototype, data.folder)
+    records = usable()
+    if data.records and not records and not (data.responses or data.gains):
+        raise InputError(data.folder, [Problem(w.record or "record", w.text) for w in warnings if w.left_out])
+    warnings = _half_gone(data.records, warnings)
+    kept = {r.name: fits[r.name] for r in records if r.name in fits}
+    return Examination(replace(data, records=records), tuple(warnings), kept)
+
+
+def _half_gone(records: Sequence[TimeRecord], warnings: Sequence[Caution]) -> list[Caution]:
+    """Where half the records had to go, what is left is no ground for confidence."""
+    gone = {caution.record for caution in warnings if caution.left_out}
+    if 2 * len(gone) < len(records) or not gone:
+        return list(warnings)
+    text = f"{len(gone)} of {len(records)} records had to be left out; what remains cannot bear a confident answer"
+    return [*warnings, Caution("few_records", "", text, limits_confidence=True)]
+
+
+def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:
+    """Refuse a set of which a column, read otherwise, would make sense; warn where a rig might do that too."""
+    refused: dict[str, tuple[Reading, ...]] = {}
+    doubtful: dict[str, tuple[Reading, ...]] = {}
+    for record in records:
+        if as_it_stands(record, data.prototype):
+            if more := other_units(record, data.prototype):
+                refused[record.name] = more
+            continue
+        found = other_readings(record, data.prototype)
+        if found:
+            (refused if found[0].sure else doubtful)[record.name] = found
+    # A small factor (pounds for newtons) is believed where no record with that input speaks against it.
+    if doubtful:
+        alike = [r.name for r in records if r.excitation in ("disturbance", "both")]
+        if all(name in doubtful or name in refused for name in alike):
+            refused |= doubtful
+    if not refused:
+        return [
+            Caution("units", name, f"{found[0].key}: perhaps {found[0].words}", limits_confidence=True)
+            for name, found in doubtful.items()
+        ]
+    sources = {record.name: record.source or record.name for record in records}
+    problems = []
+    for name, readings in refused.items():
+        problems += [(name, problem) for problem in _merged(readings)]
+    if len(refused) == 1:
+        raise InputError(sources[problems[0][0]], [problem for _, problem in problems])
+    of: dict[Problem, list[str]] = {}
+    for name, problem in problems:
+        of.setdefault(problem, []).append(name)
+    raise InputError(data.folder, [Problem(p.key, f"{', '.join(names)}: {p.reason}") for p, names in of.items()])
+
+
+def _merged(readings: Sequence[Reading]) -> list[Problem]:
+    """One problem per column; readings of several columns that explain as much are alternatives to the first."""
+    first, *others = readings
+    if all(reading.fault == 0 for reading in readings):
+        return [Problem(reading.key, reading.words) for reading in readings]
+    words = "; or ".join(f"{reading.key}: {reading.words}" for reading in others[:2])
+    return [Problem(first.key, first.words + (f" (or else {words})" if words else ""))]

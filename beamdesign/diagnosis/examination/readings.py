@@ -1,0 +1,265 @@
+"""Other ways to read a record: a column in another unit, of the wrong sign, or under another column's name.
+
+A record is held against two things. Its controller's equation, which no effect of the rig can bend but saturation;
+and the believed loop, from which a real rig departs, but hardly by a factor of three. A record that does not fit both
+as it stands, and does once one column is read otherwise, is one whose column was written otherwise.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, product
+from math import log
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.examination.believed import demanded, expected
+from beamdesign.prototype import Prototype
+
+COLUMNS = ("disturbance_N", "command_V", "current_A", "displacement_m")
+_UNITS: dict[str, dict[str, float]] = {
+    "disturbance_N": {"kN": 1e-3, "lbf": 1 / 4.4482216, "kgf": 1 / 9.80665},
+    "command_V": {"mV": 1e3},
+    "current_A": {"mA": 1e3, "uA": 1e6},
+    "displacement_m": {"mm": 1e3, "um": 1e6, "cm": 1e2, "inches": 1 / 0.0254, "thousandths of an inch": 1e3 / 0.0254},
+}
+"""By column: how large one SI unit is when written in another."""
+_MORE_UNITS: dict[str, dict[str, float]] = {
+    "load_pressure_Pa": {"bar": 1e-5, "MPa": 1e-6, "kPa": 1e-3, "psi": 1 / 6894.757},
+    "inner_displacement_m": {"mm": 1e3, "um": 1e6, "inches": 1 / 0.0254},
+}
+"""The same of columns that a record may have besides."""
+_TIMES = {"ms": 1e3, "us": 1e6}
+_SENSOR_GAINS = {"V/mm": 1e-3, "V/cm": 1e-2, "V/inch": 0.0254}
+_FAR, _UNLIKE = log(3.0), 0.3  # beyond which a record is not taken as it stands
+_NEAR, _ALIKE = log(2.0), 0.6  # within which another reading is believed
+_NEAR_EQUATION, _ALIKE_EQUATION = log(1.12), 0.9
+_ALIKE_BENT = 0.8  # with a current that saturates
+_COARSE = 12.0  # a factor that is believed though the current saturates
+_SURE = 0.2  # fault of a reading that leaves next to nothing to explain
+_FAR_MORE = log(8.0)
+_FEWEST = 16
+
+
+@dataclass(frozen=True)
+class View:
+    """A record as read, with the model it is held against."""
+
+    record: TimeRecord
+    prototype: Prototype
+
+    def column(self, name: str) -> np.ndarray:
+        """(N,) one of `COLUMNS`."""
+        if name in COLUMNS[:2]:
+            return self.record.inputs[:, COLUMNS.index(name)]
+        return self.record.measured[name]
+
+    @property
+    def driven(self) -> list[str]:
+        """Columns that hold more than one value."""
+        return [name for name in COLUMNS if np.any(self.column(name) != self.column(name)[0])]
+
+    def of(self, **changes: Any) -> "View":
+        """The same with other fields of the record."""
+        return replace(self, record=replace(self.record, **changes))
+
+    def having(self, **columns: np.ndarray) -> "View":
+        """The same with some columns replaced."""
+        inputs = self.record.inputs.copy()
+        measured = dict(self.record.measured)
+        for name, values in columns.items():
+            if name in COLUMNS[:2]:
+                inputs[:, COLUMNS.index(name)] = values
+            else:
+                measured[name] = values
+        return self.of(inputs=inputs, measured=measured)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read a record.
+
+    Attributes:
+        key: column of the record, or key of dataset.toml or prototype.toml.
+        words: what it would be, and what to do.
+        factor: by which values are too large; 1 where that is not what is wrong.
+        fault: how far it still is from equation and loop; 0 where it fits both.
+    """
+
+    key: str
+    words: str
+    factor: float = 1.0
+    fault: float = 0.0
+
+    @property
+    def sure(self) -> bool:
+        """Whether it may be believed of one record against all others."""
+        return self.coarse or self.fault < _SURE
+
+    @property
+    def coarse(self) -> bool:
+        """Whether nothing that a rig does could pass for it."""
+        return self.factor == 1.0 or not 1 / _COARSE < abs(self.factor) < _COARSE
+
+
+class _Likeness(NamedTuple):
+    """Logarithm of measured over predicted rms, and their correlation."""
+
+    scale: float
+    correlation: float
+
+    def within(self, scale: float, correlation: float) -> bool:
+        return abs(self.scale) <= scale and self.correlation >= correlation
+
+    @property
+    def fault(self) -> float:
+        return abs(self.scale) + 1 - self.correlation
+
+
+def _likeness(measured: np.ndarray, predicted: np.ndarray) -> _Likeness:
+    a, b = measured - measured.mean(), predicted - predicted.mean()
+    size_a, size_b = float(np.sqrt(np.mean(a**2))), float(np.sqrt(np.mean(b**2)))
+    if not (size_a > 0 and size_b > 0 and np.isfinite(size_b)):
+        return _Likeness(np.inf, 0.0)
+    return _Likeness(log(size_a / size_b), float(np.mean(a * b)) / (size_a * size_b))
+
+
+def _equation(view: View) -> _Likeness:
+    asked = demanded(view.record, view.record.controller, view.prototype.sensor.gain_V_per_m)
+    # Where the equation cannot be held against the record, nothing speaks against either.
+    return _Likeness(0.0, 1.0) if asked is None else _likeness(view.record.measured["current_A"], asked)
+
+
+def _loop(view: View) -> tuple[_Likeness, _Likeness] | None:
+    shares = expected(view.record, view.prototype)
+    if shares is None:
+        return None
+    return (
+        _likeness(view.record.measured["displacement_m"], shares["displacement_m"].sum(axis=1)),
+        _likeness(view.record.measured["current_A"], shares["current_A"].sum(axis=1)),
+    )
+
+
+def as_it_stands(record: TimeRecord, prototype: Prototype) -> bool:
+    """Whether a record may be taken as it stands: it roughly obeys its controller, and roughly does as believed."""
+    view = View(record, prototype)
+    return all(part.within(_FAR, _UNLIKE) for part in (_equation(view), *(_loop(view) or ())))
+
+
+def other_units(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
+    """Units in which the further columns of a record are, where not in their own."""
+    more = [name for name in _MORE_UNITS if name in record.measured]
+    shares = expected(record, prototype) if more else None
+    found: list[Reading] = []
+    if shares is None:
+        return ()
+    for name in more:
+        scale = _likeness(record.measured[name], shares[name].sum(axis=1)).scale
+        if not _FAR_MORE < abs(scale) < np.inf:
+            continue
+        unit, factor = min(_MORE_UNITS[name].items(), key=lambda item: abs(scale - log(item[1])))
+        if abs(scale - log(factor)) < _FAR:
+            found.append(_in_unit(name, unit, factor))
+    return tuple(found)
+
+
+def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, ...]:
+    """Ways to read a record under which it fits its controller and the believed loop; best first, none if none does."""
+    if len(record.times) < _FEWEST:
+        return ()
+    view = View(record, prototype)
+    compared = _loop(view) is not None
+    for candidates, bent in ((_single, False), (_single, True), (_double, False)):
+        found = []
+        for reading, changed in candidates(view):
+            if bent and not reading.coarse:
+                continue
+            fault = _fault(changed(), bent, compared)
+            if fault is not None:
+                found.append(replace(reading, fault=fault))
+        if found:
+            found.sort(key=lambda reading: reading.fault)
+            return tuple(r for r in found if r.fault < found[0].fault + 0.05)
+    return ()
+
+
+def _fault(view: View, bent: bool, compared: bool) -> float | None:
+    """How far a view is from equation and loop; None where it is too far to be believed.
+
+    Args:
+        view: read in one way.
+        bent: whether the current may saturate and the gap be a large one.
+        compared: whether the record as it stands has a believed loop to be compared with; then a reading under which
+            that loop is unstable explains nothing.
+    """
+    equation = _equation(view)
+    if not equation.within(*((_NEAR, _ALIKE_BENT) if bent else (_NEAR_EQUATION, _ALIKE_EQUATION))):
+        return None
+    loop = _loop(view)
+    if loop is None:
+        return None if compared else equation.fault + 1
+    if not all(part.within(*((_FAR, _UNLIKE) if bent else (_NEAR, _ALIKE))) for part in loop):
+        return None
+    return equation.fault + 0.2 * sum(part.fault for part in loop)
+
+
+_Candidate = tuple[Reading, Callable[[], View]]
+
+
+def _scaled(view: View, factors: dict[str, float]) -> Callable[[], View]:
+    return lambda: view.having(**{name: view.column(name) / factor for name, factor in factors.items()})
+
+
+def _factor_words(factor: float) -> str:
+    return f"divide by {factor:g}" if factor >= 1 else f"multiply by {1 / factor:.6g}"
+
+
+def _in_unit(name: str, unit: str, factor: float) -> Reading:
+    return Reading(name, f"values are in {unit}, by their scale: {_factor_words(factor)}", factor)
+
+
+def _single(view: View) -> Iterator[_Candidate]:
+    driven = view.driven
+    for name in driven:
+        for unit, factor in _UNITS[name].items():
+            yield _in_unit(name, unit, factor), _scaled(view, {name: factor})
+        yield Reading(name, "its sign is the other way round"), _scaled(view, {name: -1.0})
+    words = "values are the sensor's volts, by their scale: divide by sensor.gain_V_per_m"
+    yield Reading("displacement_m", words), _scaled(view, {"displacement_m": view.prototype.sensor.gain_V_per_m})
+    for a, b in combinations(COLUMNS, 2):
+        if a in driven or b in driven:
+            swapped = {a: view.column(b), b: view.column(a)}
+            yield Reading(a, f"it and {b} stand in each other's place"), partial(view.having, **swapped)
+    yield from _of_settings(view)
+
+
+def _of_settings(view: View) -> Iterator[_Candidate]:
+    """Times, and figures outside the columns."""
+    record, prototype = view.record, view.prototype
+    for unit, factor in _TIMES.items():
+        words = f"times are in {unit}, by the speed of the motion: {_factor_words(factor)}"
+        yield Reading("t_s", words), partial(view.of, times=record.times / factor)
+    if (gain := record.controller.gain_A_per_V / 1e3) > 0:  # the least floats have no thousandth
+        words = "the gain is in mA/V, by its scale: divide by 1000"
+        law = record.controller.but(gain_A_per_V=gain)
+        yield Reading("controller.gain_A_per_V", words), partial(view.of, controller=law)
+    for unit, factor in _SENSOR_GAINS.items():
+        sensor = prototype.sensor.but(gain_V_per_m=prototype.sensor.gain_V_per_m / factor)
+        reading = Reading("sensor.gain_V_per_m", f"the prototype's gain is in {unit}, by its scale")
+        yield reading, partial(replace, view, prototype=prototype.but(sensor=sensor))
+    if max(record.outer_end_mass, record.inner_end_mass) > 100:
+        masses = {"outer_end_mass": record.outer_end_mass / 1e3, "inner_end_mass": record.inner_end_mass / 1e3}
+        reading = Reading("outer_end_mass_kg, inner_end_mass_kg", "the masses are in grams, by their scale")
+        yield reading, partial(view.of, **masses)
+
+
+def _double(view: View) -> Iterator[_Candidate]:
+    """Two columns at once, in units that go together."""
+    for a, b in combinations(view.driven, 2):
+        for (unit_a, factor_a), (unit_b, factor_b) in product(_UNITS[a].items(), _UNITS[b].items()):
+            units = f"values are in {unit_a} and {unit_b}, by their scale"
+            words = f"{units}: {_factor_words(factor_a)} and {_factor_words(factor_b)}"
+            yield Reading(f"{a}, {b}", words), _scaled(view, {a: factor_a, b: factor_b})
+        yield Reading(f"{a}, {b}", "both signs are the other way round"), _scaled(view, {a: -1.0, b: -1.0})

@@ -1,0 +1,332 @@
+"""Whether time records are fit to be evidence: whole, long enough, excited where it matters, begun at rest.
+
+What a recorder does to a signal is seen in the signal alone: clipping, outliers, sticking, coarse steps, noise.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import TimeRecord
+from beamdesign.diagnosis.examination.believed import believed_loop, demanded, loop_of, mismatch
+from beamdesign.diagnosis.examination.caution import Caution
+from beamdesign.diagnosis.examination.controller_words import described
+from beamdesign.diagnosis.fitting.weighting import TOP, white
+from beamdesign.prototype import Prototype
+from beamdesign.structure.lumped import figures
+
+_PLATEAU = 4  # samples at the very same value
+_CUT = 8  # samples on plateaus altogether: fewer may be chance, and spoil nothing
+_STUCK = 6
+_MANY = 12
+_KINK = 3.0  # by how many of its finest steps, or of its noise, a signal runs into a plateau
+_JUMP = 8.0  # in the noise of the signal
+_FEW = 5  # samples
+_BEYOND = 10.0
+_SPIKE = 15.0  # in typical second differences
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """Samples that stay at one value though the signal moves.
+
+    Attributes:
+        level: that value.
+        samples: how many.
+        first: index of the first.
+        side: `top`, `bottom` or `both` where the value is an extreme; empty where it is not.
+    """
+
+    level: float
+    samples: int
+    first: int
+    side: str = ""
+
+
+def finest_step(signal: np.ndarray) -> float:
+    """Least difference between two values of a signal; 0 for a constant one."""
+    values = np.unique(signal)
+    if len(values) < 2:
+        return 0.0
+    steps = np.diff(values)
+    span = float(values[-1] - values[0])
+    real = steps[steps > 1e-9 * span]
+    return float(real.min()) if len(real) else 0.0
+
+
+def noise_std(signal: np.ndarray) -> float:
+    """White noise of a signal, from the top of its spectrum, or that of rounding where this is more."""
+    window = np.hanning(len(signal))
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    return float(np.sqrt(white(power[round(TOP * (len(power) - 1)) :]) / float(np.sum(window**2))))
+
+
+def share_between(signals: np.ndarray, step_s: float, low_Hz: float, high_Hz: float) -> float:
+    """Share of the variance of signals (N, m) that lies within a band."""
+    window = np.hanning(len(signals))[:, None]
+    power = np.sum(np.abs(np.fft.rfft((signals - signals.mean(axis=0)) * window, axis=0)) ** 2, axis=1)
+    frequencies = np.fft.rfftfreq(len(signals), step_s)
+    total = float(power.sum())
+    return float(power[(frequencies >= low_Hz) & (frequencies <= high_Hz)].sum()) / total if total > 0 else 0.0
+
+
+def outlier(signal: np.ndarray) -> int | None:
+    """Index of a sample so far beyond all others but a few that nothing which moves comes there and back."""
+    off = np.abs(signal - np.median(signal))
+    rest = float(np.partition(off, -_FEW)[-_FEW])
+    return int(np.argmax(off)) if off.max() > _BEYOND * rest > 0 else None
+
+
+def _runs(signal: np.ndarray, least: int) -> list[tuple[int, int]]:
+    """First index and length of every run of equal values that is long enough."""
+    edges = np.flatnonzero(np.diff(signal) != 0) + 1
+    starts = np.concatenate([[0], edges])
+    lengths = np.diff(np.concatenate([starts, [len(signal)]]))
+    return [(int(a), int(n)) for a, n in zip(starts[lengths >= least], lengths[lengths >= least], strict=True)]
+
+
+def clipped(signal: np.ndarray) -> Plateau | None:
+    """Find flat tops or bottoms that a signal runs into at speed.
+
+    A signal that comes to rest at its extreme, or whose recorder rounds, does so slowly; one that is cut off has a
+    kink. Where there is noise enough to carry every sample to another step, many equal ones at an extreme say the same.
+    """
+    step, low, high = finest_step(signal), float(signal.min()), float(signal.max())
+    if step == 0:
+        return None
+    noise = noise_std(signal)
+    least = max(_KINK * step, _KINK * noise)
+    noisy = noise > 0.5 * step
+    kinked: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
+    all_runs: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
+    for first, length in _runs(signal, _PLATEAU):
+        level = signal[first]
+        if level not in (low, high):
+            continue
+        after = first + length
+        jumps = []
+        if first >= 2:
+            jumps.append(min(abs(signal[first - 1] - level), 2 * abs(signal[first - 2] - level)))
+        if after + 1 < len(signal):
+            jumps.append(min(abs(signal[after] - level), 2 * abs(signal[after + 1] - level)))
+        side = "top" if level == high else "bottom"
+        all_runs[side].append((first, length))
+        if len(jumps) == 2 and min(jumps) > least:
+            kinked[side].append((first, length))
+    found = {}
+    for side, runs in all_runs.items():
+        cut = kinked[side] if sum(n for _, n in kinked[side]) >= _CUT else []
+        found[side] = runs if noisy and sum(n for _, n in runs) >= _MANY else cut
+    sides = [side for side, runs in found.items() if runs]
+    if not sides:
+        return None
+    runs = [run for side in sides for run in found[side]]
+    side = sides[0] if len(sides) == 1 else "both"
+    return Plateau(low if side == "bottom" else high, sum(n for _, n in runs), min(a for a, _ in runs), side)
+
+
+def stuck(signal: np.ndarray) -> Plateau | None:
+    """Find runs of one value from which a signal goes on with a jump: lost samples filled with the last one."""
+    step = finest_step(signal)
+    moves = np.abs(np.diff(signal))
+    moving = moves[moves > 0]
+    if step == 0 or not len(moving):
+        return None
+    usual = max(_KINK * step, 4 * float(np.median(moving)), _JUMP * noise_std(signal))
+    low, high = float(signal.min()), float(signal.max())
+    runs = []
+    for first, length in _runs(signal, _STUCK):
+        after = first + length
+        if after >= len(signal) or first == 0 or signal[first] in (low, high):
+            continue
+        # One that rested before, and then was pushed, has lost nothing.
+        before = signal[max(first - length, 0) : first + 1]
+        if abs(signal[after] - signal[first]) > usual and float(np.ptp(before)) > usual:
+            runs.append((first, length))
+    if not runs:
+        return None
+    return Plateau(float(signal[runs[0][0]]), sum(n for _, n in runs), runs[0][0])
+
+
+def holes(signal: np.ndarray) -> int:
+    """Samples that are exactly zero though both neighbours are far from it: a recorder's missing values."""
+    bend = np.abs(np.diff(signal, 2))
+    usual = float(np.median(bend))
+    far = np.minimum(signal[:-2] * np.sign(signal[2:]), np.abs(signal[2:])) > 0.5 * float(np.std(signal))
+    return int(np.sum((signal[1:-1] == 0) & far & (bend > _SPIKE * usual) & (usual > 0)))
+
+
+Finding = tuple[str, bool, str]
+"""Name of a caution, whether there is cause for it, and its words."""
+Check = Callable[[TimeRecord, Prototype], Iterator[Finding]]
+_LEFT_IN = ("stuck", "not_at_rest")
+_HARMLESS = ("short", "no_content")  # to the confidence in the other records
+
+LOW_HZ, HIGH_HZ = 0.5, 300.0
+"""Band in which a record must say something."""
+_SHORTEST_S = 0.3
+_PERIODS = 10
+_FEWEST_SAMPLES = 32
+_SAMPLES_PER_PERIOD = 5.0
+_LEAST_SHARE = 0.02
+_LEAST_SIGNAL = 3.0  # over its noise
+_RESTLESS = 8.0  # in standard deviations of the noise
+_MOVED = 0.1  # of the rms
+_NOTHING = 1e-30  # in any unit
+_STIFFER = 30.0  # than believed no rig is
+_MISFIT = 0.6  # of the displacement
+_HEAVIEST = 50.0  # times the outer beam's own mass
+
+
+def first(check: Check, records: Sequence[TimeRecord], prototype: Prototype) -> list[Caution]:
+    """The first finding of a check that has cause, of every record."""
+    found = ((record, next((f for f in check(record, prototype) if f[1]), None)) for record in records)
+    return [said(record, finding[0], finding[2]) for record, finding in found if finding is not None]
+
+
+def said(record: TimeRecord, name: str, text: str) -> Caution:
+    """A caution about a record, which decides by its name whether the record is left out."""
+    return Caution(name, record.name, text, name not in _LEFT_IN, name not in _HARMLESS)
+
+
+def signals(records: Sequence[TimeRecord]) -> list[Caution]:
+    """What the signals show on their own."""
+    return [said(record, name, text) for record in records for name, text in _of_signals(record)]
+
+
+def _of_signals(record: TimeRecord) -> Iterator[tuple[str, str]]:
+    if len(record.times) < _FEWEST_SAMPLES:
+        yield "short", f"only {len(record.times)} samples: record at least {_FEWEST_SAMPLES}"
+        return
+    for name, signal in record.measured.items():
+        if float(np.ptp(signal)) < _NOTHING:
+            yield "dead_channel", f"{name} never changes (is the sensor connected?)"
+        elif name != "current_A" and (at := outlier(signal)) is not None:  # a law's kick may be one sample long
+            text = f"{name} is {signal[at]:.4g} at {record.times[at]:.4g} s, far beyond all others"
+            yield "outlier", f"{text}: a sample is spoilt"
+        elif cut := clipped(signal):
+            # An amplifier at its limit cuts a current as well; its equation tells more.
+            if name != "current_A" or not _symmetric(signal, cut.side):
+                text = f"{cut.level:.4g}{' and its opposite' if cut.side == 'both' else ''}, {cut.samples} samples long"
+                yield "clipped", f"{name} is cut off at {text}: widen the recorder's range, or drive less"
+        elif gaps := stuck(signal):
+            text = f"for {gaps.samples} samples and jumps, first at {record.times[gaps.first]:.4g} s"
+            yield "stuck", f"{name} stands still {text}: samples were lost"
+        elif lost := holes(signal):
+            places = "1 place" if lost == 1 else f"{lost} places"
+            yield "stuck", f"{name} is exactly zero in mid-motion, in {places}: samples were lost"
+
+
+def _symmetric(current: np.ndarray, side: str) -> bool:
+    high, low = float(current.max()), -float(current.min())
+    if side == "both":
+        return abs(high - low) < 0.05 * max(high, low)
+    # One side only is an amplifier's doing where the other never came as far.
+    return (low if side == "top" else high) <= 1.02 * (high if side == "top" else low)
+
+
+def law(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
+    """Whether its current has a sample that is none of its controller's making."""
+    current, command = record.measured["current_A"], record.inputs[:, 1]
+    if (asked := demanded(record, record.controller, prototype.sensor.gain_V_per_m)) is None:
+        return
+    for at in (outlier(current), outlier(command)):
+        if at is not None:
+            text = (
+                f"current_A is {current[at]:.4g} at {record.times[at]:.4g} s, where its controller "
+                f"({described(record.controller)}) makes {asked[at]:.4g} of command_V ({command[at]:.4g}) and "
+                "displacement_m: a sample is spoilt"
+            )
+            yield "outlier", abs(current[at] - asked[at]) > 0.5 * max(abs(current[at]), abs(asked[at])), text
+
+
+def suitability(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
+    """Whether it is long and fine enough and excited where it matters, for the loop as believed."""
+    of, loop, moved = figures(prototype), loop_of(record, prototype), record.measured["displacement_m"]
+    heaviest = max(record.outer_end_mass, record.inner_end_mass)
+    text = f"an end mass of {heaviest:g} kg on a beam of {of['outer_mass']:.3g} kg is not credible (is it in grams?)"
+    yield "units", heaviest > _HEAVIEST * of["outer_mass"], text
+
+    length, slowest = float(record.times[-1] - record.times[0]), loop.slowest_Hz
+    least = max(_SHORTEST_S, _PERIODS / slowest)
+    needed = f"{_PERIODS} periods of the slowest mode, and at least {_SHORTEST_S:g} s"
+    yield "short", length < least, f"too short: {length:.3g} s, but {least:.2g} s are needed ({needed})"
+    text = (
+        f"sampled too coarsely: {1 / record.step:.4g} Hz, for a mode at {slowest:.3g} Hz at least "
+        f"{_SAMPLES_PER_PERIOD * slowest:.3g} Hz is needed (are the times in seconds?)"
+    )
+    yield "coarse_sampling", 1 / record.step < _SAMPLES_PER_PERIOD * slowest, text
+
+    # A rig may stand still where it is commanded to move, but it cannot help bending under a force.
+    force, rms = record.inputs[:, 0], _rms(moved)
+    if loop.stable and _rms(force) >= rms * of["outer_stiffness"]:
+        bent = _rms(loop.driven(record.inputs, record.step)[:, 1, 0])
+        at = int(np.argmax(np.abs(force)))
+        text = (
+            f"disturbance_N would move the believed rig by {bent:.2g} m rms, but displacement_m is {rms:.2g} m: check "
+            "the units of both, and zero and outliers of the force "
+            f"(it reaches {force[at]:.4g} N at {record.times[at]:.4g} s)"
+        )
+        yield "force", bent >= _STIFFER * rms, text
+
+    band = f"between {LOW_HZ:g} and {HIGH_HZ:g} Hz"
+    constant = not np.any(np.ptp(record.inputs, axis=0) > 0)
+    yield "no_content", constant, f"both inputs are constant: excite the rig {band}"
+    # What each input would move the tip by, if slowly.
+    given = record.inputs / np.array([of["outer_stiffness"], prototype.sensor.gain_V_per_m])
+    share = share_between(given, record.step, LOW_HZ, HIGH_HZ)
+    answer = share_between(moved[:, None], record.step, LOW_HZ, HIGH_HZ)
+    text = f"only {share:.1%} of the inputs' power lies {band}, and little of the motion: excite the rig there"
+    yield "no_content", share < _LEAST_SHARE and answer < 10 * _LEAST_SHARE, text
+    size, noise = float(np.std(moved)), max(noise_std(moved), finest_step(moved) / np.sqrt(12))
+    text = f"displacement_m is {size:.2g} m rms with a noise of {noise:.2g} m: nothing is to be seen, drive harder"
+    yield "no_content", size < _LEAST_SIGNAL * noise, text
+
+
+def _rms(signal: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(signal**2)))
+
+
+def remarks(record: TimeRecord, prototype: Prototype) -> Iterator[Finding]:
+    """What is worth saying of a record that is used."""
+    moved = record.measured["displacement_m"]
+    noise, size = max(noise_std(moved), finest_step(moved)), float(np.std(moved))
+    start = float(np.mean(moved[:3]))
+    text = f"does not start at rest without load: displacement_m begins at {start:.3g} m (rms {size:.2g} m)"
+    yield "not_at_rest", abs(start) > max(_RESTLESS * noise, _MOVED * size), text
+
+
+def twins(records: Sequence[TimeRecord]) -> list[Caution]:
+    """Records that hold the same measurement twice."""
+    found, first = [], dict[bytes, TimeRecord]()
+    for record in records:
+        channels = (record.measured[name].tobytes() for name in ("current_A", "displacement_m"))
+        other = first.setdefault(sha256(b"".join(channels)).digest(), record)
+        if other is not record:
+            setting = (record.outer_end_mass, record.inner_end_mass, record.controller)
+            same = setting == (other.outer_end_mass, other.inner_end_mass, other.controller)
+            more = "" if same else ", though masses or controller are said to differ: one of them is not what it says"
+            text = f"holds the same measurement as {other.name}{more}"
+            found.append(Caution("duplicate", record.name, text, left_out=True, limits_confidence=not same))
+    return found
+
+
+def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float, float]]) -> Iterator[Finding]:
+    """Whether it fits the believed loop badly with its own end masses, and well with those of another record."""
+    own = _misfit(record, prototype, record.outer_end_mass, record.inner_end_mass)
+    if len(pairs) > 1 and own >= _MISFIT:
+        best, (outer, inner) = min((_misfit(record, prototype, *pair), pair) for pair in pairs)
+        text = (
+            f"does not fit its end masses ({record.outer_end_mass:g} and {record.inner_end_mass:g} kg), but those "
+            f"of another record ({outer:g} and {inner:g} kg): correct dataset.toml"
+        )
+        yield "masses", best < min(0.4 * own, 0.35), text
+
+
+def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
+    loop = believed_loop(prototype, record.controller, outer, inner)
+    if not loop.stable:
+        return np.inf
+    return mismatch(record.measured["displacement_m"], loop.driven(record.inputs, record.step)[:, 1].sum(axis=1))[0]

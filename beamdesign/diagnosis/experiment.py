@@ -1,0 +1,330 @@
+"""What to measure next: of all that can be done with the rig, what would separate the rival causes best.
+
+Each rival predicts each experiment with its fitted figures. If one is true, the other will re-tune, within what the
+data so far leave open; what then remains of the difference, in units of misfit of one record, is the separation: its
+square is by how much the cost of the wrong one will rise over that of the right one.
+
+The experiments stay within about what the rig's records have already asked of it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from beamdesign.controllers import Controller
+from beamdesign.controllers.protocol import ANY_PAYLOAD
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.data.inputs import without_noise
+from beamdesign.diagnosis.diagnosis import NextExperiment
+from beamdesign.diagnosis.fitting.evidence import Replay, replay, simulated, simulated_with_slopes, steps
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import Placement
+from beamdesign.diagnosis.fitting.weighting import weighting
+from beamdesign.prototype import Prototype
+from beamdesign.scenario import Input, LoadSteps, Multisine, Scenario, ScenarioRecord, Sine, inputs_of
+from beamdesign.spelling import shorter
+
+DURATION_S = 4.0
+SAMPLE_S = 0.5e-3
+_BANDS_HZ = ((1.0, 20.0), (1.0, 80.0), (30.0, 200.0))
+_SHARES = (0.1, 1.0, 2.0)
+"""Of the largest peak of an input recorded so far."""
+_PAYLOADS = (0.5, 1.5)
+"""Of the largest payload so far."""
+_ANOTHER_PAYLOAD = 1.3  # effort
+_NOISE = 0.5  # of a signal's rms: what is left without noise, where it is noise
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Something that could be measured.
+
+    Attributes:
+        text: in words.
+        signal: what drives the rig.
+        controller: of the loop.
+        outer_end_mass: payload, kg.
+        inner_end_mass: kg.
+        effort: against an experiment on the rig as it stands.
+        settings: for a program.
+    """
+
+    text: str
+    signal: Input
+    controller: Controller
+    outer_end_mass: float
+    inner_end_mass: float
+    effort: float = 1.0
+    settings: dict[str, Any] = field(default_factory=dict, hash=False)
+
+
+def scenario_of(experiment: Experiment, prototype: Prototype) -> Scenario:
+    """A scenario that simulates, or prescribes, one experiment."""
+    row = ScenarioRecord(
+        name="next",
+        input=(experiment.signal,),
+        outer_end_mass_kg=experiment.outer_end_mass,
+        inner_end_mass_kg=experiment.inner_end_mass,
+        controller=experiment.controller,
+    )
+    name = f"{shorter(prototype.name)}: next experiment"
+    return Scenario(name=name, duration_s=DURATION_S, sample_s=SAMPLE_S, start="rest", record=(row,))
+
+
+def menu(data: Dataset) -> Iterator[Experiment]:
+    """All experiments: each signal at each setting of controller and masses, and at payloads not yet measured."""
+    settings = _settings(data)
+    for record, outer, inner, effort in settings:
+        for signal, words in _signals(data):
+            payload = f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
+            controller = record.controller
+            text = f"{words}, {payload}, {controller.kind} controller of {controller.gain_A_per_V:.3g} A/V"
+            table = signal.model_dump(mode="json", exclude_none=True) | {
+                "outer_end_mass_kg": outer,
+                "inner_end_mass_kg": inner,
+            }
+            yield Experiment(text, signal, controller, outer, inner, effort, table)
+
+
+def _settings(data: Dataset) -> list[tuple[TimeRecord, float, float, float]]:
+    """Record whose controller is used, payload, inner end mass, effort."""
+    seen: dict[object, TimeRecord] = {}
+    for r in data.records:
+        seen.setdefault((r.controller, r.outer_end_mass, r.inner_end_mass), r)
+    found = [(r, r.outer_end_mass, r.inner_end_mass, 1.0) for r in seen.values()]
+    heaviest = max(data.records, key=lambda r: r.outer_end_mass)
+    laws = () if data.prototype.controller is None else data.prototype.controller.laws
+    ranges = [masses for law, masses in laws if law == heaviest.controller] or [ANY_PAYLOAD]
+    if heaviest.outer_end_mass > 0:
+        for share in _PAYLOADS:
+            outer = round(share * heaviest.outer_end_mass, 2)
+            if any(low <= outer <= high for low, high in ranges):
+                found.append((heaviest, outer, heaviest.inner_end_mass, _ANOTHER_PAYLOAD))
+    return found
+
+
+def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
+    for column, key, unit, words in ((1, "amplitude_V", "V", "command"), (0, "amplitude_N", "N", "force on the tip")):
+        largest = max(_peak(r.inputs[:, column]) for r in data.records)
+        if largest <= 0:
+            continue
+        for share in _SHARES:
+            peak = float(f"{share * largest:.2g}")
+            size: dict[str, Any] = {key: peak}
+            for low, high in _BANDS_HZ:
+                told = f"{words}: many lines from {low:g} to {high:g} Hz with a peak of {peak:g} {unit}"
+                yield Multisine(low_Hz=low, high_Hz=high, **size), told
+            yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}"
+            if column == 0:
+                yield LoadSteps(rise_s=0.03, **size), f"{words}: load steps of {peak:g} {unit}, both ways"
+
+
+def _peak(signal: np.ndarray) -> float:
+    """Largest value of an input; 0 where it is the noise of its sensor."""
+    if float(np.std(without_noise(signal))) <= _NOISE * float(np.std(signal)):
+        return 0.0
+    return float(np.abs(signal).max())
+
+
+_RIVALS = 4
+_CLOSER_LOOK = 8
+_ENOUGH = 10.0  # units of misfit beyond which more separation is no better
+_FURTHEST = 3.0  # times the largest displacement recorded so far
+_SENSOR_NOISE = 0.003  # of the rms of a channel that no record holds yet
+_LEAST = 1e-9
+ADDED = {"load_pressure_Pa": "load pressure", "inner_displacement_m": "displacement of the inner beam"}
+"""Channels that a sensor could be added for."""
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Of rivals by one experiment.
+
+    Attributes:
+        experiment: done.
+        added: channel of an added sensor; empty for none.
+        between: (R, R) units of misfit (square root), the lesser of both cases.
+    """
+
+    experiment: Experiment
+    added: str
+    between: np.ndarray = field(repr=False)
+
+    @property
+    def least(self) -> float:
+        """Between the first rival and the one closest to it."""
+        return float(self.between[0, 1:].min())
+
+    @property
+    def score(self) -> float:
+        """By which experiments are compared: separation, as far as it helps, for the effort."""
+        return min(self.least, _ENOUGH) / (self.experiment.effort * (1.6 if self.added else 1.0))
+
+
+def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | None:
+    """The experiment that separates the first rival best from the others.
+
+    Args:
+        data: measured so far; its largest inputs and displacements bound what is proposed.
+        rivals: fits, the most probable first; no more than four count.
+
+    Returns:
+        None where there are no two rivals, no time record to go by, or no experiment that every rival predicts.
+    """
+    among = [fit for fit in rivals if not fit.reason][:_RIVALS]
+    if len(among) < 2 or not data.records:
+        return None
+    ranked = separations(data, among)
+    if not ranked:
+        return None
+    best = ranked[0]
+    names = tuple(str(fit.hypothesis) for fit in among)
+    plain = [s for s in ranked if not s.added]
+    text = f"{best.experiment.text}{_also(best.added)}. Expected separation of {names[0]} from "
+    text += " and ".join(f"{name} {best.between[0, k]:.1f}" for k, name in enumerate(names) if k > 0)
+    text += " units of misfit per record of 4 s, figures re-tuned"
+    if best.added and plain:
+        text += f"; without the added sensor {plain[0].least:.1f} ({plain[0].experiment.text})"
+    if best.least < 2.0:
+        text += "; none of the experiments tried separates them clearly"
+    settings = dict(best.experiment.settings) | {
+        "added_sensor": best.added,
+        "scenario": scenario_of(best.experiment, data.prototype).model_dump(mode="json", exclude_none=True),
+    }
+    return NextExperiment(text + ".", names, best.least, settings)
+
+
+def _also(added: str) -> str:
+    return f", with a sensor for the {ADDED[added]} added" if added else ""
+
+
+def separations(data: Dataset, rivals: Sequence[Fit]) -> list[Separation]:
+    """All experiments that every rival predicts, best first; those that promise most are looked at with re-tuning."""
+    placements = [fit.hypothesis.placement(data.prototype) for fit in rivals]
+    quick: list[tuple[float, Experiment]] = []
+    for experiment in menu(data):
+        found = _without_retuning(data, experiment, rivals, placements)
+        if found is not None:
+            quick.append((found / experiment.effort, experiment))
+    quick.sort(key=lambda item: -item[0])
+    results = []
+    for _, experiment in quick[:_CLOSER_LOOK]:
+        results += list(_closely(data, experiment, rivals, placements))
+    return sorted(results, key=lambda s: -s.score)
+
+
+def _without_retuning(
+    data: Dataset, experiment: Experiment, rivals: Sequence[Fit], placements: Sequence[Placement]
+) -> float | None:
+    """Least difference between the first rival and another, nothing re-tuned; None where one does not predict it."""
+    channels = _channels(data)
+    made = [_predict(data.prototype, experiment, p, fit, channels) for p, fit in zip(placements, rivals, strict=True)]
+    predicted = [y for y in made if y is not None]
+    if len(predicted) < len(made) or any(_too_far(data, y[:, channels.index("displacement_m")]) for y in predicted):
+        return None
+    weight = weighting(_as_record(data, experiment, predicted[0], channels), channels)
+    return min(float(np.linalg.norm(weight(y - predicted[0]))) for y in predicted[1:])
+
+
+def _closely(
+    data: Dataset, experiment: Experiment, rivals: Sequence[Fit], placements: Sequence[Placement]
+) -> Iterator[Separation]:
+    """With what the rivals may still re-tune taken out: with the channels recorded so far, and one more."""
+    recorded = _channels(data)
+    every = (*recorded, *(c for c in ADDED if c not in recorded))
+    made = []
+    for placement, fit in zip(placements, rivals, strict=True):
+        job, substeps = _job(data.prototype, experiment, placement, fit)
+        found = simulated_with_slopes(job, placement, fit.z, every, substeps)
+        if found is None:
+            return
+        made.append(found)
+    covariances = [np.linalg.cholesky(fit.covariance + _LEAST * np.eye(len(fit.z))) for fit in rivals]
+    for added in ("", *(c for c in ADDED if c not in recorded)):
+        channels = (*recorded, added) if added else recorded
+        at = [every.index(c) for c in channels]
+        weight = weighting(_as_record(data, experiment, made[0][0][:, at], channels), channels)
+        open_ = [weight(dy[:, at]) @ root for (_, dy), root in zip(made, covariances, strict=True)]
+        between = np.full((len(rivals), len(rivals)), inf)
+        np.fill_diagonal(between, 0.0)
+        for i, j in combinations(range(len(rivals)), 2):
+            difference = weight(made[i][0][:, at] - made[j][0][:, at])
+            between[i, j] = between[j, i] = min(distance(difference, open_[k]) for k in (i, j))
+        yield Separation(experiment, added, between)
+
+
+def distance(difference: np.ndarray, free: np.ndarray) -> float:
+    """Least norm of a difference and of what is moved: min |d + F m|^2 + |m|^2, its root.
+
+    Args:
+        difference: (M,) between two predictions.
+        free: (M, K) change of it per standard deviation of what may be re-tuned.
+    """
+    if not np.all(np.isfinite(free)) or np.abs(free).max(initial=0.0) > _HUGE:  # a prediction on the way to diverge
+        return 0.0
+    right = free.T @ difference
+    a = free.T @ free + np.eye(free.shape[1])
+    return float(np.sqrt(max(difference @ difference - right @ np.linalg.solve(a, right), 0.0)))
+
+
+_HUGE = 1e6
+
+
+def _channels(data: Dataset) -> tuple[str, ...]:
+    """Channels that every record holds."""
+    first = tuple(data.records[0].measured)
+    return tuple(c for c in first if all(c in record.measured for record in data.records))
+
+
+def _job(prototype: Prototype, experiment: Experiment, placement: Placement, fit: Fit) -> tuple[Replay, int]:
+    scenario = scenario_of(experiment, prototype)
+    inputs = inputs_of(scenario.record[0], scenario)
+    taken = TimeRecord(
+        "next",
+        scenario.times,
+        inputs,
+        {},
+        experiment.outer_end_mass,
+        experiment.inner_end_mass,
+        experiment.controller,
+    )
+    job = replay(taken, prototype)
+    return job, steps(job, placement, fit.z)
+
+
+def _predict(
+    prototype: Prototype, experiment: Experiment, placement: Placement, fit: Fit, channels: tuple[str, ...]
+) -> np.ndarray | None:
+    job, substeps = _job(prototype, experiment, placement, fit)
+    y = simulated(job, placement, fit.z, channels, substeps)
+    return y if y is not None and np.all(np.isfinite(y)) else None
+
+
+def _too_far(data: Dataset, displacement: np.ndarray) -> bool:
+    reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
+    return float(np.abs(displacement).max()) > _FURTHEST * reached
+
+
+def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
+    """A prediction with the noise of the channels as recorded so far, as if it had been measured."""
+    rng = np.random.default_rng(0)
+    measured = {}
+    for k, name in enumerate(channels):
+        std = _noise(data, name)
+        if std is None:
+            std = _SENSOR_NOISE * float(np.std(predicted[:, k]))
+        measured[name] = predicted[:, k] + rng.normal(0, std, len(predicted))
+    times = SAMPLE_S * np.arange(len(predicted))
+    empty = np.zeros((len(times), 2))
+    return TimeRecord("next", times, empty, measured, experiment.outer_end_mass, 0.0, experiment.controller)
+
+
+def _noise(data: Dataset, channel: str) -> float | None:
+    held = [r for r in data.records if channel in r.measured]
+    if not held:
+        return None
+    return float(np.median([weighting(r, (channel,)).noise_std[0] for r in held]))

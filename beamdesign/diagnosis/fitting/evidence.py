@@ -1,0 +1,282 @@
+"""What was measured as evidence: time records here, critical gains and frequency responses in files of their own.
+
+A record is simulated with given figures, and its derivatives with it.
+"""
+
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from math import ceil
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
+from beamdesign.diagnosis.fitting.fit import Evidence
+from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
+from beamdesign.diagnosis.fitting.hypothesis import Placement
+from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
+from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, weighting
+from beamdesign.plant.assembly import OUTPUTS, Structure, assemble
+from beamdesign.plant.compiled import integrate
+from beamdesign.plant.equilibrium import equilibrium, linearise
+from beamdesign.plant.parameters import parameters_of
+from beamdesign.plant.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
+from beamdesign.prototype import Prototype
+from beamdesign.simulate import half_steps
+
+FURTHEST_M = 0.5
+_RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7
+_LONGEST_S = 0.25e-3
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One record, ready to be simulated with any figures and any effects.
+
+    Attributes:
+        record: measured.
+        prototype: that was believed, with the record's controller.
+        finest: integration steps per sample for which the inputs have been interpolated so far.
+    """
+
+    record: TimeRecord
+    prototype: Prototype
+    _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+
+    def placed(self, placement: Placement) -> Placement:
+        """The unknowns of a hypothesis in the equations with the law of this record."""
+        assert self.prototype.controller is not None  # that of the record
+        return placement.under(self.prototype.controller.equations)
+
+    def parameters(self, placement: Placement, z: np.ndarray) -> np.ndarray:
+        """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
+        rig = self.prototype.but(effects={name: {} for name in placement.assembly.kinds.effects})
+        figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
+        return self.placed(placement).parameters(np.array(list(figures.values())), z)
+
+    def inputs(self, substeps: int) -> np.ndarray:
+        """Inputs at every half integration step."""
+        if substeps not in self._inputs:
+            self._inputs[substeps] = half_steps(self.record.inputs, substeps)
+        return self._inputs[substeps]
+
+
+def replay(record: TimeRecord, prototype: Prototype) -> Replay:
+    """Prepare a record."""
+    return Replay(record, prototype.but(controller=record.controller))
+
+
+def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
+    """Equilibrium without load, which masses have no part in: found once for all records of one law.
+
+    Raises:
+        ValueError: where there is none.
+    """
+    assembly = placement.assembly
+    key = (assembly.kinds, parameters[_rigs_own(assembly.kinds)].tobytes())
+    if key not in _found:
+        if len(_found) > _KEPT:
+            _found.clear()
+        _found[key] = equilibrium(assembly, np.zeros(3), parameters)
+    return _found[key]
+
+
+_KEPT = 64
+_found: dict[tuple[Structure, bytes], np.ndarray] = {}
+_NO_PART = ("outer_end_mass", "inner_end_mass")
+
+
+@cache
+def _rigs_own(kinds: Structure) -> list[int]:
+    return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
+
+
+def steps(job: Replay, placement: Placement, z: np.ndarray) -> int:
+    """Integration steps per sample of a record: enough for the fastest pole at rest."""
+    parameters, placement, sample_s = job.parameters(placement, z), job.placed(placement), job.record.step
+    try:
+        points = _working(placement, parameters, at_rest(placement, parameters))
+        fastest = max(
+            float(np.abs(np.linalg.eigvals(linearise(placement.assembly, x, np.zeros(3), parameters).a)).max()) * share
+            for x, share in points
+        )
+    except ValueError:
+        fastest = 1e4
+    return max(1, ceil(sample_s / min(_LONGEST_S, _RADIANS / fastest) - 1e-9))
+
+
+def _working(placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """Points of different poles, each with how much its poles count: at rest, and with a joint that has play bearing.
+
+    What happens within the short while that a joint bears need be stable, not exact; more so where a record is followed
+    than from rest, where it cannot be repeated anyway.
+    """
+    assembly = placement.assembly
+    if "joint_backlash" not in assembly.kinds.effects:
+        return [(rest, 1.0)]
+    bearing = rest.copy()
+    play = parameters[assembly.parameters.index("joint_backlash.play_m")]
+    inner = rest[assembly.states.index("inner_m")]
+    bearing[assembly.states.index("joint_backlash.rod_m")] = inner + play / 2 + _BEARING_M
+    return [(rest, 1.0), (bearing, _BRIEFLY if assembly.kinds.heard == 1.0 else _FOLLOWING)]
+
+
+_BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75
+
+
+def simulated(
+    job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
+) -> np.ndarray | None:
+    """(N, C) channels of a record with the unknowns at z; None where the simulated loop diverges."""
+    parameters, placement = job.parameters(placement, z), job.placed(placement)
+    try:
+        start = at_rest(placement, parameters)
+    except ValueError:
+        return None
+    kinds = placement.assembly.kinds
+    y = integrate(kinds, job.record.times, job.inputs(substeps), start, parameters, substeps, FURTHEST_M)
+    return y[:, _columns(channels)] if len(y) == len(job.record.times) else None
+
+
+def simulated_with_slopes(
+    job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
+    parameters, placement = job.parameters(placement, z), job.placed(placement)
+    assembly = placement.assembly
+    names = tuple(assembly.parameters[k] for k in placement.moved)
+    try:
+        start = at_rest(placement, parameters)
+    except ValueError:
+        return None
+    columns = _columns(channels)
+    y, dy = integrate_with_sensitivities(
+        assembly.kinds,
+        job.record.times,
+        job.inputs(substeps),
+        start,
+        equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names),
+        parameters,
+        names,
+        substeps,
+        FURTHEST_M,
+        columns,
+    )
+    if len(y) < len(job.record.times) or not np.all(np.isfinite(dy)):
+        return None
+    slopes = placement.slopes(parameters, z)[list(placement.moved)]
+    return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
+
+
+def _columns(channels: tuple[str, ...]) -> list[int]:
+    return [OUTPUTS.index(name) for name in channels]
+
+
+DISPLACEMENT = "displacement_m"
+ROUGH = 0.1
+"""Relative error of a linear loop that stands for a rig with nonlinear laws."""
+
+
+@dataclass(frozen=True)
+class RecordEvidence(Evidence):
+    """A time record in units of misfit.
+
+    Attributes:
+        job: the record, ready to be simulated.
+        weight: of its channels.
+        measured: (N, C) those channels.
+    """
+
+    job: Replay
+    weight: Weighting
+    measured: np.ndarray = field(repr=False)
+    _steps: dict[object, int] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
+
+    @property
+    def name(self) -> str:
+        """Of the record."""
+        return self.record.name
+
+    @property
+    def record(self) -> TimeRecord:
+        """As measured."""
+        return self.job.record
+
+    @property
+    def condition(self) -> object:
+        """Under which it was taken."""
+        return self.record.condition
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves."""
+        return self.weight.expected
+
+    @property
+    def floor(self) -> float:
+        """Mean square of the displacement's noise over that of the displacement, at the frequencies that count."""
+        column, count = self._displacement, len(self.record.times)
+        return float(self.weight.noise_std[column] ** 2 * count * self.weight.kept.sum() / self._power)
+
+    def error(self, residual: np.ndarray) -> float:
+        """Mean square of the displacement's error over that of the displacement, at the frequencies that count."""
+        return float(np.sum(np.abs(self.displacement(residual)) ** 2) / self._power)
+
+    @cached_property
+    def _power(self) -> float:
+        return max(float(np.sum(np.abs(self.displacement(self.weight(self.measured))) ** 2)), 1e-300)
+
+    @property
+    def _displacement(self) -> int:
+        return self.weight.channels.index(DISPLACEMENT)
+
+    def displacement(self, residual: np.ndarray) -> np.ndarray:
+        """(F,) spectrum of the displacement in what is weighed, m."""
+        column = self._displacement
+        real, imaginary = residual.reshape(2, -1, len(self.weight.channels))[:, :, column]
+        return (real + 1j * imaginary) / self.weight.scale[column]
+
+    def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(N, C) channels of the model."""
+        return simulated(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
+
+    def misfit(self, predicted: np.ndarray) -> np.ndarray:
+        """(M,) measured less predicted, weighed."""
+        return self.weight(self.measured - predicted)
+
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual and its derivative by z."""
+        found = simulated_with_slopes(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
+        if found is None:
+            return None
+        predicted, slopes = found
+        return self.misfit(predicted), -self.weight(slopes)
+
+    def _substeps(self, placement: Placement, z: np.ndarray) -> int:
+        # Counted anew only for another structure, or where the unknowns have gone a long way from where they were.
+        key = (placement.assembly.kinds, tuple(np.round(z).astype(int)))
+        if key not in self._steps:
+            self._steps[key] = steps(self.job, placement, z)
+        return self._steps[key]
+
+
+def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
+    """Everything in a data set: time records, frequency responses, critical gains.
+
+    Responses and gains are predicted by a linear loop, which is blind to friction, deadband and the like. Beside
+    records, which these laws are fitted to, they count as no better than that loop is where such laws are at work.
+    """
+    rough = ROUGH if data.records else 0.0
+    responses = tuple(ResponseEvidence(taken, data.prototype, share=max(SHARE, rough)) for taken in data.responses)
+    gains = tuple(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains)
+    return (*record_evidence(data), *responses, *gains)
+
+
+def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
+    """All time records of a data set."""
+    found = []
+    for record in (taken.cleaned for taken in data.records):
+        channels = tuple(record.measured)
+        weight = weighting(record, channels)
+        measured = np.column_stack([record.measured[name] for name in channels])
+        found.append(RecordEvidence(replay(record, data.prototype), weight, measured))
+    return tuple(found)

@@ -1,0 +1,274 @@
+"""What may be behind a gap: nothing, effects of the library, plainly wrong figures, or some of these together.
+
+A fit may move tolerated figures under the builder's priors, figures set free, and parameters of effects. Every unknown
+is a number z whose prior is the standard normal distribution: a figure is its nominal value times exp(s z), with s its
+tolerance; a parameter of an effect likewise about its default, or default + s z where it may be zero. So a z of 3 is
+three standard deviations off, whatever its unit.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations
+from math import exp, isclose, log
+
+import numpy as np
+
+from beamdesign.controllers import Controller, Proportional
+from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
+from beamdesign.plant.assembly import Assembly, Structure, assemble
+from beamdesign.plant.effects import library
+from beamdesign.plant.electronics import Law
+from beamdesign.plant.parameters import parameters_of
+from beamdesign.prototype import Prototype
+
+FREE = 0.3
+"""Prior standard deviation of the logarithm of a figure that is suspected to be plainly wrong."""
+
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number to be found.
+
+    Attributes:
+        name: of the figure, or `EFFECT.PARAMETER`.
+        nominal: value at z = 0, SI.
+        spread: of the logarithm, or of the value where `linear`.
+        linear: whether the value is nominal + spread z.
+        low: least value that makes sense.
+        high: largest.
+        kind: `figure` (tolerated), `free` (set free) or `effect`.
+        tolerance: of a figure set free, the spread it would have were it not; 0 for others.
+    """
+
+    name: str
+    nominal: float
+    spread: float
+    linear: bool
+    low: float
+    high: float
+    kind: str
+    tolerance: float = 0.0
+
+    def value(self, z: float) -> float:
+        """SI value at z.
+
+        At a bound it is the bound: what a power gives there may lie an ulp beyond it, where no rig takes the figure.
+        """
+        value = self.nominal + self.spread * z if self.linear else self.nominal * exp(self.spread * z)
+        for bound in (self.low, self.high):
+            if isclose(value, bound, rel_tol=_ROUNDING):
+                return bound
+        return value
+
+    def slope(self, z: float) -> float:
+        """Derivative of the value by z."""
+        return self.spread if self.linear else self.spread * self.value(z)
+
+    def z(self, value: float) -> float:
+        """The z of a value."""
+        return (value - self.nominal) / self.spread if self.linear else log(value / self.nominal) / self.spread
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest z."""
+        low = self.z(self.low) if self.linear or self.low > 0 else -np.inf
+        return low, self.z(self.high) if np.isfinite(self.high) else np.inf
+
+
+def tolerated(prototype: Prototype, free: tuple[str, ...] = ()) -> tuple[Unknown, ...]:
+    """The figures a builder vouches for only within a tolerance, and those set free.
+
+    Args:
+        prototype: with its `[tolerance]`.
+        free: figures of the rig (as in `beamdesign.parameters.PARAMETERS`) suspected to be wrong.
+    """
+    nominal = parameters_of(prototype.but(controller=_some_law(prototype)), 0.0, 0.0)
+    found = []
+    for figure, key in RIG_TOLERANCES.items():
+        spread = getattr(prototype.tolerance, key)
+        if figure == "filter_frequency" and prototype.sensor.filter_Hz is None:
+            continue
+        if nominal[figure] <= 0:
+            continue
+        if figure in free:
+            found.append(Unknown(figure, nominal[figure], FREE, False, 0.0, np.inf, "free", spread))
+        elif spread > 0:
+            found.append(Unknown(figure, nominal[figure], spread, False, 0.0, np.inf, "figure"))
+    return tuple(found)
+
+
+SUPPLY = "supply_pressure"
+_SUPPLY_SPREAD = 0.6  # of the logarithm
+HEED_SUPPLY = ("entrained_air", "entrained_air_with_stroke")
+"""Effects that depend on the chambers' mean pressure, half the supply, which no tolerance vouches for."""
+
+
+def of_effects(names: tuple[str, ...], prototype: Prototype) -> tuple[Unknown, ...]:
+    """The parameters of effects of the library, by their names."""
+    supply = Unknown(SUPPLY, prototype.supply.pressure_Pa, _SUPPLY_SPREAD, False, 1e6, 60e6, "effect")
+    own = (
+        Unknown(f"{name}.{q.name}", float(q.default), q.spread, q.low <= 0, q.low, q.high, "effect")
+        for name in names
+        for q in library()[name].parameters
+    )
+    return (*([supply] if set(names) & set(HEED_SUPPLY) else []), *own)
+
+
+def structure(prototype: Prototype, effects: tuple[str, ...]) -> Structure:
+    """What decides the equations under a hypothesis, with a law of the prototype's own: see `Placement.under`."""
+    return Structure(_some_law(prototype).equations, prototype.sensor.filter_Hz is not None, tuple(sorted(effects)))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How unknowns enter the parameters of an assembly.
+
+    Attributes:
+        assembly: whose parameters.
+        unknowns: in the order of z.
+        rows: (P, K) 1 where the logarithm of a parameter goes with that of an unknown, or its value with a linear one.
+    """
+
+    assembly: Assembly
+    unknowns: tuple[Unknown, ...]
+    rows: np.ndarray
+
+    @property
+    def moved(self) -> tuple[int, ...]:
+        """Indices of the parameters that some unknown moves."""
+        return tuple(int(k) for k in np.nonzero(self.rows.any(axis=1))[0])
+
+    def parameters(self, base: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(P,) parameters at z, from those of the believed rig."""
+        p = base.copy()
+        for k, unknown in enumerate(self.unknowns):
+            for row in np.nonzero(self.rows[:, k])[0]:
+                if unknown.linear:
+                    p[row] = unknown.value(z[k])
+                else:
+                    p[row] *= (unknown.value(z[k]) / unknown.nominal) ** self.rows[row, k]
+        return p
+
+    def slopes(self, p: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(P, K) derivative of the parameters by z."""
+        columns = [
+            self.rows[:, k] * (unknown.spread if unknown.linear else unknown.spread * p)
+            for k, unknown in enumerate(self.unknowns)
+        ]
+        return np.column_stack(columns) if columns else np.zeros((len(p), 0))
+
+    def under(self, law: Law | None) -> "Placement":
+        """The same unknowns in the equations with another law, such as that of one record."""
+        kinds = self.assembly.kinds
+        return self if law == kinds.controller else place(replace(kinds, controller=law), self.unknowns)
+
+
+@cache
+def place(kinds: Structure, unknowns: tuple[Unknown, ...]) -> Placement:
+    """Find the parameters of a structure that unknowns move."""
+    assembly = assemble(kinds)
+    index = {name: k for k, name in enumerate(assembly.parameters)}
+    rows = np.zeros((len(index), len(unknowns)))
+    for k, unknown in enumerate(unknowns):
+        rows[index[unknown.name], k] = 1.0
+        # The dashpot of a beam, b = 2 zeta sqrt(K M), goes with its stiffness and its mass.
+        for beam in ("outer", "inner"):
+            if unknown.name in (f"{beam}_stiffness", f"{beam}_mass"):
+                rows[index[f"{beam}_damping"], k] = 0.5
+    return Placement(assembly, unknowns, rows)
+
+
+def _some_law(prototype: Prototype) -> Controller:
+    return prototype.controller.laws[0][0] if prototype.controller else Proportional(gain_A_per_V=1e-3)
+
+
+WRONG = "parameter:"
+_SUBSYSTEM_OF = {row.tolerance: row.subsystem for row in PARAMETERS.values()}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What is held responsible.
+
+    Attributes:
+        names: sorted; of effects, and `parameter:NAME` with the NAME of a `[tolerance]` whose figures are set free.
+    """
+
+    names: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Those that are effects of the library."""
+        return tuple(name for name in self.names if not name.startswith(WRONG))
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Figures of the rig that are set free."""
+        keys = [name.removeprefix(WRONG) for name in self.names if name.startswith(WRONG)]
+        return tuple(figure for figure, key in RIG_TOLERANCES.items() if key in keys)
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """The names with those of laws replaced by the effects that they realise."""
+        return tuple(sorted({cause(name) for name in self.names}))
+
+    def without(self, named: str) -> "Hypothesis":
+        """The rest, whichever law stands here for the cause named."""
+        return Hypothesis(tuple(name for name in self.names if cause(name) != named))
+
+    def realisation(self, named: str) -> str:
+        """The name that stands here for a cause."""
+        return next(name for name in self.names if cause(name) == named)
+
+    def __str__(self) -> str:
+        return " + ".join(self.causes) or "tolerances only"
+
+    def __or__(self, other: "Hypothesis") -> "Hypothesis":
+        return together(*self.names, *other.names)
+
+    def unknowns(self, prototype: Prototype) -> tuple[Unknown, ...]:
+        """Everything a fit of it may move."""
+        return tolerated(prototype, self.figures) + of_effects(self.effects, prototype)
+
+    def placement(self, prototype: Prototype) -> Placement:
+        """How its unknowns enter the equations."""
+        return place(structure(prototype, self.effects), self.unknowns(prototype))
+
+
+NOTHING = Hypothesis()
+
+
+def together(*names: str) -> Hypothesis:
+    """Several causes at once."""
+    return Hypothesis(tuple(sorted(set(names))))
+
+
+def singles(prototype: Prototype) -> tuple[Hypothesis, ...]:
+    """Every effect that can be at work in a rig, and every figure that can be wrong, one at a time.
+
+    A filter slower than believed is the effect `sensor_lag`, and no figure of its own.
+    """
+    effects = [Hypothesis((name,)) for name in library()]
+    keys = dict.fromkeys(RIG_TOLERANCES[u.name] for u in tolerated(prototype, tuple(RIG_TOLERANCES)))
+    keys.pop("sensor_filter", None)
+    return (*effects, *(Hypothesis((WRONG + key,)) for key in keys))
+
+
+def pairs(of: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+    """All pairs of different causes."""
+    return tuple(a | b for a, b in combinations(of, 2) if not set(a.causes) & set(b.causes))
+
+
+def cause(name: str) -> str:
+    """What a diagnosis calls an effect of the library or a wrong figure: of several laws for one effect, the effect."""
+    effect = library().get(name)
+    return effect.realises or name if effect is not None else name
+
+
+def subsystem(name: str) -> str:
+    """Where a cause sits."""
+    if name.startswith(WRONG):
+        return _SUBSYSTEM_OF[name.removeprefix(WRONG)]
+    return library()[name].subsystem

@@ -1,0 +1,318 @@
+"""The rig under a hypothesis as one linear loop, where a measurement says no more; frequency responses as evidence.
+
+A critical gain and a response at lines are figures of motions that are small for the oil and the beams, and large
+beside a deadband, a hysteresis, a joint's play or the force of dry friction: an oscillation that is sustained, or a
+force that is swept, has left these behind. So the linear loop here is the one with the valve open, the friction sliding
+(its viscous share stays), the joint bearing on one side of its play, and the amplifier within its limit. It says
+nothing about motions so small that the loop sticks, nor about an oscillation that a saturation has caught; see
+`beamdesign.plant.harmonic_balance` for those.
+
+Where the two directions of the valve differ (unequal sides), there is one such loop per direction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import FrequencyResponse
+from beamdesign.diagnosis.fitting.fit import Evidence
+from beamdesign.diagnosis.fitting.hypothesis import Placement
+from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
+from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble
+from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
+from beamdesign.plant.parameters import parameters_of
+from beamdesign.plant.sensitivity import equilibrium_sensitivity
+from beamdesign.prototype import Prototype
+
+LEFT_BEHIND = ("current_saturation", "valve_deadband", "valve_hysteresis", "valve_hysteresis_magnetic")
+"""Effects that have no part in the linear loop."""
+_BEARING_M = 1e-5
+_OPEN_M3_PER_S = 1e-12
+_STEP = 1e-4  # in prior standard deviations, of central differences
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """The linear loop of one setting of the rig, for any unknowns of one placement.
+
+    Attributes:
+        placement: of the unknowns in the whole equations.
+        base: (P,) parameters of the believed rig in the placement's order.
+        assembly: the equations without what is left behind.
+        load: constant force on the outer tip, N.
+    """
+
+    placement: Placement
+    base: np.ndarray = field(repr=False)
+    assembly: Assembly
+    load: float = 0.0
+    _rest: list[np.ndarray] = field(default_factory=list, repr=False, compare=False)
+
+    @cached_property
+    def _rows(self) -> list[int]:
+        """Of the parameters of `assembly` in the placement's order."""
+        index = {name: k for k, name in enumerate(self.placement.assembly.parameters)}
+        return [index[name] for name in self.assembly.parameters]
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """(n,) typical magnitude of each state."""
+        return scales(self.assembly)
+
+    def parameters(self, z: np.ndarray, gain: float | None = None) -> np.ndarray:
+        """Parameters of `assembly` at z, with another controller gain (A/V) where one is given."""
+        p = self.placement.parameters(self.base, z)[self._rows]
+        own = self.assembly.parameters
+        if "seal_friction.coulomb_N" in own:
+            p[own.index("seal_friction.coulomb_N")] = 0.0
+        if gain is not None:
+            p[own.index("gain")] = gain
+        return np.asarray(p)
+
+    def points(self, p: np.ndarray) -> list[np.ndarray]:
+        """Where the rig works: (n,) states, once per direction of the valve where these differ.
+
+        Args:
+            p: parameters of `assembly`.
+
+        Raises:
+            ValueError: where it has no equilibrium.
+        """
+        effects, states = self.assembly.kinds.effects, self.assembly.states
+        if not MOVING & set(effects) and self.load == 0:
+            if not self._rest:
+                self._rest.append(equilibrium(self.assembly, np.zeros(3), p))
+            return list(self._rest)
+        x = equilibrium(self.assembly, np.array([self.load, 0.0, 0.0]), p)
+        if "joint_backlash" in effects:
+            play = p[self.assembly.parameters.index("joint_backlash.play_m")]
+            x[states.index("joint_backlash.rod_m")] = x[states.index("inner_m")] + play / 2 + _BEARING_M
+        flow = states.index("flow_m3_per_s")
+        if "unequal_piston_areas" not in effects or abs(x[flow]) > _OPEN_M3_PER_S:
+            return [x]
+        both = [x.copy(), x.copy()]
+        both[0][flow], both[1][flow] = _OPEN_M3_PER_S, -_OPEN_M3_PER_S
+        return both
+
+    def at(self, p: np.ndarray, x: np.ndarray) -> Linearisation:
+        """The linear loop at a point; at several at once, (P, K) and (n, K), its matrices stand side by side."""
+        inputs = np.zeros((3, *x.shape[1:]))
+        inputs[0] = self.load
+        return linearise(self.assembly, x, inputs, p)
+
+    def rates_at_gains(self, p: np.ndarray, x: np.ndarray, gains: Sequence[float]) -> list[np.ndarray]:
+        """(n, n) matrices A of the linear loop at a point for several controller gains (A/V)."""
+        count = len(gains)
+        columns = np.repeat(p[:, None], count, axis=1)
+        columns[self.assembly.parameters.index("gain")] = gains
+        return np.split(self.at(columns, np.repeat(x[:, None], count, axis=1)).a, count, axis=1)
+
+    def slopes(self, z: np.ndarray, x: np.ndarray, gain: float | None = None) -> list[Linearisation]:
+        """Derivatives of the linear loop by every unknown, the point moving along, by central differences."""
+        names, here = self.assembly.parameters, self.parameters(z, gain)
+        by_z = self.placement.slopes(self.placement.parameters(self.base, z), z)[self._rows]
+        for still in ("gain", "seal_friction.coulomb_N"):
+            if still in names:
+                by_z[names.index(still)] = 0.0
+        moved = self._moved(x, here, by_z)
+        sides = np.array([1.0, -1.0])[:, None, None] * _STEP
+        # All at once: one column per unknown and side.
+        columns = np.concatenate(list(here[:, None] + sides * by_z), axis=1)
+        points = np.concatenate(list(x[:, None] + sides * moved), axis=1)
+        ends = self.at(columns, points)
+        count = len(z)
+
+        def differences(matrices: np.ndarray) -> np.ndarray:
+            stacked = matrices.reshape(len(matrices), 2 * count, -1).transpose(1, 0, 2)
+            return np.asarray((stacked[:count] - stacked[count:]) / (2 * _STEP))
+
+        parts = [differences(getattr(ends, key)) for key in ("a", "b", "c", "d")]
+        return [Linearisation(*(part[k] for part in parts)) for k in range(count)]
+
+    def _moved(self, x: np.ndarray, p: np.ndarray, by_z: np.ndarray) -> np.ndarray:
+        """(n, K) derivative of the point; it rests at zero whatever z is where no law depends on where."""
+        moved = np.zeros((len(x), by_z.shape[1]))
+        if not MOVING & set(self.assembly.kinds.effects) and self.load == 0:
+            return moved
+        free = np.nonzero(by_z.any(axis=1))[0]
+        names = [self.assembly.parameters[k] for k in free]
+        u = np.array([self.load, 0.0, 0.0])
+        return equilibrium_sensitivity(self.assembly, x, u, p, names) @ by_z[free]
+
+
+MOVING = {"unequal_piston_areas", "uneven_leakage", "pressure_dependent_flow", "joint_backlash"}
+"""Effects whose parameters move the equilibrium, or whose laws depend on where it is."""
+
+
+@dataclass(frozen=True)
+class LinearEvidence(Evidence):
+    """What is measured of a loop and predicted by its linear model.
+
+    Attributes:
+        measured: the figure or figures, with controller and end masses.
+        prototype: that was believed.
+        load: constant force on the outer tip under which it was measured, N.
+    """
+
+    measured: Any
+    prototype: Prototype
+    load: float = 0.0
+    _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
+
+    def model(self, placement: Placement) -> LinearModel:
+        """The linear loop of this setting."""
+        key = (placement.assembly.kinds, placement.unknowns)
+        if key not in self._models:
+            taken, placement = self.measured, placement.under(self.measured.controller.equations)
+            kinds = placement.assembly.kinds
+            rig = self.prototype.but(controller=taken.controller, effects={name: {} for name in kinds.effects})
+            base = np.array(list(parameters_of(rig, taken.outer_end_mass, taken.inner_end_mass).values()))
+            kept = tuple(name for name in kinds.effects if name not in LEFT_BEHIND)
+            assembly = assemble(Structure(kinds.controller, kinds.filtered, kept, kinds.rig))
+            self._models[key] = LinearModel(placement, base, assembly, self.load)
+        return self._models[key]
+
+
+_FORCE, _SEEN = INPUTS.index("disturbance_N"), OUTPUTS.index("displacement_m")
+_STABLE = 1e-6  # rad/s
+_NEIGHBOURS = 4
+_LARGEST_NOISE = 0.5
+_QUARTER, _MEDIAN = 0.3186, 0.6745  # quantiles of the size of a standard normal deviate
+
+
+@dataclass(frozen=True)
+class ResponseEvidence(LinearEvidence):
+    """A frequency response in units of misfit.
+
+    A line's residual is the logarithm of measured over predicted: that of the magnitude and, where the phase was
+    measured, the phase difference in radians. Its unit is 2 % (`weighting.SHARE`) and the scatter of the lines about
+    their neighbours together, and a response as a whole counts as no more than `weighting.INDEPENDENT` units.
+
+    The response is that of the linear loop of `LinearModel`, to the displacement that the controller sees. The force's
+    amplitude has no part in it: what a saturation, or a friction not yet overcome, does to a response it does not say.
+    Where the two directions of the valve differ a sine meets both alike, so the mean of both loops stands for them.
+
+    Attributes:
+        share: relative error of a model that counts as one unit.
+    """
+
+    measured: FrequencyResponse
+    share: float = SHARE
+
+    @cached_property
+    def _noise(self) -> np.ndarray:
+        return scatter(self.measured)
+
+    @cached_property
+    def _unit(self) -> np.ndarray:
+        """(N,) relative error of each line that counts as one unit."""
+        return np.sqrt(self.share**2 + self._noise**2)
+
+    @cached_property
+    def _count(self) -> int:
+        return len(self._noise) * (2 if self.measured.has_phase else 1)
+
+    @property
+    def _scale(self) -> float:
+        """Of all lines, for their number."""
+        return min(1.0, float(np.sqrt(INDEPENDENT / self._count)))
+
+    @property
+    def expected(self) -> float:
+        """Misfit that noise alone leaves."""
+        each = self._count / len(self._noise) * self._scale**2
+        return each * float(np.sum((self._noise / self._unit) ** 2))
+
+    @property
+    def name(self) -> str:
+        """Of the response."""
+        return self.measured.name
+
+    @property
+    def condition(self) -> object:
+        """Under which it was taken: masses, controller, amplitude."""
+        taken = self.measured
+        return ("response", taken.outer_end_mass, taken.inner_end_mass, taken.controller, taken.amplitude_N)
+
+    @property
+    def units(self) -> np.ndarray:
+        """(M,) relative error that is one unit, of every row of the residual."""
+        return np.tile(self._unit / self._scale, 2 if self.measured.has_phase else 1)
+
+    def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+        """(N,) complex response of the model, m/N; None where its loop is unstable."""
+        found = self._solved(placement, z)
+        return None if found is None else found[0]
+
+    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual and its derivative by z."""
+        found = self._solved(placement, z)
+        if found is None:
+            return None
+        response, right, left = found
+        model = self.model(placement)
+        slopes = [model.slopes(z, x) for x in model.points(model.parameters(z))]
+        columns = []
+        for k in range(len(z)):
+            by = _mean([side[k] for side in slopes])
+            moved = np.einsum("ni,ij,nj->n", left, by.a, right) + left @ by.b[:, _FORCE]
+            columns.append((moved + right @ by.c[_SEEN] + by.d[_SEEN, _FORCE]) / response)
+        relative = np.array(columns).reshape(len(z), len(response)).T
+        return self.misfit(response), -self._weighed(relative)
+
+    def _solved(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Response (N,), states (N, n) per newton and their adjoints (N, n) at every line."""
+        model = self.model(placement)
+        p = model.parameters(z)
+        try:
+            loop = _mean([model.at(p, x) for x in model.points(p)])
+        except ValueError:
+            return None
+        weight = model.weight
+        if np.linalg.eigvals(loop.a / weight[:, None] * weight[None, :]).real.max() > _STABLE:
+            return None
+        rates = 2j * np.pi * self.measured.frequencies_Hz
+        resolvent = rates[:, None, None] * np.eye(len(loop.a)) - loop.a
+        right = np.linalg.solve(resolvent, np.tile(loop.b[:, _FORCE, None], (len(rates), 1, 1)))[..., 0]
+        seen = np.tile(loop.c[_SEEN, :, None], (len(rates), 1, 1))
+        left = np.linalg.solve(resolvent.transpose(0, 2, 1), seen)[..., 0]
+        return right @ loop.c[_SEEN] + loop.d[_SEEN, _FORCE], right, left
+
+    def misfit(self, predicted: np.ndarray) -> np.ndarray:
+        """(N,) or, with phase, (2 N,) measured less predicted, weighed."""
+        ratio = self.measured.response / (predicted if self.measured.has_phase else np.abs(predicted))
+        return self._weighed(np.log(ratio.astype(complex))[:, None])[:, 0]
+
+    def _weighed(self, relative: np.ndarray) -> np.ndarray:
+        """Complex (N, K) relative changes as rows of units: magnitudes, then phases where they were measured."""
+        shaped = relative * (self._scale / self._unit)[:, None]
+        return np.concatenate([shaped.real, shaped.imag]) if self.measured.has_phase else shaped.real
+
+
+def scatter(measured: FrequencyResponse) -> np.ndarray:
+    """(N,) relative noise of each line: how far magnitudes stand off the straight line between their neighbours'.
+
+    The median over the lines around, so that a single odd line does not count. A resonance bends over more lines than
+    these, so it is no more than either a noise that is everywhere the same share, read off the quarter of the lines
+    that stand off least, or one that is everywhere the same displacement, read off the highest fifth. Zero for fewer
+    than five lines.
+    """
+    size, place = np.abs(measured.response), np.log(measured.frequencies_Hz)
+    magnitude, count = np.log(size), len(place)
+    if count < 5:
+        return np.zeros(count)
+    share = (place[1:-1] - place[:-2]) / (place[2:] - place[:-2])
+    off = magnitude[1:-1] - (1 - share) * magnitude[:-2] - share * magnitude[2:]
+    single = np.abs(off) / np.sqrt(1 + share**2 + (1 - share) ** 2)
+    around = [float(np.median(single[max(0, k - 1 - _NEIGHBOURS) : k + _NEIGHBOURS])) for k in range(count)]
+    relative = float(np.quantile(single, 0.25)) / _QUARTER
+    last = max(1, count // 5)
+    absolute = float(np.median((single * size[1:-1])[-last:])) / _MEDIAN / size
+    return np.minimum(np.minimum(np.array(around) / _MEDIAN, np.maximum(relative, absolute)), _LARGEST_NOISE)
+
+
+def _mean(loops: list[Linearisation]) -> Linearisation:
+    return Linearisation(*(sum(getattr(loop, key) for loop in loops) / len(loops) for key in ("a", "b", "c", "d")))

@@ -1,0 +1,310 @@
+"""All hypotheses about a gap, fitted: nulls first, every single cause, then pairs.
+
+Fits are made by this process or by several, and those kept that were made before.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+from multiprocessing import active_children
+from signal import SIG_IGN, SIGINT, signal
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, KeptFits
+from beamdesign.diagnosis.fitting.followed import followed_evidence
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
+from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
+from beamdesign.plant.effects import library
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+
+_QUICK = 3  # iterations that show whether a pair is worth fitting
+
+
+@dataclass(frozen=True)
+class Task:
+    """One fit to be made.
+
+    Attributes:
+        hypothesis: to be fitted.
+        known: SI values from a simpler fit.
+        hints: SI values of what it lacks, from another.
+        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
+    """
+
+    hypothesis: Hypothesis
+    known: dict[str, float]
+    hints: dict[str, float] = field(default_factory=dict)
+    on: tuple[int, ...] = ()
+
+
+class Fitters:
+    """Processes that make fits, or this one where one worker is enough."""
+
+    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None, in_step: bool = False):
+        self.data, self.evidence = data, _evidence(data, in_step)
+        # The same task to records that are followed is another fit.
+        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and in_step else kept
+        self._others = active_children()
+        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data, in_step)) if workers > 1 else None
+
+    def __enter__(self) -> "Fitters":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=error[0] is None, cancel_futures=True)
+        if error[0] is not None:  # whoever interrupts does not want to wait for the fits that are being made
+            for child in active_children():
+                if child not in self._others:
+                    child.terminate()
+
+    def __call__(self, tasks: Iterable[Task], told: Callable[[int], None] = lambda k: None) -> list[Fit]:
+        """Fits in the order of the tasks."""
+        given = list(tasks)
+        results: dict[int, Fit] = {}
+        for k, task in enumerate(given):
+            if self._kept is not None and (before := self._kept.recall(task)) is not None:
+                results[k] = before
+        for k, found in self._made({k: task for k, task in enumerate(given) if k not in results}):
+            results[k] = found
+            if self._kept is not None:
+                self._kept.keep(given[k], found)
+            told(len(results))
+        return [results[k] for k in range(len(given))]
+
+    def _made(self, tasks: dict[int, Task]) -> Iterator[tuple[int, Fit]]:
+        """Fits as they come, each with its position."""
+        if self._pool is None:
+            for k, task in tasks.items():
+                yield k, fitted(task, self.data.prototype, self.evidence)
+            return
+        futures = {self._pool.submit(_fitted_here, task): k for k, task in tasks.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+_here: tuple[Prototype, tuple[Evidence, ...]] | None = None
+
+
+def _begin(data: Dataset, in_step: bool) -> None:
+    global _here
+    signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
+    _here = data.prototype, _evidence(data, in_step)
+
+
+def _evidence(data: Dataset, in_step: bool) -> tuple[Evidence, ...]:
+    return followed_evidence(data) if in_step else evidence_of(data)
+
+
+def _fitted_here(task: Task) -> Fit:
+    assert _here is not None
+    return fitted(task, *_here)
+
+
+def fitted(task: Task, prototype: Prototype, evidence: Sequence[Evidence]) -> Fit:
+    """The best of fits from the most promising starts."""
+    if task.on:
+        some = [evidence[k] for k in task.on]
+        return fit_from_starts(task.hypothesis, prototype, some, task.known, (), 1, task.hints, _QUICK)
+    peaks = resonances(evidence, prototype, task.known)
+    return fit_from_starts(task.hypothesis, prototype, evidence, task.known, peaks, hints=task.hints)
+
+
+_BEST_SINGLES = ((0.03, 1), (0.15, 2), (np.inf, 4))
+"""How many singles to pair, by the share of the excess misfit that the best of them leaves."""
+_BEST_PAIRS, _LEADING = 6, 3  # pairs fitted in full: the best at a look, and those among the best singles
+_SMALL = 1.3  # times the misfit of noise alone: what tolerances leave below it is not worth a pair
+_LARGE = 4.0  # times: what is worth every pair
+_EXPLAINED = 0.5  # of the excess misfit: where no single cause reaches it, every pair of effects is tried
+_TAKEN_APART = 2  # of the best pairs
+_HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
+_DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Search:
+    """All fits.
+
+    Attributes:
+        null: tolerances only.
+        fits: all others, best first.
+        expected: misfit that noise alone would leave.
+        evidence: names of its pieces, in the order of `Fit.shares`.
+        floor: `Fit.error` that noise alone would leave.
+        conditions: of each piece of evidence; none where they do not matter.
+    """
+
+    null: Fit
+    fits: tuple[Fit, ...]
+    expected: float
+    evidence: tuple[str, ...]
+    floor: float = 0.0
+    conditions: tuple[object, ...] = field(default=(), repr=False)
+
+    def best_of(self, causes: tuple[str, ...]) -> Fit:
+        """The best fit of some causes, whatever laws they follow.
+
+        Raises:
+            StopIteration: where there is none.
+        """
+        return next(fit for fit in (self.null, *self.fits) if fit.hypothesis.causes == causes)
+
+    def excess(self, found: Fit) -> float:
+        """Misfit that a fit leaves beyond noise, as a share of what tolerances alone leave."""
+        return (found.misfit - self.expected) / max(self.null.misfit - self.expected, 1e-12)
+
+
+def search(
+    data: Dataset,
+    workers: int = 1,
+    progress: Progress = lambda share, words: None,
+    kept: KeptFits | None = None,
+    in_step: bool = False,
+    worth: float = np.inf,
+) -> Search:
+    """Fit all hypotheses to a data set.
+
+    Args:
+        data: what to explain.
+        workers: processes.
+        progress: told the share done and what is being fitted.
+        kept: fits of an earlier run, where those of this one are kept as well.
+        in_step: whether models follow the records, see `followed`, instead of predicting them from rest.
+        worth: share of the excess misfit that the best single cause has to stay below for pairs to be tried.
+
+    Raises:
+        InputError: where the believed prototype's own loop is unstable as the records were taken.
+    """
+    with Fitters(data, workers, kept, in_step) as fitters:
+        progress(0.0, "tolerances")
+        (null,) = fitters([Task(NOTHING, {})])
+        if null.reason:
+            words = "its loop is unstable with the controllers and masses of the records, so that none can be simulated"
+            raise InputError(data.folder, [("prototype", words)])
+        alone = singles(data.prototype)
+        found = list(
+            fitters(
+                (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
+            )
+        )
+        expected = sum(piece.expected for piece in fitters.evidence)
+        state = Search(
+            null,
+            tuple(_sorted(found)),
+            expected,
+            tuple(e.name for e in fitters.evidence),
+            sum(e.floor for e in fitters.evidence),
+            tuple(e.condition for e in fitters.evidence),
+        )
+        if null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
+            values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
+            tried = _promising(state)
+            hardest = _hardest(state.fits[0])
+            tasks = [Task(h, *_halves(h, values), hardest) for h in tried]
+            quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
+            leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
+            ranked = [f for f in _sorted(quick) if not f.reason]
+            best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
+            final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
+            final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
+            found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
+        progress(1.0, "done")
+        return replace(state, fits=tuple(_sorted(found)))
+
+
+def refit(
+    data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None, in_step: bool = False
+) -> tuple[Fit, Fit]:
+    """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
+
+    Args:
+        data: what is left of those that the fit was made to.
+        best: the fit; another one begins with its figures, so that it ends at the same optimum where there are several.
+        workers: processes.
+        kept: fits of an earlier run.
+        in_step: whether models follow the records.
+    """
+    # The same task to fewer data is another fit, and must not be taken from those to all of them.
+    kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
+    with Fitters(data, workers, kept, in_step) as fitters:
+        (null,) = fitters([Task(NOTHING, {})])
+        if best.hypothesis == NOTHING:
+            return null, null
+        begun = fitters([Task(best.hypothesis, null.values), Task(best.hypothesis, best.values)])
+        return null, min(begun, key=lambda f: f.cost)
+
+
+def _promising(state: Search) -> tuple[Hypothesis, ...]:
+    """Pairs worth trying: the less the best single cause leaves, the fewer; where none explains half, all.
+
+    One of a pair is an effect: two wrong figures at once are rarer than anything they would imitate. Of several laws
+    for an effect, the one that fits better alone is tried.
+    """
+    left = state.excess(state.fits[0])
+    count = next(n for bound, n in _BEST_SINGLES if left <= bound)
+    alone = list({f.hypothesis.causes: f.hypothesis for f in reversed(state.fits)}.values())
+    best = [f.hypothesis for f in state.fits if f.hypothesis in alone and not f.reason][:count]
+    tried = dict.fromkeys(best[0] | other for other in alone if other.causes != best[0].causes)
+    tried |= dict.fromkeys(one | other for one in best[1:] for other in alone if other.effects)
+    if left > 1 - _EXPLAINED and state.null.misfit > _LARGE * state.expected:
+        tried |= dict.fromkeys(pairs(tuple(h for h in alone if h.effects)))
+    return tuple(pair for pair in tried if pair.effects and len(pair.causes) == 2)
+
+
+def _other_laws(fits: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float]]) -> list[Task]:
+    """Pairs with another law for one of their effects: alone, without the other cause, the wrong law may fit better.
+
+    Args:
+        fits: of pairs.
+        values: found by singles.
+    """
+    tasks: dict[Hypothesis, Task] = {}
+    for one in fits:
+        for name in one.hypothesis.effects if not one.reason else ():
+            for law in library():
+                if law != name and cause(law) == cause(name):
+                    pair = one.hypothesis.without(cause(name)) | Hypothesis((law,))
+                    tasks.setdefault(pair, Task(pair, one.values, values.get(Hypothesis((law,)), {})))
+    return list(tasks.values())
+
+
+def _parts(fits: Sequence[Fit]) -> list[Task]:
+    """The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that."""
+    return [Task(Hypothesis((name,)), one.values) for one in fits if not one.reason for name in one.hypothesis.names]
+
+
+def _better(*found: Sequence[Fit]) -> list[Fit]:
+    """Of all fits, the best one of every hypothesis."""
+    best: dict[Hypothesis, Fit] = {}
+    for one in (f for fits in found for f in fits):
+        if one.hypothesis not in best or one.cost < best[one.hypothesis].cost:
+            best[one.hypothesis] = one
+    return list(best.values())
+
+
+def _hardest(best: Fit) -> tuple[int, ...]:
+    """The half of the evidence that the best single cause leaves most of."""
+    count = max(1, round(_HALF * len(best.shares)))
+    ranked = sorted(range(len(best.shares)), key=lambda k: -best.shares[k].c)
+    return tuple(sorted(ranked[:count]))
+
+
+def _halves(of: Hypothesis, values: Mapping[Hypothesis, dict[str, float]]) -> tuple[dict[str, float], dict[str, float]]:
+    """What the better single of a pair has found, for all of it, and what the other one has.
+
+    Args:
+        of: the pair.
+        values: found by singles, best last.
+    """
+    parts = [found for alone, found in values.items() if set(alone.names) <= set(of.names)]
+    return (parts[-1] if parts else {}), (parts[0] if len(parts) > 1 else {})
+
+
+def _sorted(fits: Iterable[Fit]) -> list[Fit]:
+    return sorted(fits, key=lambda f: f.cost)

@@ -1,0 +1,249 @@
+"""Where fits begin: the figures of a simpler fit, with the new effect as strong as suits the records best.
+
+Air in the oil begins with an oil spring that a simpler fit has softened. Without air, nothing but the spring can give
+way as much as the records say, however far it is from its tolerance. That is how soft the oil is about rest; which air
+and supply make it so is one equation for two unknowns. Draws of both at once hardly meet it, and a fit that begins
+with another resonance than that of the records ends at it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import qmc
+
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence
+from beamdesign.diagnosis.fitting.fit import ITERATIONS, Evidence, Fit, fit, misfit_at
+from beamdesign.diagnosis.fitting.hypothesis import HEED_SUPPLY, NOTHING, SUPPLY, Hypothesis, Placement, Unknown
+from beamdesign.plant.effects.entrained_air import POLYTROPIC, bulk_ratio
+from beamdesign.prototype import Prototype
+
+SPRING = "oil_stiffness"
+_SUPPLIES = (-2.2, -1.8, -1.4, -1.0, -0.6, 0.0)  # in prior standard deviations
+_MOST = 0.9  # of the largest air fraction
+_HARDLY = 0.97  # of the stiffness believed: nothing that needs air
+
+
+def softened(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], known: Mapping[str, float]
+) -> Iterator[np.ndarray]:
+    """Starts with the spring as believed and as much air as softens it, about rest, to what is known of it.
+
+    Args:
+        unknowns: of the hypothesis.
+        base: (K,) z of all that is not air.
+        new: positions of unknowns of which nothing is known yet.
+        known: SI values of a simpler fit.
+
+    Yields:
+        (K,) z for each of several supplies; none without new air, or where the spring is not softer than believed.
+    """
+    at = {u.name: k for k, u in enumerate(unknowns)}
+    spring = unknowns[at[SPRING]] if SPRING in at else None
+    names = [name for name in HEED_SUPPLY if at.get(f"{name}.air_fraction") in new]
+    if spring is None or spring.kind != "figure" or SPRING not in known or len(names) != 1 or at[SUPPLY] not in new:
+        return
+    target = known[SPRING] / spring.nominal
+    if not target < _HARDLY:
+        return
+    own = {q: unknowns[k] for q in ("air_fraction", "oil_bulk_modulus_Pa") for k in (at[f"{names[0]}.{q}"],)}
+    exponent = at.get(f"{names[0]}.polytropic_exponent")
+    given = POLYTROPIC if exponent is None else unknowns[exponent].nominal
+    air, modulus = own["air_fraction"], own["oil_bulk_modulus_Pa"].nominal
+    for step in _SUPPLIES:
+        pressure = unknowns[at[SUPPLY]].value(step) / 2
+
+        def beyond(fraction: float, pressure: float = pressure) -> float:
+            return float(bulk_ratio(pressure, fraction, modulus, given)) - target
+
+        most = _MOST * air.high
+        if beyond(air.low) <= 0:
+            continue
+        fraction = most if beyond(most) >= 0 else float(brentq(beyond, air.low, most, xtol=1e-6))
+        z = base.copy()
+        # What air cannot do under this pressure, the spring has to.
+        z[at[SPRING]] = spring.z(known[SPRING] / (beyond(fraction) + target))
+        z[at[SUPPLY]], z[at[f"{names[0]}.air_fraction"]] = step, air.z(fraction)
+        yield z
+
+
+_DRAWS, _FEW, _WIDTH = 16, 8, 2.2  # of several new unknowns, or for a single start; in prior standard deviations
+_ONE_DRAWS, _ONE_WIDTH = 20, 2.5  # of one alone, which a fit follows but slowly past the kinks of its law
+_PEAKS, _APART = 3, 1.2  # resonances that are looked for, and the least ratio of two of them
+_STRENGTHS = (-1.0, 1.0, 3.0, 5.0)  # in prior standard deviations of what a resonance's frequency comes with
+_WEAK = 0.1  # of the default
+_NEARLY_KNOWN = 0.2  # spread of the logarithm
+
+
+def starts(
+    placement: Placement,
+    known: Mapping[str, float],
+    evidence: Sequence[Evidence],
+    peaks: Sequence[float] = (),
+    most: int = 2,
+    hints: Mapping[str, float] = MappingProxyType({}),
+) -> list[np.ndarray]:
+    """The most promising starts, best first.
+
+    Args:
+        placement: the unknowns of the hypothesis.
+        known: SI values of unknowns that simpler fits have found.
+        evidence: by which starts are compared; no fit is made.
+        peaks: frequencies (Hz) at which an effect with a resonance may have it.
+        most: how many at most; where air is new, one more that keeps the oil as soft.
+        hints: SI values that another fit has found, of the new unknowns or of all; more starts that may do.
+
+    A simpler fit has bent the tolerated figures to stand for what it lacked; where that is there, they need not be. So
+    where there is room for two starts, one of them begins with these figures as believed.
+
+    Returns:
+        (K,) z each; none where the model's loop is unstable at all of them.
+    """
+    unknowns = placement.unknowns
+    low, high = (np.array(side) for side in zip(*(u.bounds for u in unknowns), strict=True))
+    bent = np.array([_at(u, known) for u in unknowns])
+    straight = np.where([u.kind == "figure" for u in unknowns], 0.0, bent)
+    new = [k for k, u in enumerate(unknowns) if u.name not in known]
+    families = []
+    for base in (bent, straight):
+        best: list[tuple[float, np.ndarray]] = []
+        for trial in [
+            *_trials(unknowns, base, new, hints, _DRAWS if most > 1 else _FEW),
+            *_resonant(unknowns, base, new, peaks),
+        ]:
+            z = np.clip(trial, low, high)
+            enough = best[-1][0] if len(best) == most else np.inf
+            if (misfit := misfit_at(evidence, placement, z, enough)) < enough:
+                best = sorted([*best, (misfit, z)], key=lambda pair: pair[0])[:most]
+        families.append(best)
+    firsts = sorted((family[0] for family in families if family), key=lambda pair: pair[0])
+    others = sorted((pair for family in families for pair in family[1:]), key=lambda pair: pair[0])
+    found = [z for _, z in [*firsts, *others][:most]]
+    return [*found, *_matched(placement, bent, new, known, evidence)]
+
+
+def fit_from_starts(
+    hypothesis: Hypothesis,
+    prototype: Prototype,
+    evidence: Sequence[Evidence],
+    known: Mapping[str, float],
+    peaks: Sequence[float] = (),
+    most: int = 2,
+    hints: Mapping[str, float] = MappingProxyType({}),
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """The best of fits from the most promising `starts`."""
+    placement = hypothesis.placement(prototype)
+    begun = starts(placement, known, evidence, peaks, most, hints)
+    if not begun:
+        reason = "the model's loop is unstable wherever a fit was begun"
+        return Fit(hypothesis, placement.unknowns, reason=reason)
+    return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
+
+
+def _matched(
+    placement: Placement, base: np.ndarray, new: Sequence[int], known: Mapping[str, float], evidence: Sequence[Evidence]
+) -> list[np.ndarray]:
+    """The best start that keeps the oil as soft as known, beside those that happen to leave less misfit.
+
+    What is drawn may leave less and yet lie on the far side of a resonance from all that is better.
+    """
+    best: list[np.ndarray] = []
+    least = np.inf
+    for z in softened(placement.unknowns, base, new, known):
+        if (misfit := misfit_at(evidence, placement, z, least)) < least:
+            best, least = [z], misfit
+    return best
+
+
+def _at(unknown: Unknown, known: Mapping[str, float]) -> float:
+    return unknown.z(known[unknown.name]) if unknown.name in known else 0.0
+
+
+def _trials(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], hints: Mapping[str, float], draws: int
+) -> list[np.ndarray]:
+    """The base, all as hinted, the new unknowns as hinted or drawn, and each new effect nearly absent."""
+    trials = [base]
+    if hints:
+        trials.append(
+            np.array([u.z(hints[u.name]) if u.name in hints else z for u, z in zip(unknowns, base, strict=True)])
+        )
+    if not new:
+        return trials
+    if hints:
+        hinted = base.copy()
+        for k in new:
+            hinted[k] = _at(unknowns[k], hints)
+        trials.append(hinted)
+    # Draws are few: what is known within a fifth begins at its default, and leaves them to what may be anything.
+    new = [k for k in new if unknowns[k].linear or unknowns[k].spread > _NEARLY_KNOWN] or new
+    weak = base.copy()
+    for k in new:
+        u = unknowns[k]
+        if u.linear:
+            weak[k] = u.z(_WEAK * u.nominal)
+    trials.append(weak)
+    if len(new) == 1:
+        rows = _ONE_WIDTH * np.linspace(-1, 1, _ONE_DRAWS)[:, None]
+    else:
+        rows = _WIDTH * (2 * qmc.Sobol(len(new), scramble=True, seed=0).random(draws) - 1)
+    for row in rows:
+        z = base.copy()
+        z[list(new)] = row
+        trials.append(z)
+    return trials
+
+
+def resonances(evidence: Sequence[Evidence], prototype: Prototype, known: Mapping[str, float]) -> tuple[float, ...]:
+    """Frequencies (Hz) at which the records stand out most from what the tolerances alone explain.
+
+    A narrow resonance is found by no descent that begins beside it, and shows in the residual at once.
+    """
+    placement = NOTHING.placement(prototype)
+    z = np.array([_at(u, known) for u in placement.unknowns])
+    frequencies, power = [], []
+    for piece in evidence:
+        if isinstance(piece, RecordEvidence) and (residual := piece.residual(placement, z)) is not None:
+            lines = residual.reshape(2, -1, len(piece.weight.channels))
+            frequencies.append(piece.weight.frequencies_Hz)
+            power.append(np.sum(lines**2, axis=(0, 2)))
+    if not power:
+        return ()
+    edges = np.geomspace(_LEAST_HZ, _MOST_HZ, _BANDS + 1)
+    total = sum(np.histogram(f, edges, weights=p)[0] for f, p in zip(frequencies, power, strict=True))
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    found: list[float] = []
+    for k in np.argsort(-total):
+        if all(max(middle[k] / f, f / middle[k]) > _APART for f in found):
+            found.append(float(middle[k]))
+        if len(found) == _PEAKS:
+            break
+    return tuple(found)
+
+
+_LEAST_HZ, _MOST_HZ, _BANDS = 10.0, 400.0, 180
+
+
+def _resonant(
+    unknowns: Sequence[Unknown], base: np.ndarray, new: Sequence[int], peaks: Sequence[float]
+) -> list[np.ndarray]:
+    """Every peak with every strength, and with figures from 0 to 1 at either end."""
+    at = [k for k in new if unknowns[k].name.endswith(".frequency_Hz")]
+    if not at:
+        return []
+    others = [k for k in new if k not in at]
+    strength = others[0]
+    switches = [k for k in others if (unknowns[k].low, unknowns[k].high) == (0.0, 1.0)]
+    trials = []
+    for peak in peaks:
+        for z_strength in _STRENGTHS:
+            for end in (0.0, 1.0) if switches else (0.0,):
+                z = base.copy()
+                z[at] = [unknowns[k].z(peak) for k in at]
+                z[strength] = z_strength
+                for k in switches:
+                    z[k] = unknowns[k].z(end)
+                trials.append(z)
+    return trials

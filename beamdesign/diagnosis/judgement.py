@@ -1,0 +1,382 @@
+"""From fits to a verdict: probabilities of causes, of none, and of one that the library does not hold; then causes."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, log
+
+import numpy as np
+from scipy.special import logsumexp
+
+from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Estimate
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, subsystem
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.parameters import RIG_TOLERANCES
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What decides a verdict.
+
+    Those of time records are held by the blind check of 200 sealed cases (`studies/gaps/blindcheck/result.md`), those
+    of figures of the loop by the critical gains of the published rig (`tests/validation/test_paper_gap.py`), those of a
+    bench by the measured cylinder (`tests/validation/test_measured_servo_cylinder.py`): who changes one repeats these.
+
+    Attributes:
+        effect_odds: logarithm of the prior odds of one more effect against none.
+        figure_odds: of one more plainly wrong figure.
+        law_odds: of another law for an effect than the usual one.
+        not_explained: share of the excess misfit; a right cause, differently realised, leaves less.
+        much: times the misfit of noise alone: what rigs leave that have a little of everything.
+        steep: power by which shares go over into probabilities.
+        nearly: in the logarithm of the probability: what is chosen among on held-out conditions.
+        strained: tolerances by which no figure is off in a rig whose gap has been understood.
+        slight: of the misfit of noise alone.
+        faint: of the mean square of the sensor's noise.
+        minor: of the gap.
+        part: of what is left without a cause.
+        plain: in cost, about three tolerances.
+        as_much: of what a plainly wrong figure gains.
+        confident: probability of the best hypothesis from which the verdict is not called ambiguous.
+        worse: times the error of re-tuned tolerances: what held-out conditions speak against.
+        near_noise: times the noise: what they never do.
+        separate: difference in the logarithm of the probability from which figures of the loop are said to tell two
+            hypotheses apart, 20 to 1.
+        confident_by_gains: probability of causes, whatever else may be at work beside them, from which figures of the
+            loop are said to name them.
+        bench_odds: logarithm of the prior odds of one more cause on a bench.
+        bench_sure: probability of a cause from which it is decided on a bench, and of none where it is below the rest.
+        bench_likely: probability from which it is held responsible; and the least share of the gap that must close.
+        bench_sound: times the floor: a gap of a bench smaller than this is not worth a cause.
+    """
+
+    effect_odds: float = log(0.05)
+    figure_odds: float = log(0.05)
+    law_odds: float = log(0.33)
+    not_explained: float = 0.15
+    much: float = 2.5
+    steep: float = 4.0
+    nearly: float = 1.5
+    strained: float = 4.0
+    slight: float = 1.0
+    faint: float = 0.75
+    minor: float = 0.03
+    part: float = 0.3
+    plain: float = 8.0
+    as_much: float = 0.8
+    confident: float = 0.7
+    worse: float = 1.1
+    near_noise: float = 2.0
+    separate: float = 3.0
+    confident_by_gains: float = 0.8
+    bench_odds: float = log(1 / 3)
+    bench_sure: float = 0.9
+    bench_likely: float = 0.5
+    bench_sound: float = 3.0
+
+
+THRESHOLDS = Thresholds()
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Probabilities.
+
+    Attributes:
+        of: each hypothesis, the null among them; with that of the unknown they add up to one.
+        unknown: that something outside the library is behind the gap.
+        best: of the most probable fits, that which predicts conditions held out best (the null's without a gap).
+    """
+
+    of: dict[Hypothesis, float]
+    unknown: float
+    best: Fit
+
+    @property
+    def strained(self) -> tuple[str, ...]:
+        """Tolerated figures that the best fit has moved further than anyone would believe: it may stand for another."""
+        pairs = zip(self.best.unknowns, self.best.z, strict=True)
+        return tuple(u.name for u, z in pairs if u.kind == "figure" and abs(z) > THRESHOLDS.strained)
+
+    def cause(self, name: str) -> float:
+        """Probability that a cause is at work, alone or with others."""
+        return sum(p for h, p in self.of.items() if name in h.causes)
+
+    @property
+    def of_causes(self) -> dict[tuple[str, ...], float]:
+        """Probability of every set of causes, whatever laws they follow; most probable first."""
+        sums: dict[tuple[str, ...], float] = {}
+        for hypothesis, p in self.of.items():
+            sums[hypothesis.causes] = sums.get(hypothesis.causes, 0.0) + p
+        return dict(sorted(sums.items(), key=lambda item: -item[1]))
+
+    @property
+    def sure(self) -> float:
+        """Probability of the causes of the best fit."""
+        return self.of_causes[self.best.hypothesis.causes]
+
+
+def evidence(found: Fit, spread: float) -> float:
+    """Logarithm of the marginal likelihood by Laplace's method, up to a constant.
+
+    Where two figures under one tolerance have been set free (both beams' stiffness), both may be wrong, or either one
+    with the other within its tolerance: the mean of the three.
+
+    Args:
+        found: a fit; its prior is the standard normal distribution of z.
+        spread: how much larger misfit is than its units say, for the best of all fits (overdispersion).
+    """
+    if found.reason:
+        return -np.inf
+    free = [k for k, unknown in enumerate(found.unknowns) if unknown.kind == "free"]
+    held = [k for k in free if found.unknowns[k].tolerance > 0] if len(free) > 1 else []
+    ways = [_laplace(found, spread, np.ones(len(found.z)))]
+    for k in held:
+        precision = np.ones(len(found.z))
+        precision[k] = (found.unknowns[k].spread / found.unknowns[k].tolerance) ** 2
+        ways.append(_laplace(found, spread, precision))
+    return float(logsumexp(ways)) - log(len(ways))
+
+
+def _laplace(found: Fit, spread: float, precision: np.ndarray, kept: Iterable[int] | None = None) -> float:
+    """About the optimum under other priors than those of the fit, or for less evidence, as its own quadratic has it."""
+    shares = found.shares if kept is None else [found.shares[k] for k in kept]
+    a = sum((s.a for s in shares), np.zeros(2 * found.z.shape)) / spread + np.diag(precision)
+    slope = sum((s.g for s in shares), np.zeros_like(found.z)) / spread + precision * found.z
+    misfit = sum(s.c for s in shares) / spread + float(precision @ found.z**2)
+    if not (np.all(np.isfinite(a)) and np.all(np.isfinite(slope))):
+        return -np.inf
+    # No curvature is less than that of the priors; that of a motion hard to repeat may swamp it in rounding.
+    values, vectors = np.linalg.eigh(a)
+    values = np.maximum(values, precision.min())
+    curved = float(np.sum((vectors.T @ slope) ** 2 / values))
+    return -0.5 * (misfit - curved + float(np.sum(np.log(values))) - float(np.sum(np.log(precision))))
+
+
+def _nested(fits: Sequence[Fit], spread: float) -> dict[Hypothesis, float]:
+    """Evidence of every fit, no more than a simpler one's with what the larger one improves.
+
+    More unknowns cannot leave more room about the optimum. Where curvatures say so, the laws have kinks that Laplace's
+    method takes for sharpness, at the one optimum and not at the other.
+    """
+    found: dict[Hypothesis, float] = {}
+    for fit in sorted(fits, key=lambda f: len(f.hypothesis.names)):
+        own = evidence(fit, spread)
+        for simpler in fits:
+            if set(simpler.hypothesis.names) < set(fit.hypothesis.names):
+                improved = (simpler.misfit - fit.misfit) / spread + float(simpler.z @ simpler.z - fit.z @ fit.z)
+                own = min(own, found[simpler.hypothesis] + max(0.0, improved) / 2)
+        found[fit.hypothesis] = own
+    return found
+
+
+def _chosen(fits: Sequence[Fit], logs: np.ndarray, conditions: Sequence[object], spread: float) -> int:
+    """Of the most probable fit and those with as many causes that are nearly as probable, the best on held-out ones.
+
+    Conditions held out say nothing of how far a figure is off its tolerance, so that fewer causes are no rival here.
+    """
+    first = int(np.argmax(logs))
+    count = len(fits[first].hypothesis.causes)
+    near = [
+        k for k, f in enumerate(fits) if logs[k] > logs[first] - THRESHOLDS.nearly and len(f.hypothesis.causes) == count
+    ]
+    return max(near, key=lambda k: held_out_score(fits[k], conditions, spread) + odds(fits[k].hypothesis))
+
+
+def held_out_score(found: Fit, conditions: Sequence[object], spread: float) -> float:
+    """Sum of the logarithms of the predictive densities of each condition, with a fit to all others.
+
+    Fits without a condition are those of the quadratic that stands for the fit to all of them. Constants that all
+    hypotheses share are left out.
+
+    Args:
+        found: a fit to all conditions.
+        conditions: of each piece of evidence; pieces of one condition are held out together.
+        spread: see `evidence`.
+    """
+    kept = range(len(found.shares))
+    whole = _laplace(found, spread, np.ones(len(found.z)), kept)
+    if not np.isfinite(whole):
+        return -np.inf
+    groups = [[k for k in kept if conditions[k] == condition] for condition in dict.fromkeys(conditions)]
+    without = [[k for k in kept if k not in group] for group in groups]
+    return sum(whole - _laplace(found, spread, np.ones(len(found.z)), rest) for rest in without)
+
+
+def odds(hypothesis: Hypothesis) -> float:
+    """Logarithm of the prior odds against no cause at all."""
+    laws = sum(1 for name in hypothesis.names if name not in hypothesis.causes)
+    figures = sum(1 for name in hypothesis.names if name.startswith(WRONG))
+    effects = len(hypothesis.names) - figures
+    return effects * THRESHOLDS.effect_odds + figures * THRESHOLDS.figure_odds + laws * THRESHOLDS.law_odds
+
+
+def judge(found: Search) -> Judgement:
+    """Weigh all fits of a search."""
+    fits: Sequence[Fit] = [f for f in (found.null, *found.fits) if not f.reason]
+    spread = max(1.0, min(f.misfit for f in fits) / found.expected)
+    by_hypothesis = {f.hypothesis: f for f in fits}
+    plausible = _nested(fits, spread)
+    plain = _plain(fits, plausible)
+    logs = np.array(
+        [plausible[f.hypothesis] + odds(f.hypothesis) - _slight(f, by_hypothesis, found, spread, plain) for f in fits]
+    )
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    best = fits[_chosen(fits, logs, found.conditions, spread)]
+    # Where all that helps is slight, what it leaves tells whether there is more than a little of everything.
+    unknown = _unknown(found, best if best.hypothesis != NOTHING else min(fits, key=lambda f: f.misfit))
+    return Judgement(
+        {f.hypothesis: float(w) * (1 - unknown) for f, w in zip(fits, weights, strict=True)}, unknown, best
+    )
+
+
+def _plain(fits: Sequence[Fit], plausible: Mapping[Hypothesis, float]) -> float:
+    """The most that a wrong figure gains which by itself is more probable than none."""
+    least, null = plausible[NOTHING], next(f.cost for f in fits if f.hypothesis == NOTHING)
+    figures = [f for f in fits if len(f.hypothesis.names) == 1 and not f.hypothesis.effects]
+    gains = [null - f.cost for f in figures if plausible[f.hypothesis] + odds(f.hypothesis) > least]
+    return max(gains, default=0.0)
+
+
+def _slight(found: Fit, fits: Mapping[Hypothesis, Fit], of: Search, spread: float, figure: float) -> float:
+    """What is taken off the evidence for causes that explain no more than a rig's many small imperfections may.
+
+    Every real rig has a little of everything, so that one more cause always improves a fit. What a cause improves
+    counts by what its removal brings back, see `_size`; that of all of them by what they bring together, as two that
+    work against each other may both look large. A wrong figure alone is told by how far off its tolerance it is, so
+    that what comes back need only be `Thresholds.plain`; and where a figure is plainly wrong, whatever explains about
+    as much as that `figure` gains is not slight either.
+    """
+
+    def cost(without: Hypothesis) -> float:
+        rest = fits.get(without)
+        if rest is None or (gained := rest.cost - found.cost) <= 0:
+            return 0.0
+        plain = without == NOTHING and (not found.hypothesis.effects or 0 < THRESHOLDS.as_much * figure <= gained)
+        size = gained / THRESHOLDS.plain if plain else _size(found, rest, of)
+        return gained / (2 * spread) / (1 + size ** (2 * THRESHOLDS.steep))
+
+    each = sum(cost(found.hypothesis.without(name)) for name in found.hypothesis.causes)
+    return max(each, cost(NOTHING))
+
+
+def _size(found: Fit, rest: Fit, of: Search) -> float:
+    """How large the cause is that one fit has and another lacks; from 1 it is more than a small imperfection.
+
+    It is large if its removal brings back as much misfit as noise alone leaves, which counts every frequency alike, or
+    moves the displacement by about the noise of its sensor, which counts the largest motion. In the same measure it is
+    no less than `Thresholds.minor` of the gap and `Thresholds.part` of what is left without it: what the dominant cause
+    leaves because it is another realisation is no second one.
+    """
+    misfit = (rest.cost - found.cost) / max(
+        THRESHOLDS.slight * of.expected,
+        THRESHOLDS.minor * (of.null.cost - of.expected),
+        THRESHOLDS.part * (rest.cost - of.expected),
+    )
+    moved = rest.error - found.error
+    if of.floor <= 0:
+        return misfit
+    if moved < -of.floor:  # it improves what hardly moves, and spoils what does
+        return 0.0
+    least = max(
+        THRESHOLDS.faint * of.floor,
+        THRESHOLDS.minor * (of.null.error - of.floor),
+        THRESHOLDS.part * (rest.error - of.floor),
+    )
+    return max(misfit, moved / least)
+
+
+def _unknown(found: Search, best: Fit) -> float:
+    """Probability of an unknown cause: the best known one leaves much in units of misfit, and much of the gap."""
+    much = 1 / (1 + (THRESHOLDS.much * found.expected / best.misfit) ** THRESHOLDS.steep)
+    left = max(found.excess(best), 1e-6)
+    return much / (1 + (THRESHOLDS.not_explained / left) ** THRESHOLDS.steep)
+
+
+LEAST_PROBABILITY = 0.01
+SUSPICIOUS = 2.0
+"""Tolerances by which a figure may be off before it is told."""
+
+
+def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
+    """All causes that are not out of the question, most probable first; of the best fit in the order of their shares.
+
+    The parameters of a cause are those of the most probable fit that holds it.
+    """
+    fits = {f.hypothesis: f for f in (found.null, *found.fits) if not f.reason}
+    names = {name for h in judged.of for name in h.causes}
+    listed = []
+    for name in names:
+        probability = judged.cause(name)
+        if probability < LEAST_PROBABILITY and name not in judged.best.hypothesis.causes:
+            continue
+        holder = fits[max((h for h in judged.of if name in h.causes), key=lambda h: judged.of[h])]
+        share = share_of(name, holder, found, fits)
+        listed.append(
+            Cause(name, subsystem(name), probability, share, parameters(name, holder), tuple(flags(name, holder)))
+        )
+    responsible = judged.best.hypothesis.causes
+    return tuple(
+        sorted(
+            listed, key=lambda c: (c.name not in responsible, -c.share if c.name in responsible else 0, -c.probability)
+        )
+    )
+
+
+def cause_sets(found: Search, judged: Judgement) -> tuple[CauseSet, ...]:
+    """All sets of causes, most probable first."""
+    sets = judged.of_causes.items()
+    return tuple(CauseSet(names, p, found.excess(found.best_of(names))) for names, p in sets)
+
+
+def share_of(name: str, holder: Fit, found: Search, fits: dict[Hypothesis, Fit]) -> float:
+    """Part of the explainable misfit that goes with a cause: what comes back when it alone is taken away."""
+    rest = holder.hypothesis.without(name)
+    without = fits.get(rest) if rest != NOTHING else found.null
+    left = found.excess(without) if without is not None else inf
+    return float(min(1.0, max(0.0, min(left, 1.0) - found.excess(holder))))
+
+
+def parameters(name: str, holder: Fit) -> dict[str, Estimate]:
+    """Of an effect, or the figures of a wrong one; SI."""
+    errors = holder.standard_errors
+    if name.startswith(WRONG):
+        keys = [figure for figure, key in RIG_TOLERANCES.items() if key == name.removeprefix(WRONG)]
+        return {key: Estimate(holder.values[key], errors[key]) for key in keys if key in holder.values}
+    prefix = holder.hypothesis.realisation(name) + "."
+    return {
+        key.removeprefix(prefix): Estimate(value, errors[key])
+        for key, value in holder.values.items()
+        if key.startswith(prefix)
+    }
+
+
+def flags(name: str, holder: Fit) -> list[str]:
+    """Parameters at a bound, and tolerated figures that had to move far to make it fit."""
+    said = []
+    prefix = holder.hypothesis.realisation(name) + "."
+    for unknown, z in zip(holder.unknowns, holder.z, strict=True):
+        low, high = unknown.bounds
+        if unknown.kind == "effect" and unknown.name.startswith(prefix):
+            # A parameter that may be none, and is, is no bound reached.
+            at_low = z <= low + 1e-6 and not (unknown.linear and unknown.low == 0.0)
+            if at_low or z >= high - 1e-6:
+                said.append(f"{unknown.name} is at its bound, {unknown.value(z):.4g}")
+        if unknown.kind == "figure" and abs(z) > SUSPICIOUS:
+            said.append(f"{unknown.name} had to move by {z:+.1f} tolerances")
+    return said
+
+
+def classes(judged: Judgement) -> tuple[tuple[str, ...], ...]:
+    """Sets of names, any of which may be the answer: what differs between hypotheses with 95 % of the probability."""
+    ranked = sorted(judged.of.items(), key=lambda item: -item[1])
+    total, kept = 0.0, []
+    for hypothesis, probability in ranked:
+        kept.append(hypothesis)
+        total += probability / max(1e-12, 1 - judged.unknown)
+        if total > 0.95:
+            break
+    common = set.intersection(*(set(h.causes) for h in kept))
+    rivals = sorted({str(Hypothesis(tuple(n for n in h.causes if n not in common))) for h in kept})
+    return (tuple(rivals),) if len(rivals) > 1 else ()

@@ -1,0 +1,222 @@
+"""What a prototype would have recorded under the inputs of a data set; nothing that was measured is looked at."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+
+from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
+from beamdesign.columns import read_columns, uniform_times
+from beamdesign.controllers import Controller
+from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
+from beamdesign.diagnosis.data.inputs import without_noise
+from beamdesign.plant.assembly import OUTPUTS, assemble
+from beamdesign.plant.compiled import integrate
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.plant.parameters import parameters_of, structure_of
+from beamdesign.prototype import Prototype, read_prototype
+from beamdesign.records import InputError, read_table
+from beamdesign.simulate import half_steps, substeps_for
+
+COLUMNS = ("t_s", "current_A", "displacement_m")
+BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")
+FURTHEST_M = 0.5
+"""Displacement of the outer tip at which a loop has diverged."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What was done in one record.
+
+    Attributes:
+        name: of its file, without ending.
+        times: (N,) s.
+        disturbance_N: (N,).
+        command_V: (N,).
+        outer_end_mass: kg.
+        inner_end_mass: kg.
+        controller: of the loop; None where neither the record nor the believed prototype says.
+    """
+
+    name: str
+    times: np.ndarray = field(repr=False)
+    disturbance_N: np.ndarray = field(repr=False)
+    command_V: np.ndarray = field(repr=False)
+    outer_end_mass: float
+    inner_end_mass: float
+    controller: Controller | None
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """One record of the model.
+
+    Attributes:
+        name: of the record.
+        columns: names.
+        samples: (M, C); they end where the loop diverged.
+        reason: why they end early, in words; empty where they do not.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    samples: np.ndarray = field(repr=False)
+    reason: str = ""
+
+
+def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
+    """Read what was done to a twin-beam rig in the time records of a data set; measured columns may be missing or bad.
+
+    Returns:
+        the inputs, and the sensor gain that was believed, V/m, by which displacements of the set are stated.
+
+    Raises:
+        InputError: with what is wrong in dataset.toml, in its prototype or in an input column.
+    """
+    path = index_of(Path(folder))
+    entry, _ = read_index(path)
+    believed = read_prototype(path.parent / entry.prototype)
+    found = []
+    for row in entry.record:
+        times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
+        masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
+        controller = row.controller or believed.controller
+        found.append(Inputs(Path(row.file).stem, times, disturbance, command, *masses, controller))
+    if not found:
+        raise InputError(path, [("record", "the set holds no time record to predict")])
+    return tuple(found), believed.sensor.gain_V_per_m
+
+
+def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) -> Predicted:
+    """Simulate a record from rest.
+
+    Args:
+        prototype: with its effects. Its sensor gain is what the rig has; its controller counts only where the data set
+            names none, and believes these figures where it estimates the payload.
+        given: what was done.
+        believed_sensor_gain: V/m, by which volts became the displacement of the data set.
+
+    Raises:
+        InputError: without a controller, for effects that cannot be, where there is no equilibrium to start from, or
+            where the record takes too many steps; see `beamdesign.plant.compiled`.
+    """
+    rig = prototype if given.controller is None else prototype.but(controller=given.controller)
+    moved = _fixed if rig.schedule is None else _stages
+    samples = moved(rig, given, believed_sensor_gain)
+    count = len(samples)
+    at = float(given.times[min(count, len(given.times) - 1)])
+    reason = f"the model's loop diverges: its outer tip passes {FURTHEST_M:g} m at {at:.4g} s"
+    return Predicted(given.name, COLUMNS, samples, "" if count == len(given.times) else reason)
+
+
+def _fixed(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
+    """(M, 3) as `COLUMNS`, with one law."""
+    kinds = structure_of(rig)
+    assembly = assemble(kinds)
+    values = parameters_of(rig, given.outer_end_mass, given.inner_end_mass)
+    values["believed_sensor_gain"] = believed_sensor_gain
+    parameters = np.array(list(values.values()))
+    try:
+        start = equilibrium(assembly, np.zeros(3), parameters)
+    except ValueError as error:
+        raise InputError(rig.name, [("(figures)", str(error))]) from error
+    substeps = substeps_for(assembly, parameters, given.times)
+    inputs = half_steps(np.column_stack([without_noise(given.disturbance_N), given.command_V]), substeps)
+    y = integrate(kinds, given.times, inputs, start, parameters, substeps, FURTHEST_M)
+    columns = [OUTPUTS.index(name) for name in COLUMNS[1:]]
+    return np.column_stack([given.times[: len(y)], y[:, columns]])
+
+
+def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.ndarray:
+    """(M, 3) as `COLUMNS`, with several laws: they work at samples of their own, without noise.
+
+    A record begins with the first law that is for its payload, as a rig does that has carried it before.
+    """
+    from scipy.interpolate import CubicSpline
+
+    from beamdesign.controllers.scheduling.simulation import Course, simulate_scheduled
+
+    assert rig.schedule is not None
+    period, times = rig.schedule.period_s, given.times - given.times[0]
+    inside = np.minimum(np.arange(ceil(times[-1] / period) + 2) * period, times[-1])
+    force, command = (CubicSpline(times, x)(inside) for x in (without_noise(given.disturbance_N), given.command_V))
+    built = rig.but(payload=rig.payload.but(inner_end_mass_kg=given.inner_end_mass))
+    course = Course(force, ((0.0, given.outer_end_mass),), command_V=command, before_N=0.0)
+    fit = (k for k, (_, (low, high)) in enumerate(rig.schedule.laws) if low <= given.outer_end_mass <= high)
+    try:
+        found = simulate_scheduled(rig, course, built, next(fit, 0), limit_m=FURTHEST_M)
+    except ValueError as error:
+        raise InputError(rig.name, [("(figures)", str(error))]) from error
+    own = found.column("t_s")
+    seen = times[times <= own[-1] + 1e-9 * period]
+    held = found.column("current_A")[np.searchsorted(own, seen + 1e-9 * period, side="right") - 1]
+    heard = CubicSpline(own, found.column("sensor_V"))(seen) / believed_sensor_gain
+    return np.column_stack([given.times[: len(seen)], held, heard])
+
+
+def predict_set(
+    prototype_file: str | Path, folder: str | Path, progress: Callable[[float, str], None] = lambda share, text: None
+) -> tuple[Predicted, ...]:
+    """Every record of a data set as a prototype predicts it; a bench by a bench.
+
+    Args:
+        prototype_file: of the model.
+        folder: of the data set.
+        progress: called with the share that is done and with what is being done.
+
+    Raises:
+        InputError: where either cannot be read, or where they are of different kinds of rig.
+    """
+    if kind_of(folder) == "actuator_bench":
+        return tuple(_predict_bench(read_bench_prototype(prototype_file), Path(folder), progress))
+    inputs, gain = read_inputs(folder)
+    prototype = read_prototype(prototype_file)
+    found, done, total = [], 0, sum(len(given.times) for given in inputs)
+    for given in inputs:
+        progress(done / total, f"{given.name}, {given.times[-1] - given.times[0]:.4g} s")
+        found.append(predict(prototype, given, gain))
+        done += len(given.times)
+    return tuple(found)
+
+
+def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Callable[[float, str], None]) -> list[Predicted]:
+    from beamdesign.plant.bench_simulation import BENCH_COLUMNS as MADE
+    from beamdesign.plant.bench_simulation import replay
+
+    path = index_of(folder)
+    files = _files(path)
+    found: list[Predicted] = []
+    made: dict[bytes, np.ndarray] = {}
+    for k, file in enumerate(files):
+        progress(k / len(files), file)
+        times, command = _columns(path.parent / file, ("t_s", "command_V"))
+        key = command.tobytes() + times.tobytes()
+        if key not in made:  # both chambers of a condition come from two runs of one command
+            made[key] = replay(prototype, times, command)[:, [MADE.index(name) for name in BENCH_COLUMNS]]
+        found.append(Predicted(Path(file).stem, BENCH_COLUMNS, made[key]))
+    return found
+
+
+def _files(path: Path) -> list[str]:
+    """Of the records in a dataset.toml, whatever else it says of them."""
+    rows = read_table(path).get("record")
+    named = [row.get("file") if isinstance(row, dict) else None for row in rows] if isinstance(rows, list) else []
+    files = [file if isinstance(file, str) else "" for file in named]
+    if wrong := wrong_files("record.file", files, path.parent):
+        raise InputError(path, wrong)
+    if not files:
+        raise InputError(path, [("record", "the set holds no time record to predict")])
+    return files
+
+
+def _columns(path: Path, names: Sequence[str]) -> list[np.ndarray]:
+    columns = read_columns(path, only=names)
+    if missing := [name for name in names if name not in columns]:
+        raise InputError(path, [(name, "column missing") for name in missing])
+    times = columns["t_s"]
+    uniform_times(path, times)
+    if len(times) < 4:
+        raise InputError(path, [("t_s", f"too short: {len(times)} samples")])
+    return [np.linspace(times[0], times[-1], len(times)), *(columns[name] for name in names[1:])]

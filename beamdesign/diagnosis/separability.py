@@ -1,0 +1,158 @@
+"""Before any fit: which causes a data set cannot tell apart, and which it cannot show at all.
+
+The signature of a cause is what it does, at its typical severity, to the predictions of everything measured, in units
+of misfit. What re-tuned tolerances would take up of it, at the price of their priors, does not count; nor, of two
+causes, what the other would take up with its severity and parameters free to first order.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.fitting.fit import Evidence
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, Unknown, singles
+
+ALIKE = 0.98
+"""Cosine between signatures from which two causes are called close."""
+LEAST = 2.0
+"""Units of misfit below which a signature, or what separates two of them, is not seen."""
+_WRONG_BY = 0.15  # relative, of a plainly wrong figure, typically
+_WEAKER = (1.0, 0.5, 0.25)
+_RIDGE = 1e-9
+_HUGE = 1e9
+
+
+@dataclass(frozen=True)
+class Separability:
+    """What a data set can tell.
+
+    Attributes:
+        names: of the causes.
+        visible: (H,) size of each signature beyond tolerances, in units of misfit (square root).
+        separation: (H, H) what is left of one signature once the other cause has taken up what it can; the lesser of
+            both ways round.
+        cosine: (H, H) between signatures, beyond tolerances; 1 for the same direction.
+        classes: sets of two or more visible causes that cannot be told apart: less than `LEAST` separates them.
+        close: pairs of visible causes whose signatures nearly agree (`ALIKE`): only records as good as these tell
+            them apart.
+        invisible: causes whose signature does not stand out.
+        unpredicted: causes with which the model's loop is unstable even at a quarter of their typical severity.
+    """
+
+    names: tuple[str, ...]
+    visible: np.ndarray = field(repr=False)
+    separation: np.ndarray = field(repr=False)
+    cosine: np.ndarray = field(repr=False)
+    classes: tuple[tuple[str, ...], ...]
+    close: tuple[tuple[str, str], ...]
+    invisible: tuple[str, ...]
+    unpredicted: tuple[str, ...] = ()
+
+
+def indistinguishable(
+    data: Dataset, evidence: Sequence[Evidence], hypotheses: Sequence[Hypothesis] = ()
+) -> Separability:
+    """Find the causes that this data set cannot tell apart.
+
+    Args:
+        data: with the believed prototype.
+        evidence: everything measured; only its conditions and its noise count, not what came out.
+        hypotheses: to be compared; none: all single causes, of those with several laws the usual one.
+
+    Raises:
+        ValueError: where the believed prototype itself is unstable under the conditions measured.
+    """
+    nothing = NOTHING.placement(data.prototype)
+    rest = _predicted(evidence, nothing, np.zeros(len(nothing.unknowns)))
+    if rest is None:
+        raise ValueError("the believed prototype's loop is unstable under the conditions measured")
+    base, tolerances = rest
+    columns, parts, names, lost = [tolerances], [], [], []
+    for hypothesis in hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]:
+        found = _signature(evidence, hypothesis.placement(data.prototype), base)
+        if found is None:
+            lost.append(str(hypothesis))
+            continue
+        start = sum(c.shape[1] for c in columns)
+        columns.append(found)
+        parts.append(tuple(range(start, start + found.shape[1])))
+        names.append(str(hypothesis))
+    matrix = np.hstack(columns)
+    return _judged(matrix.T @ matrix, tolerances.shape[1], parts, tuple(names), tuple(lost))
+
+
+def _predicted(
+    evidence: Sequence[Evidence], placement: Placement, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Minus the residual of everything measured, (M,), and its derivative by z, (M, K)."""
+    rows, slopes = [], []
+    for piece in evidence:
+        found = piece.linearised(placement, z)
+        if found is None or not (np.abs(found[0]).max() < _HUGE and np.abs(found[1]).max() < _HUGE):
+            return None
+        rows.append(-found[0])
+        slopes.append(-found[1])
+    return np.concatenate(rows), np.concatenate(slopes)
+
+
+def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndarray) -> np.ndarray | None:
+    """(M, 1 + Q) change by a cause at its typical severity, and its derivatives by the cause's own parameters."""
+    own = [k for k, u in enumerate(placement.unknowns) if u.kind != "figure"]
+    for share in _WEAKER:
+        z = np.array([_typical(u, share) for u in placement.unknowns])
+        found = _predicted(evidence, placement, z)
+        if found is not None:
+            return np.column_stack([found[0] - base, found[1][:, own]])
+    return None
+
+
+def _typical(unknown: Unknown, share: float) -> float:
+    """The z of a share of the typical severity."""
+    if unknown.kind == "figure":
+        return 0.0
+    if unknown.kind == "free":
+        return unknown.z(unknown.nominal * (1 + share * _WRONG_BY))
+    return unknown.z(share * unknown.nominal) if unknown.linear else 0.0
+
+
+def _judged(
+    gram: np.ndarray, tolerated: int, parts: Sequence[Sequence[int]], names: tuple[str, ...], lost: tuple[str, ...]
+) -> Separability:
+    count, tuned = len(names), list(range(tolerated))
+    size = np.array([_left(gram, part[0], tuned, []) for part in parts])
+    visible = np.sqrt(size)
+    cosine, separation = np.eye(count), np.zeros((count, count))
+    for i, j in combinations(range(count), 2):
+        left = [_left(gram, parts[a][0], tuned, list(parts[b])) for a, b in ((i, j), (j, i))]
+        alike = [1 - x / max(s, 1e-300) for x, s in zip(left, (size[i], size[j]), strict=True)]
+        separation[i, j] = separation[j, i] = float(np.sqrt(max(min(left), 0.0)))
+        cosine[i, j] = cosine[j, i] = float(np.sqrt(np.clip(max(alike), 0.0, 1.0)))
+    seen = [k for k in range(count) if visible[k] >= LEAST]
+    near = [(i, j) for i, j in combinations(seen, 2) if separation[i, j] < LEAST]
+    close = tuple((names[i], names[j]) for i, j in combinations(seen, 2) if cosine[i, j] > ALIKE)
+    invisible = tuple(names[k] for k in range(count) if k not in seen)
+    return Separability(names, visible, separation, cosine, _joined(near, names), close, invisible, lost)
+
+
+def _left(gram: np.ndarray, which: int, tuned: list[int], free: list[int]) -> float:
+    """Square of what is left of a column: tolerances approximate it at the price of their priors, others for free."""
+    at = tuned + free
+    scale = np.sqrt(np.maximum(np.diag(gram)[at], 1e-300))
+    scale[: len(tuned)] = 1.0
+    price = np.concatenate([np.ones(len(tuned)), np.full(len(free), _RIDGE)])
+    a = gram[np.ix_(at, at)] / scale / scale[:, None] + np.diag(price)
+    b = gram[at, which] / scale
+    return max(float(gram[which, which] - b @ np.linalg.solve(a, b)), 0.0)
+
+
+def _joined(links: Sequence[tuple[int, int]], names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Connected sets."""
+    groups: list[set[int]] = []
+    for i, j in links:
+        touched = [g for g in groups if i in g or j in g]
+        merged = {i, j}.union(*touched)
+        groups = [g for g in groups if g not in touched] + [merged]
+    return tuple(tuple(names[k] for k in sorted(g)) for g in groups)

@@ -1,0 +1,160 @@
+"""How far a gap closes: prediction errors on records left out of the fits that measure them."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from beamdesign.diagnosis.diagnosis import BandGap, Errors, Gap, RecordGap
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.followed import FollowedRecord
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
+from beamdesign.prototype import Prototype
+
+CHANNEL = "displacement_m"
+BANDS_HZ = (0.2, 5.0, 15.0, 40.0, 80.0, 150.0, 300.0, 1000.0)
+_BLOCK_S = 0.25
+_DRAWS = 2000
+_AMPLIFIED = 2.0
+
+
+def errors(
+    piece: RecordEvidence | FollowedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit | None = None
+) -> Errors:
+    """Simulate a record with the believed, the tuned and the diagnosed model.
+
+    Where a model's loop diverges its prediction is taken to be none: it counts as an error of the whole signal.
+
+    Args:
+        piece: the record.
+        prototype: that was believed.
+        null: fit of the tolerated figures alone, without the held-out records.
+        chosen: fit of the chosen causes, likewise.
+        written: fit of the chosen causes to all records; the same as `chosen` where left out.
+    """
+    column = piece.weight.channels.index(CHANNEL)
+    measured = piece.measured[:, column]
+    rms = float(np.std(measured))
+    plain = NOTHING.placement(prototype)
+
+    def error(placement: Placement, z: np.ndarray) -> np.ndarray:
+        found = piece.predicted(placement, z)
+        return (measured if found is None else measured - found[:, column]) / rms
+
+    after = error(chosen.hypothesis.placement(prototype), chosen.z)
+    return Errors(
+        piece.name,
+        piece.record.times,
+        measured,
+        error(plain, np.zeros(len(null.z))),
+        error(plain, null.z),
+        after,
+        after if written is None else error(written.hypothesis.placement(prototype), written.z),
+        float(piece.weight.noise_std[column]) / rms,
+    )
+
+
+def gap(all_errors: Sequence[Errors], held_out: Sequence[int], seed: int = 0) -> Gap:
+    """Sum up the errors of records.
+
+    Args:
+        all_errors: of every record.
+        held_out: positions of those that count; all where empty.
+        seed: of the block bootstrap (blocks of a quarter of a second within each record, 90 % interval).
+    """
+    counted = [all_errors[k] for k in held_out] or list(all_errors)
+    before, tuned, after = (_rms([getattr(e, name) for e in counted]) for name in ("before", "tuned", "after"))
+    floor = float(np.sqrt(np.mean([e.noise**2 for e in counted])))
+    records = tuple(
+        RecordGap(e.name, k in held_out, _rms([e.before]), _rms([e.tuned]), _rms([e.after]), e.noise)
+        for k, e in enumerate(all_errors)
+    )
+    closed = float(_shares(before**2, after**2, floor**2))
+    return Gap(before, tuned, after, floor, closed, _interval(counted, floor, seed), records, tuple(_bands(counted)))
+
+
+def gap_of_pieces(
+    errors: np.ndarray, records: tuple[RecordGap, ...], seed: int, draws: int, most: float = np.inf
+) -> Gap:
+    """Sum up the errors of pieces of evidence, each as predicted from the others.
+
+    Args:
+        errors: (N, 4) root mean square errors of each piece: before, with tolerances re-tuned, after, and noise.
+        records: rows to be shown.
+        seed: of the bootstrap over pieces, 90 % interval.
+        draws: of it.
+        most: that can be closed.
+    """
+
+    def closed(squares: np.ndarray) -> np.ndarray:
+        before, _, after, floor = np.moveaxis(squares, -1, 0)
+        return np.minimum(most, _shares(before, after, floor))
+
+    squares = errors**2
+    pick = np.random.default_rng(seed).integers(len(squares), size=(draws, len(squares)))
+    low, high = np.quantile(closed(squares[pick].mean(axis=1)), (0.05, 0.95))
+    mean = squares.mean(axis=0)
+    before, tuned, after, floor = (float(v) for v in np.sqrt(mean))
+    return Gap(before, tuned, after, floor, float(closed(mean)), (float(low), float(high)), records)
+
+
+def _rms(signals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean([np.mean(s**2) for s in signals])))
+
+
+def _interval(counted: Sequence[Errors], floor: float, seed: int) -> tuple[float, float]:
+    """Blocks drawn with replacement within each record, so that each keeps its weight.
+
+    The interval spans that of the fits without the held-out records and that of the fit to all: the prototype that is
+    written is of the second, does better on anything new than the first, and no better than on what it has seen.
+    """
+    random = np.random.default_rng(seed)
+    powers = []
+    for e in counted:
+        length = max(1, round(_BLOCK_S / (e.times[1] - e.times[0])))
+        count = max(1, len(e.times) // length)
+        whole = slice(0, count * length)
+        signals = (e.before, e.after, e.written)
+        powers.append([np.mean(signal[whole].reshape(count, length) ** 2, axis=1) for signal in signals])
+    totals = np.zeros((_DRAWS, 3))
+    for blocks in powers:
+        drawn = random.integers(0, len(blocks[0]), (_DRAWS, len(blocks[0])))
+        for column, power in enumerate(blocks):
+            totals[:, column] += power[drawn].mean(axis=1) / len(powers)
+    ends = []
+    for left in (1, 2):
+        # The floor holds the sensor's noise alone. What the loop makes of that noise may double it (the peak
+        # sensitivity that loops are tuned to), which no model can predict either: the upper end allows for that.
+        noisy = np.clip(totals[:, left], floor**2, (_AMPLIFIED * floor) ** 2)
+        ends += [np.quantile(_shares(totals[:, 0], totals[:, left], np.full(_DRAWS, floor**2)), 0.05)]
+        ends += [np.quantile(_shares(totals[:, 0], totals[:, left], noisy), 0.95)]
+    return float(min(ends)), float(max(ends))
+
+
+def _shares(before: Any, after: Any, floors: Any) -> np.ndarray:
+    """What is closed of mean squares before: (before - after) / (before - floor), none where nothing is explainable."""
+    explainable = before - floors
+    return np.where(explainable > 0, (before - after) / np.where(explainable > 0, explainable, 1.0), 0.0)
+
+
+def _bands(counted: Sequence[Errors]) -> list[BandGap]:
+    edges = np.array(BANDS_HZ)
+    squares = np.zeros((len(edges) - 1, 4))
+    for e in counted:
+        top = np.fft.rfftfreq(len(e.times), e.times[1] - e.times[0])[-1]
+        width = np.diff(np.minimum(edges, top)) / top
+        parts = [in_bands(e, signal, edges) for signal in (e.before, e.tuned, e.after)]
+        squares += np.column_stack([*parts, e.noise * np.sqrt(width)]) ** 2 / len(counted)
+    found = np.sqrt(squares).tolist()
+    return [BandGap(BANDS_HZ[k], BANDS_HZ[k + 1], *row) for k, row in enumerate(found) if row[0] > 0]
+
+
+def in_bands(errors: Errors, signal: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Root mean square of a signal in each band, by Parseval's theorem."""
+    count = len(signal)
+    frequency = np.fft.rfftfreq(count, float(errors.times[1] - errors.times[0]))
+    power = 2 * np.abs(np.fft.rfft(signal)) ** 2 / count**2
+    place = np.searchsorted(edges, frequency, side="right") - 1
+    inside = (place >= 0) & (place < len(edges) - 1)
+    return np.sqrt(np.bincount(place[inside], power[inside], minlength=len(edges) - 1))

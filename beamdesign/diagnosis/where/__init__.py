@@ -1,0 +1,1 @@
+"""Indicators of where a gap lies."""

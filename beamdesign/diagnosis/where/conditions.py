@@ -1,0 +1,238 @@
+"""Under which conditions, at which frequencies and in which direction a gap shows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from beamdesign.diagnosis.where.residuals import SIGNALS, Residual
+
+BANDS_HZ = (0.2, 2.0, 5.0, 10.0, 20.0, 35.0, 60.0, 100.0, 200.0, 400.0)
+_MOST = 0.7  # of the misfit: what the band that is named holds
+_EXCITED = 0.03  # of the strongest line
+_FEWEST = 5
+_DENSE = 0.7
+_SLOW_HZ = 1.0
+_TWICE = 2.0
+_LITTLE = 0.1  # of the power
+
+
+class Lines(NamedTuple):
+    """Levels of a residual at kinds of lines of the input's grid, relative to the response.
+
+    Attributes:
+        excited: at lines that the input holds: linear and odd errors.
+        between: at lines of the grid that it does not hold: only what is not linear gets there (and noise, taken out).
+    """
+
+    excited: float
+    between: float
+
+
+def lines_of(drive: np.ndarray, response: np.ndarray, residual: np.ndarray, noise_std: float) -> Lines | None:
+    """Tell linear errors from distortion by the lines of a periodic input.
+
+    R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach (2012), chapter 4.
+
+    Args:
+        drive: (N,) input over whole periods.
+        response: (N,) to it.
+        residual: (N,) of the response.
+        noise_std: white, of the response.
+
+    Returns:
+        None where the input has no lines: its spectrum is dense, or it does not repeat.
+    """
+    count = len(drive)
+    power = np.abs(np.fft.rfft(drive)) ** 2
+    held = np.nonzero(power > _EXCITED * power[1:].max())[0] if power[1:].max() > 0 else np.arange(0)
+    held = held[held > 0]
+    if len(held) < _FEWEST or len(held) > _DENSE * (held[-1] - held[0] + 1):
+        return None
+    inside = np.arange(held[0], min(3 * held[-1], count // 2))
+    # A transform without a window leaks from a line to its neighbours where the record is no whole period.
+    beside = (-1, 0, 1) if np.diff(held).min() > 2 else (0,)
+    free = np.setdiff1d(inside, np.concatenate([held + k for k in beside]))
+    left, whole = np.abs(np.fft.rfft(residual)) ** 2, float(np.sum(np.abs(np.fft.rfft(response)[held]) ** 2))
+    noise = noise_std**2 * count
+
+    def level(at: np.ndarray) -> float:
+        return float(np.sqrt(max(np.sum(left[at] - noise), 0.0) / whole)) if len(at) else np.nan
+
+    return Lines(level(held), level(free))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where a gap shows.
+
+    Attributes:
+        band_Hz: in which most of the misfit lies.
+        condition: in words.
+        distortion: share of the residual's power away from the lines of the input, median over records; nan where no
+            record has lines.
+        asymmetry: difference of the rms residual between positive and negative displacement, over their mean; median.
+        slow: share of the residual's power below 1 Hz that no input drives there.
+        table: rows for a map: record, condition and relative error by band.
+    """
+
+    band_Hz: tuple[float, float]
+    condition: str
+    distortion: float
+    asymmetry: float
+    slow: float
+    table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+
+
+def setting(found: Sequence[Residual]) -> Setting:
+    """Look at the residuals of all records by frequency, size, payload, input and direction."""
+    units = np.array([_banded_units(item) for item in found])
+    excess = np.maximum(units - np.array([_expected(item) for item in found]), 0.0)
+    totals = excess.sum(0)
+    band = _narrowest(totals)
+    relative = [_relative(item) for item in found]
+    distortions, asymmetries, slow = [], [], []
+    for item in found:
+        record, weight = item.evidence.record, item.evidence.weight
+        column = item.channels.index("displacement_m")
+        drive = record.inputs[:, 1 if driven_by(item) == "command" else 0]
+        shaped = item.left[:, column] * weight.fade
+        measured = record.measured["displacement_m"]
+        seen = lines_of(drive, measured, shaped, float(weight.noise_std[column]))
+        if seen is not None and seen.excited + seen.between > 0:
+            distortions.append(seen.between**2 / (seen.between**2 + seen.excited**2))
+        parts = [shaped[measured * sign > 0] for sign in (1, -1)]
+        sides = [float(np.sqrt(np.sum(part**2) / max(len(part), 1))) for part in parts]
+        asymmetries.append(abs(sides[0] - sides[1]) / max(sum(sides) / 2, 1e-300))
+        slow.append(_slow(drive, shaped, record.step))
+    names = tuple(f"{low:g}-{high:g} Hz" for low, high in pairwise(BANDS_HZ))
+    table: dict[str, tuple[object, ...]] = {
+        "record": tuple(item.evidence.name for item in found),
+        "condition": tuple(words_of(item) for item in found),
+        "relative_error": tuple(relative),
+    }
+    table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
+    return Setting(
+        band,
+        _words(_ratios(found, relative)),
+        float(np.median(distortions)) if distortions else np.nan,
+        float(np.median(asymmetries)) if asymmetries else 0.0,
+        float(np.median(slow)) if slow else 0.0,
+        table,
+    )
+
+
+def words_of(item: Residual) -> str:
+    """A record's condition in words."""
+    record = item.evidence.record
+    mass = f"{record.outer_end_mass:g} kg payload" if record.outer_end_mass > 0 else "no payload"
+    by = driven_by(item)
+    column, unit = (1, "V") if by == "command" else (0, "N")
+    return f"{by}, {float(np.std(record.inputs[:, column])):.3g} {unit} rms, {mass}"
+
+
+def driven_by(item: Residual) -> str:
+    """Which input makes the displacement: `command` or `disturbance` where the other makes less than a tenth of it.
+
+    Of the linear model's response; a force sensor's noise so drives nothing.
+    """
+    spectrum = item.probe.spectrum(item.evidence.record.inputs)
+    through = item.probe.response[:, SIGNALS.index("displacement_m"), :2]
+    force, command = (float(np.sum(np.abs(through[:, k] * spectrum[:, k]) ** 2)) for k in (0, 1))
+    if max(force, command) <= 0:
+        return "none"
+    if force < _LITTLE * command:
+        return "command"
+    return "disturbance" if command < _LITTLE * force else "both"
+
+
+def _banded_units(item: Residual) -> np.ndarray:
+    """Misfit of the displacement per band."""
+    weight = item.evidence.weight
+    column, lines = item.channels.index("displacement_m"), len(weight.frequencies_Hz)
+    whole = weight(item.left).reshape(2, lines, len(item.channels))
+    power = np.sum(whole[:, :, column] ** 2, axis=0)
+    return np.histogram(weight.frequencies_Hz, BANDS_HZ, weights=power)[0]
+
+
+def _expected(item: Residual) -> np.ndarray:
+    weight = item.evidence.weight
+    column = item.channels.index("displacement_m")
+    power = weight.scale[column] ** 2 * weight.noise_std[column] ** 2 * len(item.left)
+    return np.histogram(weight.frequencies_Hz, BANDS_HZ, weights=power)[0]
+
+
+def _relative(item: Residual) -> float:
+    """Rms error of the displacement over its rms, noise taken out."""
+    column = item.channels.index("displacement_m")
+    left = float(np.mean(item.left[:, column] ** 2)) - float(item.evidence.weight.noise_std[column]) ** 2
+    power = float(np.var(item.evidence.record.measured["displacement_m"]))
+    return float(np.sqrt(max(left, 0.0) / power)) if power > 0 else 0.0
+
+
+def _narrowest(totals: np.ndarray) -> tuple[float, float]:
+    """Fewest neighbouring bands (in octaves) that hold most of the misfit."""
+    whole = float(totals.sum())
+    if whole <= 0:
+        return BANDS_HZ[0], BANDS_HZ[-1]
+    spans = [
+        (np.log2(BANDS_HZ[j] / BANDS_HZ[i]), i, j)
+        for i in range(len(totals))
+        for j in range(i + 1, len(totals) + 1)
+        if totals[i:j].sum() >= _MOST * whole
+    ]
+    _, i, j = min(spans)
+    return BANDS_HZ[i], BANDS_HZ[j]
+
+
+def _ratios(found: Sequence[Residual], relative: Sequence[float]) -> dict[str, float]:
+    """Relative errors of groups of records over those of their counterparts, all else alike as far as can be."""
+    records = [item.evidence.record for item in found]
+
+    def mean(chosen: list[int]) -> float:
+        return float(np.sqrt(np.mean([relative[k] ** 2 for k in chosen])))
+
+    def ratio(one: list[int], other: list[int]) -> float | None:
+        return mean(one) / max(mean(other), 1e-9) if one and other else None
+
+    loaded = [k for k, r in enumerate(records) if r.outer_end_mass > 0]
+    bare = [k for k in range(len(records)) if k not in loaded]
+    driven = [driven_by(item) for item in found]
+    commanded = [k for k in bare if driven[k] == "command"]
+    forced = [k for k in bare if driven[k] == "disturbance"]
+    table = {"with payload": ratio(loaded, bare), "under command": ratio(commanded, forced)}
+    pairs = []
+    for group, column in ((commanded, 1), (forced, 0)):
+        sizes = {k: float(np.std(records[k].inputs[:, column])) for k in group}
+        if sizes and max(sizes.values()) > _TWICE * min(sizes.values()):
+            pairs.append((max(sizes, key=lambda k: sizes[k]), min(sizes, key=lambda k: sizes[k])))
+    table["at large amplitude"] = ratio([a for a, _ in pairs], [b for _, b in pairs])
+    return {name: value for name, value in table.items() if value is not None}
+
+
+_OPPOSITE = {
+    "with payload": "without payload",
+    "under command": "under disturbance",
+    "at large amplitude": "at small amplitude",
+}
+
+
+def _words(ratios: Mapping[str, float]) -> str:
+    """What makes the relative error at least twice as large."""
+    said = []
+    for name, ratio in ratios.items():
+        if ratio >= _TWICE:
+            said.append(f"{name} ({ratio:.1f} times)")
+        elif ratio <= 1 / _TWICE:
+            said.append(f"{_OPPOSITE[name]} ({1 / max(ratio, 1e-3):.1f} times)")
+    return "most " + ", ".join(said) if said else "alike under all conditions measured"
+
+
+def _slow(drive: np.ndarray, residual: np.ndarray, step: float) -> float:
+    """Share of the residual's power that is slower than both 1 Hz and anything that drives the rig."""
+    hz = np.fft.rfftfreq(len(drive), step)
+    power, driven = np.abs(np.fft.rfft(residual)) ** 2, np.abs(np.fft.rfft(drive)) ** 2
+    at = (hz < _SLOW_HZ) & (driven < 1e-3 * driven.max())
+    return float(power[at].sum() / max(power.sum(), 1e-300))

@@ -1,0 +1,330 @@
+"""Where a gap lies: several witnesses that look in different ways, and a sentence that weighs their opinions.
+
+A gap is told to be linear, static, hysteretic or drifting.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset
+from beamdesign.diagnosis.diagnosis import Cause, Where, Witness
+from beamdesign.diagnosis.examination.believed import controller_fit
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.where.conditions import Setting, setting
+from beamdesign.diagnosis.where.missing import Explanation, explanations, regression
+from beamdesign.diagnosis.where.residuals import Residual, residuals
+from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.assembly import Structure, assemble
+from beamdesign.plant.effect import SUBSYSTEMS
+from beamdesign.plant.effects import library
+from beamdesign.plant.electronics import LAG
+from beamdesign.prototype import Prototype
+
+
+@dataclass(frozen=True)
+class Opinion:
+    """What one witness holds.
+
+    Attributes:
+        name: of the witness.
+        votes: by subsystem, from 0 to 1 in all.
+        weight: of this kind of witness against the others.
+        text: in words.
+        table: for a report.
+    """
+
+    name: str
+    votes: Mapping[str, float]
+    weight: float
+    text: str
+    table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+
+    @property
+    def favourite(self) -> str:
+        """Where it points; empty where it says nothing, or the same of several places."""
+        ranked = sorted(self.votes, key=lambda name: -self.votes[name])
+        if not ranked or self.votes[ranked[0]] <= 0:
+            return ""
+        tied = len(ranked) > 1 and self.votes[ranked[0]] == self.votes[ranked[1]]
+        return "" if tied else ranked[0]
+
+    @property
+    def witness(self) -> Witness:
+        """As a diagnosis records it; its strength is its lead over the second place."""
+        ranked = sorted(self.votes.values(), reverse=True)
+        lead = ranked[0] - (ranked[1] if len(ranked) > 1 else 0.0) if ranked else 0.0
+        return Witness(self.name, self.favourite, min(1.0, max(0.0, lead)), self.text, self.table)
+
+
+def weighed(opinions: Sequence[Opinion]) -> dict[str, float]:
+    """Sum of all votes times weights, by subsystem, largest first."""
+    total = {name: sum(o.weight * o.votes.get(name, 0.0) for o in opinions) for name in SUBSYSTEMS}
+    return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+
+_POSTERIOR, _CONTROLLER, _LAWS, _FIGURES = 4.0, 2.0, 1.5, 0.8
+_SEEN = 0.03  # residual of the controller's equation that is worth a word
+_STRAINED = 3.0  # tolerances
+_FIRST = 1.05  # what the first place counts for more, where two share alike
+_TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
+
+
+def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: float) -> Opinion:
+    """Subsystems of the causes found, by their probability; of several at once the dominant one counts.
+
+    Args:
+        search: all fits.
+        chosen: held responsible.
+        causes: with probabilities, dominant first; none: from `search`.
+        unknown: probability that the cause is not in the library.
+    """
+    votes: dict[str, float] = {}
+    if causes:
+        inside = [c for c in causes if c.name in chosen.hypothesis.causes] or list(causes[:1])
+        lead = inside[0]
+        votes[lead.subsystem] = lead.probability
+        for c in causes:
+            if c not in inside:
+                votes[c.subsystem] = votes.get(c.subsystem, 0.0) + c.probability * (1 - lead.probability)
+    else:
+        names = _by_share(search, chosen)
+        if names:
+            votes[subsystem(names[0])] = 1.0
+    total = max(sum(votes.values()), 1.0)
+    votes = {name: value / total * (1 - unknown) for name, value in votes.items()}
+    named = ", ".join(chosen.hypothesis.causes) or "no cause of the library"
+    text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
+    return Opinion("the fits", votes, _POSTERIOR, text)
+
+
+def _by_share(search: Search, chosen: Fit) -> list[str]:
+    """Names of a fit, first the one without which most of the gap comes back."""
+    alone = {f.hypothesis.names: search.excess(f) for f in search.fits if not f.reason}
+
+    def without(name: str) -> float:
+        rest = tuple(n for n in chosen.hypothesis.names if n != name)
+        return alone.get(rest, 1.0)
+
+    return sorted(chosen.hypothesis.names, key=lambda name: -without(name))
+
+
+def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion:
+    """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
+    held = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
+    fits = [fit for fit in held if fit is not None]
+    if not fits:
+        text = "No record holds all that its controller hears, so that its equation says nothing."
+        return Opinion("the controller's equation", {}, _CONTROLLER, text, {})
+    # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
+    worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
+    table: dict[str, tuple[object, ...]] = {
+        "record": tuple(f.record for f in fits),
+        "residual": tuple(f.residual for f in fits),
+        "gain": tuple(f.gain for f in fits),
+        "delay_s": tuple(f.delay_s for f in fits),
+        "limit_A": tuple(f.limit_A for f in fits),
+    }
+    if worst.residual < max(_SEEN, worst.noise):
+        text = "Every record obeys its controller's equation."
+        return Opinion("the controller's equation", {}, _CONTROLLER, text, table)
+    if worst.limit_A is not None:
+        place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
+    elif worst.with_delay < 0.5 * worst.with_gain:
+        place, why = "controller", f"the current comes {worst.delay_s * 1e3:.2g} ms late"
+    elif worst.with_gain < 0.5 * worst.residual:
+        place, why = "amplifier", f"the current is {worst.gain:.3g} times what the controller asks for"
+    else:
+        place, why = "controller", "no gain, delay or limit explains it"
+    strength = float(np.clip(worst.residual / 0.1, 0.0, 1.0))
+    text = f"Record {worst.record} misses its controller's equation by {worst.residual:.1%} of the current: {why}."
+    return Opinion("the controller's equation", {place: strength}, _CONTROLLER, text, table)
+
+
+def about_equations(laws: Sequence[Explanation]) -> Opinion:
+    """Which subsystem's own laws, of its own local variables, explain the residual in conditions held out."""
+    shares = {e.subsystem: float(np.clip(e.share, 0.0, 1.0)) for e in laws}
+    cubes = {name: share**3 for name, share in shares.items()}
+    lead = laws[0]
+    cubes[lead.subsystem] = _FIRST * max(cubes.values())
+    total = sum(cubes.values())
+    best = max(shares.values(), default=0.0)
+    votes = {name: best * value / total for name, value in cubes.items()} if total > 0 else {}
+    text = (
+        f"Laws of the {lead.subsystem} explain {lead.share:.0%} of the gap in held-out conditions"
+        + (f" ({', '.join(lead.terms)})" if lead.terms else "")
+        + "; next "
+        + ", ".join(f"{e.subsystem} {max(e.share, 0.0):.0%}" for e in laws[1:3])
+        + "."
+    )
+    table: dict[str, tuple[object, ...]] = {
+        "subsystem": tuple(e.subsystem for e in laws),
+        "share": tuple(e.share for e in laws),
+        "terms": tuple(", ".join(e.terms) for e in laws),
+    }
+    return Opinion("the laws of each equation", votes, _LAWS, text, table)
+
+
+def about_figures(null: Fit, expected: float) -> Opinion:
+    """Which tolerated figure had to move furthest when only tolerances were fitted.
+
+    It counts where tolerances alone explain most: then a figure that moved too far did the work.
+
+    Args:
+        null: that fit.
+        expected: misfit that noise alone leaves.
+    """
+    if null.reason or not len(null.z):
+        return Opinion("the tolerated figures", {}, _FIGURES, "No tolerated figure could be fitted.")
+    moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
+    furthest = max(moved, key=lambda name: abs(moved[name]))
+    text = f"Fitted alone, {furthest} moves furthest: {moved[furthest]:+.1f} tolerances."
+    table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
+    if abs(moved[furthest]) < _STRAINED:
+        return Opinion("the tolerated figures", {}, _FIGURES, text, table)
+    place = subsystem(WRONG + RIG_TOLERANCES[furthest])
+    strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
+    strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
+    return Opinion("the tolerated figures", {place: strength}, _FIGURES, text, table)
+
+
+_DRIFT = 0.5  # of the residual's power
+_BENT = 0.3  # of the residual's power away from the lines of the input
+_TOLD = 0.3  # share that a subsystem's laws must explain for their kind to count
+
+
+def kind_of_effect(name: str) -> str:
+    """Kind of a cause of the library: by its memory, and by whether its equations are linear in the states."""
+    if name.startswith(WRONG):
+        return "linear"
+    effect = library().get(name)
+    if effect is None:
+        return ""
+    if effect.memory:
+        return "hysteretic"
+    assembly = assemble(Structure(LAG, False, (name,)))
+    t, x, u, p = (ca.SX.sym(n, *assembly.function.size_in(k)) for k, n in enumerate("txup"))
+    rate, y = assembly.function(t, x, u, p)
+    slopes = ca.jacobian(ca.vertcat(rate, y), ca.vertcat(x, u))
+    bent = any(ca.which_depends(ca.vec(slopes), ca.vertcat(x, u), 1, True))
+    return "static" if bent else "linear"
+
+
+def kind_of_residual(seen: Setting, laws: Sequence[Explanation]) -> str:
+    """Kind of a gap whose cause is not known: by its slowness, by the laws that explain most, by its distortion."""
+    if seen.slow > _DRIFT:
+        return "drifting"
+    if laws and laws[0].share > _TOLD and laws[0].kinds:
+        return laws[0].kinds[0]
+    if seen.distortion == seen.distortion:
+        return "static" if seen.distortion > _BENT else "linear"
+    return ""
+
+
+_ALIKE = 0.05  # shares
+NO_GAP = Where("", (0.0, 0.0), "", sentence="There is no gap to place.")
+
+
+def locate(
+    data: Dataset,
+    search: Search,
+    chosen: Fit,
+    evidence: Sequence[object],
+    causes: Sequence[Cause] = (),
+    unknown: float = 0.0,
+) -> Where:
+    """Find where the gap lies.
+
+    Args:
+        data: what came back.
+        search: all fits.
+        chosen: the fit held responsible; that of the null where there is no gap, or no known cause.
+        evidence: pieces of the data set; those that are time records testify.
+        causes: of the verdict with their probabilities, the dominant one first; none: worked out from the search.
+        unknown: probability that the cause is not in the library.
+
+    Returns:
+        without a subsystem where the chosen fit is the null and no unknown cause is probable.
+    """
+    if not chosen.hypothesis.names and unknown <= 0.5:
+        return NO_GAP
+    found = () if search.null.reason else residuals(data.prototype, search.null, evidence)
+    opinions = [posterior(search, chosen, causes, unknown)]
+    laws: tuple[Explanation, ...] = ()
+    seen: Setting | None = None
+    if found:
+        laws, seen = laws_of(found, search.null), setting(found)
+        opinions += [about_controller(data.prototype, found), about_equations(laws)]
+    opinions.append(about_figures(search.null, search.expected))
+    scores = weighed(opinions)
+    place = next(iter(scores))
+    dominant = causes[0].name if causes else next(iter(chosen.hypothesis.names), "")
+    known = dominant and unknown <= 0.5 and opinions[0].favourite == place
+    kind = kind_of_effect(dominant) if known else ""
+    witnesses = [o.witness for o in opinions]
+    band, condition = (0.0, 0.0), ""
+    if seen is not None:
+        kind = kind or kind_of_residual(seen, laws)
+        witnesses.append(_shown(seen))
+        band, condition = seen.band_Hz, seen.condition
+    sentence = _sentence(place, scores, opinions, band, kind)
+    return Where(place, band, condition, kind, tuple(witnesses), sentence)
+
+
+def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
+    """How far each subsystem's own laws explain the residuals, best first.
+
+    Local variables are taken from the model, and again as smoothed by the records: the former miss what a strong cause
+    does to them, the latter hold some of what is to be explained. The share is the mean of both; where two are alike,
+    the former decides.
+    """
+    plain, smooth = (
+        {e.subsystem: e for e in explanations(regression(found, null, corrected))} for corrected in (False, True)
+    )
+    merged = []
+    for name in plain:
+        one, other = plain[name], smooth[name]
+        told = one if one.share >= other.share else other
+        mean = (max(one.share, 0.0) + max(other.share, 0.0)) / 2
+        merged.append(replace(told, share=mean))
+    most = max(e.share for e in merged)
+    close = [e for e in merged if e.share > most - _ALIKE]
+    lead = max(close, key=lambda e: plain[e.subsystem].share)
+    return tuple(sorted(merged, key=lambda e: (e is not lead, -e.share)))
+
+
+def _shown(seen: Setting) -> Witness:
+    """Frequency, size, payload, input and direction: what kind of gap it is; it names no subsystem."""
+    parts = [f"Most of the misfit is between {seen.band_Hz[0]:g} and {seen.band_Hz[1]:g} Hz"]
+    parts.append(f"the relative error is {seen.condition}")
+    if seen.distortion == seen.distortion:
+        parts.append(f"{seen.distortion:.0%} of it lies away from the lines of the input")
+    parts.append(f"it differs by {seen.asymmetry:.0%} between the two directions")
+    return Witness("bands and conditions", "", 0.0, "; ".join(parts) + ".", seen.table)
+
+
+def _sentence(
+    place: str, scores: Mapping[str, float], opinions: Sequence[Opinion], band: tuple[float, float], kind: str
+) -> str:
+    """Who says so, who says otherwise, and by how much."""
+    speak = [o for o in opinions if o.favourite]
+    agree = [o.name for o in speak if o.favourite == place]
+    others: dict[str, list[str]] = {}
+    for o in speak:
+        if o.favourite != place:
+            others.setdefault(o.favourite, []).append(o.name)
+    total = sum(scores.values()) or 1.0
+    where = f" between {band[0]:g} and {band[1]:g} Hz" if band[1] > 0 else ""
+    what = f", {kind}," if kind else ""
+    told = f"The gap{what} lies in the {place}{where}: so say {_listed(agree)}"
+    if others:
+        told += "; " + ", ".join(f"{_listed(names)} would have it in the {sub}" for sub, names in others.items())
+    return f"{told}. Weighed, {scores[place] / total:.0%} is for the {place}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "none alone"

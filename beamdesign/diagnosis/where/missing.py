@@ -1,0 +1,386 @@
+"""What each equation lacks, and how much of it is a law of the equation's own local variables.
+
+With one independent output the unknown signal of any one equation can explain the residual; what tells equations apart
+is whether that signal is a simple function of the equation's own variables, the same in every record. So terms of local
+variables go through the linear rig to the channels, are weighed as the residual is, and are chosen one by one per
+subsystem beside the tolerated figures; conditions held out of the regression say how much they explain.
+
+The dictionary of terms is no library of effects. It holds what a law can do to a signal: filter it, bend it, cut it,
+lag behind it by a loop, lean on a neighbour. Each entry is one column of a regression, so amplitudes are found, not
+given; what has a scale of its own (the width of a loop, a break frequency) stands there at several.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
+
+import numpy as np
+
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
+from beamdesign.diagnosis.where.residuals import Residual
+from beamdesign.parameters import RIG_TOLERANCES
+
+Law = Callable[..., np.ndarray]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One thing that an equation may lack.
+
+    Attributes:
+        words: for people.
+        subsystem: that it speaks for.
+        entry: of `probe.ENTRIES`, where it comes in.
+        signals: local ones that it needs, by name.
+        law: of these signals (N,) in time; where `linear`, the factor on the spectrum of the only one, of s (F,).
+        kind: `linear`, `static` or `hysteretic`.
+    """
+
+    words: str
+    subsystem: str
+    entry: str
+    signals: tuple[str, ...]
+    law: Law
+    kind: str = "static"
+
+
+def terms(levels: Mapping[str, np.ndarray]) -> tuple[Term, ...]:
+    """All terms.
+
+    Args:
+        levels: by signal, sizes at which laws of one scale are tried, in its unit.
+    """
+    sensor, late, amplifier = ("sensor", "sensor"), ("controller", "sensor"), ("amplifier", "amplifier")
+    volts, asked = ("sensor_V",), ("demanded_A",)
+    spool, valve = ("servovalve", "spool"), ("servovalve", "oil continuity")
+    current, flow, pressure = ("current_A",), ("metered_m3_per_s",), ("load_pressure_Pa",)
+    seal, sides, oil = ("actuator", "piston force"), ("actuator", "oil continuity"), ("oil", "oil continuity")
+    speed, rate = ("stroke_m_per_s",), ("pressure_rate_Pa_per_s",)
+    mount, joint, force = ("structure", "mount"), ("structure", "joint"), ("cylinder_force_N",)
+    middle = levels["stroke_m_per_s"][2]
+    return (
+        *_each("sensor lags, {:.0f} Hz", sensor, volts, (30, 60, 120, 250, 500, 1000), _low_pass, "linear"),
+        Term("sensor bends, V|V|", *sensor, volts, lambda v: v * np.abs(v)),
+        Term("sensor bends, V^3", *sensor, volts, lambda v: v**3),
+        Term("sensor bends one way, V^2", *sensor, volts, lambda v: v**2),
+        Term("sensor differs by sign, |V|", *sensor, volts, np.abs),
+        *_loops("sensor", sensor, volts, levels),
+        *_each("signal comes {:g} ms late", late, volts, (0.3, 0.6, 1.2, 2.4, 4.8), _late, "linear"),
+        *_each("current cut at {:.2g}", amplifier, asked, levels["demanded_A"], _cut),
+        *_each("amplifier lags, {:.0f} Hz", amplifier, asked, (50, 100, 200, 400, 800), _low_pass, "linear"),
+        Term("gain of the amplifier", *amplifier, asked, np.ones_like, "linear"),
+        Term("amplifier bends, i^3", *amplifier, asked, lambda i: i**3),
+        Term("amplifier differs by sign", *amplifier, asked, np.abs),
+        *_each("spool lags, {:.0f} Hz", spool, current, (50, 100, 200, 400, 800), _low_pass, "linear"),
+        *_loops("spool", spool, current, levels),
+        *_each("flow cut at {:.2g}", valve, flow, levels["metered_m3_per_s"], _cut),
+        Term("flow bends, Q|Q|", *valve, flow, lambda q: q * np.abs(q)),
+        Term("flow bends, Q^3", *valve, flow, lambda q: q**3),
+        Term("flow goes with pressure, |Q| p", *valve, flow + pressure, lambda q, p: np.abs(q) * p),
+        Term("flow goes with pressure, Q p^2", *valve, flow + pressure, lambda q, p: q * p**2),
+        Term("flow goes with pressure, Q p", *valve, flow + pressure, lambda q, p: q * p),
+        Term("leakage bends, p|p|", *valve, pressure, lambda p: p * np.abs(p)),
+        Term("leakage bends, p^2", *valve, pressure, lambda p: p**2),
+        *_each("supply droops over {:g} s", valve, flow, (0.02, 0.1, 0.5), _droop),
+        *_loops("seal", seal, ("stroke_m",), levels),
+        *_each("friction turns over within {:.2g} m/s", seal, speed, levels["stroke_m_per_s"], _slide),
+        Term("friction goes with pressure", *seal, speed + pressure, lambda v, p: _slide(middle, v) * np.abs(p)),
+        Term("friction, speed squared", *seal, speed, lambda v: v * np.abs(v)),
+        Term("viscous friction", *seal, speed, np.ones_like, "linear"),
+        Term("sides differ, |speed|", *sides, speed, np.abs),
+        Term("sides differ, |flow|", *sides, flow, np.abs),
+        Term("force differs by sign, |p|", *seal, pressure, np.abs),
+        Term("oil gives way", *oil, rate, np.ones_like, "linear"),
+        *_each("oil lags, {:.0f} Hz", oil, rate, (20, 60, 200), _low_pass, "linear"),
+        Term("oil gives way with pressure, p' p", *oil, pressure + rate, lambda p, r: p * r),
+        Term("oil gives way with pressure, p' |p|", *oil, pressure + rate, lambda p, r: np.abs(p) * r),
+        Term("oil gives way with pressure, p' p^2", *oil, pressure + rate, lambda p, r: p**2 * r),
+        *_beam("outer", levels),
+        *_beam("inner", levels),
+        *_resonances("mount", mount, ("mount_force_N",), 0),
+        *_each("force in the joint cut at {:.2g}", joint, force, levels["cylinder_force_N"], _cut),
+        Term("joint gives way", *joint, force, np.ones_like, "linear"),
+    )
+
+
+def _beam(name: str, levels: Mapping[str, np.ndarray]) -> Iterable[Term]:
+    of, tip, beam = ("structure", f"{name} beam"), (f"{name}_m",), f"{name} beam"
+    yield from _resonances(beam, of, tip, 2)
+    yield Term(f"{beam} bends, x^3", *of, tip, lambda x: x**3)
+    yield Term(f"{beam} bends, x|x|", *of, tip, lambda x: x * np.abs(x))
+    yield Term(f"{beam} differs by sign, |x|", *of, tip, np.abs)
+    yield from _loops(beam, of, tip, levels)
+
+
+def _each(
+    words: str, of: tuple[str, str], signals: tuple[str, ...], scales: Iterable[float], law: Law, kind: str = "static"
+) -> list[Term]:
+    """One term per scale of a law, which is its first argument."""
+    return [Term(words.format(scale), *of, signals, partial(law, scale), kind) for scale in scales]
+
+
+def _loops(words: str, of: tuple[str, str], signals: tuple[str], levels: Mapping[str, np.ndarray]) -> list[Term]:
+    return _each(f"loop in {words} of half width {{:.2g}}", of, signals, levels[signals[0]], stop, "hysteretic")
+
+
+def _resonances(words: str, of: tuple[str, str], signals: tuple[str], order: int) -> list[Term]:
+    law = partial(_resonance, order)
+    return _each(f"{words} resonates at {{:.0f}} Hz", of, signals, np.geomspace(25, 600, 14), law, "linear")
+
+
+def _low_pass(hz: float, s: np.ndarray) -> np.ndarray:
+
+    return np.asarray(1 / (1 + s / (2 * np.pi * hz)) - 1)
+
+
+def _late(milliseconds: float, s: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(-s * (milliseconds / 1e3)) - 1)
+
+
+def _resonance(order: int, hz: float, s: np.ndarray) -> np.ndarray:
+    w = 2 * np.pi * hz
+    return np.asarray(s**order * w**2 / (s**2 + 0.1 * w * s + w**2))
+
+
+def _cut(level: float, signal: np.ndarray) -> np.ndarray:
+    return np.clip(signal, -level, level)
+
+
+def _slide(level: float, speed: np.ndarray) -> np.ndarray:
+    return np.asarray(np.tanh(speed / level))
+
+
+def _droop(tau: float, flow: np.ndarray) -> np.ndarray:
+    """Flow times its smoothed size, over samples of half a millisecond or whatever; regression finds the scale."""
+    from scipy.signal import lfilter
+
+    keep = np.exp(-5e-4 / tau)
+    return np.asarray(flow * lfilter([1 - keep], [1, -keep], np.abs(flow)))
+
+
+def stop(width: float, signal: np.ndarray) -> np.ndarray:
+    """Stop operator: follows the signal's changes, within plus and minus `width` (Prandtl's element).
+
+    Args:
+        width: in the signal's unit.
+        signal: (N,) that begins at its rest.
+    """
+    return np.asarray(_compiled()(np.ascontiguousarray(signal, dtype=float), float(width)))
+
+
+def _stop(signal: np.ndarray, width: float) -> np.ndarray:
+    """One loop over samples that cannot be vectorised."""
+    out = np.empty_like(signal)
+    held = 0.0
+    before = signal[0]
+    for k in range(len(signal)):
+        held = min(max(held + signal[k] - before, -width), width)
+        before = signal[k]
+        out[k] = held
+    return out
+
+
+@cache
+def _compiled() -> Callable[[np.ndarray, float], np.ndarray]:
+    from numba import njit
+
+    try:
+        return njit(cache=True)(_stop)
+    except RuntimeError:  # no folder that could be written to; each process then compiles for itself
+        return njit(_stop)
+
+
+_LOOPED = (
+    "sensor_V",
+    "current_A",
+    "demanded_A",
+    "metered_m3_per_s",
+    "stroke_m",
+    "stroke_m_per_s",
+    "outer_m",
+    "inner_m",
+    "cylinder_force_N",
+)
+_LEVELS = 6
+_RIDGE = 1e-6  # of a column's own size
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """How far one subsystem's own laws explain the residual.
+
+    Attributes:
+        subsystem: whose.
+        share: of the excess misfit in held-out conditions, from 0 (or below) to 1.
+        terms: chosen, in words.
+        kinds: of each.
+    """
+
+    subsystem: str
+    share: float
+    terms: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
+def levels(found: Sequence[Residual]) -> dict[str, np.ndarray]:
+    """Sizes of local signals, from below what the quietest record reaches to what the largest does."""
+    signals = [item.nominal() for item in found]
+    rms = {name: [float(np.sqrt(np.mean(s[name] ** 2))) for s in signals] for name in _LOOPED}
+    return {
+        name: np.geomspace(0.3 * min(sizes) + 1e-15, 2.0 * max(sizes) + 1e-14, _LEVELS) for name, sizes in rms.items()
+    }
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Normal equations of a residual in all terms, one set per record.
+
+    Attributes:
+        gram: (R, P, P) of all columns: tolerated figures, then terms.
+        right: (R, P).
+        left: (R,) misfit of each residual.
+        expected: misfit that noise leaves.
+        tolerated: how many columns are those of tolerated figures.
+        start: (K,) z of the tolerated figures about which the residual was taken.
+        groups: records of each condition.
+        terms: of the further columns: words, subsystem, kind.
+    """
+
+    gram: np.ndarray = field(repr=False)
+    right: np.ndarray = field(repr=False)
+    left: np.ndarray
+    expected: float
+    tolerated: int
+    start: np.ndarray
+    groups: tuple[tuple[int, ...], ...]
+    terms: tuple[tuple[str, str, str], ...]
+
+    @cached_property
+    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sums over all records."""
+        return self.gram.sum(0), self.right.sum(0)
+
+    def held_out(self, columns: Sequence[int]) -> float:
+        """Misfit of each condition as predicted from all others with the tolerated figures and these terms."""
+        total = 0.0
+        for group in self.groups:
+            out = list(group)
+            theta = self._solved(self._whole[0] - self.gram[out].sum(0), self._rest(out), columns)
+            total += self._misfit(out, theta, columns)
+        return total
+
+    def fitted(self, columns: Sequence[int]) -> float:
+        """Misfit of all records and of the prior, fitted to all."""
+        theta = self._solved(self._whole[0], self._whole[1], columns)
+        k = self.tolerated
+        return self._misfit(list(range(len(self.left))), theta, columns) + float(
+            np.sum((self.start + theta[:k]) ** 2) - np.sum(self.start**2)
+        )
+
+    def _rest(self, out: list[int]) -> np.ndarray:
+        return np.asarray(self._whole[1] - self.right[out].sum(0))
+
+    def _chosen(self, columns: Sequence[int]) -> np.ndarray:
+        return np.array([*range(self.tolerated), *columns])
+
+    def _solved(self, gram: np.ndarray, right: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        at, k = self._chosen(columns), self.tolerated
+        a, b = gram[np.ix_(at, at)].copy(), right[at].copy()
+        a[np.arange(len(at)), np.arange(len(at))] += np.where(
+            np.arange(len(at)) < k, 1.0, _RIDGE * self._whole[0][at, at] + 1e-12
+        )
+        b[:k] -= self.start
+        return np.asarray(np.linalg.solve(a, b))
+
+    def _misfit(self, records: list[int], theta: np.ndarray, columns: Sequence[int]) -> float:
+        at = self._chosen(columns)
+        whole = len(records) == len(self.left)
+        gram, right = self._whole if whole else (self.gram[records].sum(0), self.right[records].sum(0))
+        a, b = gram[np.ix_(at, at)], right[at]
+        return float(self.left[records].sum() - 2 * theta @ b + theta @ a @ theta)
+
+
+def regression(found: Sequence[Residual], null: Fit, corrected: bool = False) -> Regression:
+    """Set up the normal equations.
+
+    Args:
+        found: residuals about a fit of the tolerated figures.
+        null: that fit.
+        corrected: whether local variables are smoothed by the record, or those of the nominal model.
+    """
+    dictionary = terms(levels(found))
+    order = sorted(range(len(dictionary)), key=lambda k: dictionary[k].entry)
+    dictionary = tuple(dictionary[k] for k in order)
+    used = sorted({term.entry for term in dictionary})
+    grams, rights, lefts, expected = [], [], [], 0.0
+    for item in found:
+        parts = [-item.evidence.weight(-item.slopes)]
+        signals = item.smoothed() if corrected else item.nominal()
+        parts += [_columns(item, entry, [t for t in dictionary if t.entry == entry], signals) for entry in used]
+        matrix = np.hstack(parts)
+        left = item.evidence.weight(item.left)
+        grams.append(matrix.T @ matrix)
+        rights.append(matrix.T @ left)
+        lefts.append(float(left @ left))
+        expected += item.evidence.expected
+    groups: dict[object, list[int]] = {}
+    for k, item in enumerate(found):
+        groups.setdefault(item.evidence.condition, []).append(k)
+    gram, right, tolerated = np.array(grams), np.array(rights), len(null.z)
+    scale = np.sqrt(np.einsum("rpp->p", gram)) + 1e-300
+    scale[:tolerated] = 1.0
+    # A figure of the rig that is wrong by more than its tolerance is the same column without its prior.
+    figures = [WRONG + RIG_TOLERANCES[u.name] for u in null.unknowns]
+    wrong = [(name, subsystem(name), "linear") for name in figures]
+    own = [(t.words, t.subsystem, t.kind) for t in dictionary]
+    again = np.concatenate([np.arange(gram.shape[1]), np.arange(tolerated)])
+    gram = (gram / scale / scale[:, None])[:, again][:, :, again]
+    right = (right / scale)[:, again]
+    start = np.asarray(null.z, dtype=float)
+    indices = tuple(tuple(g) for g in groups.values())
+    return Regression(gram, right, np.array(lefts), expected, tolerated, start, indices, (*own, *wrong))
+
+
+def _columns(item: Residual, entry: str, chosen: Sequence[Term], signals: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(M, len(chosen)) what terms at one entry do to the weighed channels."""
+    probed = item.probe
+    waves = []
+    for term in chosen:
+        if term.kind == "linear":
+            waves.append(probed.spectrum(signals[term.signals[0]]) * term.law(probed.laplace))
+        else:
+            waves.append(probed.spectrum(term.law(*(signals[name] for name in term.signals))))
+    through = probed.entry(entry, item.channels)
+    spectra = through[:, :, None] * np.array(waves).T[:, None, :]
+    return item.evidence.weight(probed.signal(spectra))
+
+
+def explanations(found: Regression, most: int = 4, least_gain: float = 0.01) -> tuple[Explanation, ...]:
+    """Every subsystem's explanation, best first: terms taken one by one while held-out conditions gain by them.
+
+    Args:
+        found: the normal equations.
+        most: terms.
+        least_gain: of the share, for one term more.
+    """
+    nothing = found.held_out(())
+    gap = max(nothing - found.expected, 1e-9)
+    results = []
+    for name in dict.fromkeys(term[1] for term in found.terms):
+        own = [found.tolerated + k for k, term in enumerate(found.terms) if term[1] == name]
+        chosen: list[int] = []
+        reached = 0.0
+        for _ in range(most):
+            rest = (k for k in own if k not in chosen)
+            best = min(rest, key=lambda k: found.fitted([*chosen, k]), default=None)
+            if best is None:
+                break
+            share = (nothing - found.held_out([*chosen, best])) / gap
+            if share < reached + least_gain:
+                break
+            chosen.append(best)
+            reached = share
+        picked = [found.terms[k - found.tolerated] for k in chosen]
+        results.append(Explanation(name, reached, tuple(p[0] for p in picked), tuple(p[2] for p in picked)))
+    return tuple(sorted(results, key=lambda e: -e.share))

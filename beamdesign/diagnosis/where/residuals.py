@@ -1,0 +1,235 @@
+"""Records against the tuned nominal model, and the local variables of its equations behind each.
+
+The linear rig stands in its loop with an unknown signal let in at any port: a missing law is an unknown signal at the
+port where it should act.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, Replay, simulated_with_slopes, steps
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
+from beamdesign.plant.assembly import PORTS, Structure, assemble
+from beamdesign.plant.beams_rig import TWIN_BEAM
+from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.prototype import Prototype
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A way in for an unknown signal.
+
+    Attributes:
+        own: largest variable of the equation behind it, in the unit of what may be missing there.
+        ports: where the signal is added: port, and how often it is differentiated first.
+    """
+
+    own: str
+    ports: tuple[tuple[str, int], ...]
+
+
+ENTRIES = {
+    "amplifier": Entry("current_A", (("current_A", 0),)),
+    "spool": Entry("current_A", (("spool_A", 0),)),
+    "oil continuity": Entry("metered_m3_per_s", (("linear_a_m3_per_s", 0), ("linear_b_m3_per_s", 0))),
+    "piston force": Entry("cylinder_force_N", (("friction_N", 0),)),
+    "outer beam": Entry("outer_reaction_N", (("outer_reaction_N", 0),)),
+    "inner beam": Entry("inner_reaction_N", (("inner_reaction_N", 0),)),
+    "mount": Entry("outer_m", (("mount_m", 0), ("mount_m_per_s", 1))),
+    "joint": Entry("outer_m", (("rod_m_per_s", 1),)),
+    "sensor": Entry("sensor_V", (("sensor_V", 0),)),
+}
+"""Equations of the rig and where what they lack comes in."""
+
+_PROBED = tuple(dict.fromkeys(port for entry in ENTRIES.values() for port, _ in entry.ports))
+SIGNALS = (
+    *(name for name in PORTS if not name.startswith(("area_", "bulk_", "chamber_", "supply_", "tank_"))),
+    "load_pressure_Pa",
+    "displacement_m",
+    "inner_m",
+    "outer_m",
+)
+"""Local variables: signals of ports, and what is recorded of them."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Linear responses of one rig in its loop, on the grid of a record padded to twice its length.
+
+    Attributes:
+        count: samples of a record.
+        laplace: (F,) s on the imaginary axis.
+        response: (F, S, 2 + W) from disturbance, command and the signals at probed ports to `SIGNALS`.
+    """
+
+    count: int
+    laplace: np.ndarray = field(repr=False)
+    response: np.ndarray = field(repr=False)
+
+    def entry(self, name: str, signals: Sequence[str]) -> np.ndarray:
+        """(F, len(signals)) from an unknown signal at an entry."""
+        rows, s = [SIGNALS.index(k) for k in signals], self.laplace
+        total = np.zeros((len(s), len(rows)), dtype=complex)
+        for port, order in ENTRIES[name].ports:
+            total += self.response[:, rows, 2 + _PROBED.index(port)] * (s**order)[:, None]
+        return total
+
+    def driven(self, inputs: np.ndarray, signals: Sequence[str] = SIGNALS) -> np.ndarray:
+        """(F, len(signals)) spectra of signals under the inputs (N, 2) of a record."""
+        rows = [SIGNALS.index(k) for k in signals]
+        return np.einsum("fsi,fi->fs", self.response[:, rows, :2], self.spectrum(inputs))
+
+    def spectrum(self, signals: np.ndarray) -> np.ndarray:
+        """Spectra of (N, ...) signals padded with zeros to twice their length."""
+        return np.fft.rfft(signals, 2 * self.count, axis=0)
+
+    def signal(self, spectra: np.ndarray) -> np.ndarray:
+        """(N, ...) from spectra, the padding cut off."""
+        return np.fft.irfft(spectra, 2 * self.count, axis=0)[: self.count]
+
+
+def probe(job: Replay, placement: Placement, z: np.ndarray) -> Probe:
+    """Linearise the rig of a record at rest, with the unknowns at z.
+
+    Args:
+        job: the record.
+        placement: of a hypothesis without effects.
+        z: of its unknowns.
+
+    Raises:
+        ValueError: where the rig has no equilibrium, or the placement has effects.
+    """
+    if placement.assembly.kinds.effects:
+        raise ValueError("a probe is that of the linear rig")
+    placed, parameters = job.placed(placement), job.parameters(placement, z)
+    x = equilibrium(placed.assembly, np.zeros(3), parameters)
+    a, b, c, d = (np.asarray(m) for m in _linear(placed.assembly.kinds)(x, np.zeros(2 + len(_PROBED)), parameters))
+    count = len(job.record.times)
+    s = 2j * np.pi * np.fft.rfftfreq(2 * count, job.record.step)
+    inner = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
+    return Probe(count, s, np.asarray(c @ inner + d))
+
+
+@cache
+def _linear(kinds: Structure) -> ca.Function:
+    """States, inputs (disturbance, command, probed ports) and parameters to A, B, C, D."""
+    assembly = assemble(kinds)
+    x, p = ca.SX.sym("x", len(assembly.states)), ca.SX.sym("p", len(assembly.parameters))
+    u = ca.SX.sym("u", 2 + len(_PROBED))
+    state = dict(zip(assembly.states, ca.vertsplit(x), strict=True))
+    figure = dict(zip(assembly.parameters, ca.vertsplit(p), strict=True))
+    added = dict(zip(_PROBED, ca.vertsplit(u)[2:], strict=True))
+    port: dict[str, Any] = state | {"disturbance_N": u[0], "command_V": u[1]}
+    rig = TWIN_BEAM.with_law(kinds.controller)
+    for name, law in rig.ports.items():
+        port[name] = law(port, figure, state) + added.get(name, 0.0)
+    rate = rig.rates(port, figure, state)
+    seen: Mapping[str, Any] = port | rig.outputs(port, figure, state)
+    rates = ca.vertcat(*(rate[name] for name in assembly.states))
+    y = ca.vertcat(*(seen[name] for name in SIGNALS))
+    matrices = [ca.densify(ca.jacobian(value, of)) for value in (rates, y) for of in (x, u)]
+    return ca.Function("linear", [x, u, p], matrices)
+
+
+_DOUBT = 0.3
+_LEAST_NOISE = 1e-6
+_HALF_BAND = 2 ** (1 / 4)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One record against the tuned nominal model.
+
+    Attributes:
+        evidence: the record.
+        probe: its linear rig.
+        channels: recorded ones, as signals of the probe.
+        left: (N, C) measured less predicted.
+        slopes: (N, C, K) of the prediction by the tolerated figures.
+    """
+
+    evidence: RecordEvidence
+    probe: Probe
+    channels: tuple[str, ...]
+    left: np.ndarray = field(repr=False)
+    slopes: np.ndarray = field(repr=False)
+
+    @property
+    def noise(self) -> np.ndarray:
+        """(C,) white noise of the channels, at least a millionth of what they hold."""
+        rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
+        return np.asarray(np.maximum(self.evidence.weight.noise_std, _LEAST_NOISE * rms + 1e-30))
+
+    def smoothed(self) -> dict[str, np.ndarray]:
+        """(N,) local variables, most probable after the record: every equation may lack something, alike for its size.
+
+        The unknown signals of all entries are independent, each with the spectrum of its equation's own variable times
+        `_DOUBT` squared; the channels carry their noise. So no equation is favoured, and what one lacks does not
+        explain itself through variables that were made from it.
+        """
+        weight, probed = self.evidence.weight, self.probe
+        nominal = probed.driven(self.evidence.record.inputs)
+        spectra = probed.spectrum(self.left * weight.fade[:, None])
+        noise = self.noise**2 * len(self.left)
+        gain = np.zeros((len(nominal), len(SIGNALS), len(self.channels)), dtype=complex)
+        spread = np.zeros((len(nominal), len(self.channels), len(self.channels)), dtype=complex)
+        spread[:, range(len(noise)), range(len(noise))] = noise
+        for name, entry in ENTRIES.items():
+            power = _DOUBT**2 * banded(np.abs(nominal[:, SIGNALS.index(entry.own)]) ** 2)
+            through = probed.entry(name, SIGNALS)
+            seen = through[:, [SIGNALS.index(c) for c in self.channels]]
+            weighed = power[:, None] * seen.conj()
+            gain += through[:, :, None] * weighed[:, None, :]
+            spread += seen[:, :, None] * weighed[:, None, :]
+        moved = np.einsum("fsc,fc->fs", gain, np.linalg.solve(spread, spectra[:, :, None])[:, :, 0])
+        return self._signals(nominal + moved)
+
+    def nominal(self) -> dict[str, np.ndarray]:
+        """(N,) local variables of the nominal model."""
+        return self._signals(self.probe.driven(self.evidence.record.inputs))
+
+    def _signals(self, spectra: np.ndarray) -> dict[str, np.ndarray]:
+        probed = self.probe
+        found = dict(zip(SIGNALS, probed.signal(spectra).T, strict=True))
+        pressure = spectra[:, SIGNALS.index("load_pressure_Pa")]
+        found["pressure_rate_Pa_per_s"] = probed.signal(pressure * probed.laplace)
+        found["stroke_m"] = found["outer_m"] - found["inner_m"]
+        return found
+
+
+def banded(power: np.ndarray) -> np.ndarray:
+    """Mean power about each line, over half an octave."""
+    lines = np.arange(len(power))
+    low = np.floor(lines / _HALF_BAND).astype(int)
+    high = np.minimum(np.ceil(lines * _HALF_BAND).astype(int) + 1, len(power))
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tuple[Residual, ...]:
+    """Every record against the model with tuned tolerances."""
+    placement = NOTHING.placement(prototype)
+    found = []
+    probes: dict[object, Probe] = {}
+    for piece in evidence:
+        if not isinstance(piece, RecordEvidence):
+            continue
+        substeps = steps(piece.job, placement, null.z)
+        made = simulated_with_slopes(piece.job, placement, null.z, piece.weight.channels, substeps)
+        if made is None:
+            continue
+        predicted, slopes = made
+        channels = tuple("inner_m" if c == "inner_displacement_m" else c for c in piece.weight.channels)
+        taken = piece.record
+        key = (taken.outer_end_mass, taken.inner_end_mass, taken.controller, len(taken.times), taken.step)
+        if key not in probes:
+            probes[key] = probe(piece.job, placement, null.z)
+        probed = probes[key]
+        found.append(Residual(piece, probed, channels, piece.measured - predicted, slopes))
+    return tuple(found)

@@ -1,1 +1,0 @@
-"""Witnesses of where a gap lies."""

@@ -1,6 +1,0 @@
-"""Zalucky and Hardt (1984): the published rig as a prototype, and every published number beside the model's."""
-
-from beamdesign.paper.comparison import Comparison, compare
-from beamdesign.paper.rig import CASES, lag, paper_prototype, proportional
-
-__all__ = ["CASES", "Comparison", "compare", "lag", "paper_prototype", "proportional"]

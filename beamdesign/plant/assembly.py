@@ -1,0 +1,141 @@
+"""Components joined at named ports to one right-hand side x' = f(t, x, u, p), with any set of effects.
+
+A rig is a set of components (`RIGS`). Equations (7) to (16) of Zalucky and Hardt (1984) are what remains of the twin
+beam with every effect off.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.plant.beams_rig import MORE_FIGURES, OUTPUTS, STATES, TWIN_BEAM, WALL_FIGURES
+from beamdesign.plant.bench import BENCH
+from beamdesign.plant.component import Rig
+from beamdesign.plant.effect import Effect, Site
+from beamdesign.plant.effects import library
+from beamdesign.plant.electronics import Law
+
+__all__ = ["INPUTS", "MORE_FIGURES", "OUTPUTS", "PORTS", "RIGS", "STATES", "Assembly", "Structure", "assemble", "join"]
+
+INPUTS = ("disturbance_N", "command_V", "sampled_current_A")
+RIGS: dict[str, Rig] = {"twin_beam": TWIN_BEAM, "actuator_bench": BENCH}
+"""By the `kind` of their prototypes."""
+
+PORTS = TWIN_BEAM.ports
+"""Law of every port of the twin beam with all effects off, in the order in which they are worked out."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What decides the equations of a rig, as opposed to its figures.
+
+    Attributes:
+        controller: its equations, such as `LAG` or `SAMPLED` of `beamdesign.plant.electronics`; None leaves the rig's
+            own, such as the open loop of a bench.
+        filtered: whether the prototype's own low-pass filter follows the sensor.
+        effects: names, sorted.
+        rig: one of `RIGS`.
+        heard: share of the model's own volts that its controller hears; the rest has to come with the command, from a
+            record that the model is made to follow.
+        wall: whether a wall stands before the outer tip.
+    """
+
+    controller: Law | None
+    filtered: bool = False
+    effects: tuple[str, ...] = ()
+    rig: str = "twin_beam"
+    heard: float = 1.0
+    wall: bool = False
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A rig's equations.
+
+    Attributes:
+        function: (t, x, u, p) to (x', y), a CasADi SX function.
+        states: names of x.
+        parameters: names of p: figures of the rig, those of the controller, then `EFFECT.PARAMETER`, then those of a
+            wall.
+        inputs: names of u.
+        outputs: names of y.
+        kinds: what decided the equations.
+    """
+
+    function: ca.Function
+    states: tuple[str, ...]
+    parameters: tuple[str, ...]
+    kinds: Structure
+    inputs: tuple[str, ...] = INPUTS
+    outputs: tuple[str, ...] = OUTPUTS
+
+
+@cache
+def assemble(kinds: Structure) -> Assembly:
+    """Join the components of a rig and its effects.
+
+    Raises:
+        KeyError: for an effect that is not in the library, or one that changes a port that does not exist.
+    """
+    return join(kinds, tuple(library()[name] for name in kinds.effects))
+
+
+def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
+    """Join the components of a rig and any effects, such as the linear members of others.
+
+    Raises:
+        KeyError: for an effect that changes a port that does not exist.
+    """
+    law = kinds.controller
+    rig = RIGS[kinds.rig].with_law(law)
+    laws = rig.ports
+    for effect in effects:
+        for name in effect.laws:
+            laws[name]
+    states = rig.states + (("filtered_V",) if kinds.filtered else ())
+    states += law.states if law is not None else ()
+    states += tuple(f"{effect.name}.{state}" for effect in effects for state in effect.states)
+    parameters = rig.figures
+    parameters += tuple(f"{e.name}.{q.name}" for e in effects for q in e.parameters)
+    parameters += WALL_FIGURES if kinds.wall else ()
+    x, u, p = (ca.SX.sym(name, len(names)) for name, names in (("x", states), ("u", INPUTS), ("p", parameters)))
+    time = ca.SX.sym("t")
+    state, figure, given = (
+        dict(zip(names, ca.vertsplit(vector), strict=True))
+        for names, vector in ((states, x), (parameters, p), (INPUTS, u))
+    )
+
+    port: dict[str, Any] = state | given  # effects may read any state of the rig
+    sites = {
+        effect.name: Site(port, figure, _own(effect.name, figure), _own(effect.name, state), {}, time)
+        for effect in effects
+    }
+    for name, signal_of in laws.items():
+        if name == "error_V" and kinds.heard != 1.0:  # what a record brings with the command, taken out of it again
+            port["command_V"] += (1 - kinds.heard) * port["measured_V"]
+        signal = signal_of(port, figure, state)
+        for effect in effects:
+            if name in effect.laws:
+                signal = effect.laws[name](signal, sites[effect.name])
+        port[name] = signal
+
+    rate = rig.rates(port, figure, state)
+    for effect in effects:
+        rate |= {f"{effect.name}.{name}": value for name, value in sites[effect.name].rate.items()}
+    output = rig.outputs(port, figure, state)
+    function = ca.Function(
+        "rig",
+        [time, x, u, p],
+        [ca.vertcat(*(rate[name] for name in states)), ca.vertcat(*(output[name] for name in rig.output_names))],
+        ["t", "x", "u", "p"],
+        ["rate", "y"],
+    )
+    return Assembly(function, states, parameters, kinds, outputs=rig.output_names)
+
+
+def _own(effect: str, signals: Mapping[str, Any]) -> dict[str, Any]:
+    prefix = effect + "."
+    return {name.removeprefix(prefix): value for name, value in signals.items() if name.startswith(prefix)}

@@ -1,0 +1,61 @@
+"""The library of effects: every file of this folder holds one, found by being there."""
+
+import difflib
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+
+from beamdesign.plant.effect import Effect
+from beamdesign.records import Problem
+
+
+@cache
+def library() -> dict[str, Effect]:
+    """All effects by name, in alphabetical order.
+
+    Raises:
+        ValueError: where a file's name is not that of its effect.
+    """
+    found = {}
+    for module in sorted(iter_modules(__path__), key=lambda item: item.name):
+        effect = import_module(f"{__name__}.{module.name}").EFFECT
+        if effect.name != module.name:
+            raise ValueError(f"{module.name} holds the effect {effect.name}")
+        found[effect.name] = effect
+    return found
+
+
+def register(effect: Effect) -> None:
+    """Make one more effect known.
+
+    Raises:
+        ValueError: where there is one of that name.
+    """
+    if effect.name in library():
+        raise ValueError(f"there is an effect {effect.name} already")
+    library()[effect.name] = effect
+
+
+def problems(tables: Mapping[str, Mapping[str, float]]) -> list[Problem]:
+    """What is wrong with the `[effects.NAME]` tables of a prototype: unknown names, figures out of bounds."""
+    known, found = library(), []
+    for name, table in tables.items():
+        if name not in known:
+            found.append(Problem(f"effects.{name}", "unknown effect" + _suggestion(name, list(known))))
+            continue
+        parameters = {parameter.name: parameter for parameter in known[name].parameters}
+        for key, value in table.items():
+            where = f"effects.{name}.{key}"
+            if key not in parameters:
+                found.append(Problem(where, "unknown parameter" + _suggestion(key, list(parameters))))
+            elif not parameters[key].low <= value <= parameters[key].high:
+                found.append(
+                    Problem(where, f"must be from {parameters[key].low:g} to {parameters[key].high:g}, is {value:g}")
+                )
+    return found
+
+
+def _suggestion(word: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]}?" if close else f"; known are {', '.join(known)}"

@@ -1,0 +1,98 @@
+"""Joint backlash: the rod has play where it meets the inner beam.
+
+The rod is a mass between the oil and the joint; the joint bears on either side of its play like a damped spring.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+from flint import fmpq
+
+from beamdesign.plant.effect import Effect, Elements, Linear, Parameter, Site, Span
+
+
+def _force(signal: Any, site: Site) -> Any:
+    own, half = site.parameter, site.parameter["play_m"] / 2
+    apart = site.state["rod_m"] - site.port["inner_m"]
+    pressed = apart - ca.fmin(ca.fmax(apart, -half), half)
+    closing = site.state["rod_m_per_s"] - site.port["inner_m_per_s"]
+    # Damping grows with the indentation and then stays, and a joint never pulls.
+    full = ca.fmin(ca.fabs(pressed) / _INDENTATION_M, 1.0)
+    force = own["stiffness_N_per_m"] * pressed + own["damping_N_s_per_m"] * full * closing
+    force = ca.if_else(pressed > 0, ca.fmax(force, 0.0), ca.fmin(force, 0.0))
+    return _carried(signal, force, site)
+
+
+def _carried(signal: Any, force: Any, site: Site) -> Any:
+    """Move the rod between the oil's force and the joint's; gives what moves the inner tip.
+
+    Whoever weighed the inner beam with the rod on it has counted the rod's mass already. That share of it is taken off
+    the inner mass again, by the force that gives a lighter tip its acceleration.
+    """
+    own, figure = site.parameter, site.figure
+    site.rate["rod_m"] = site.state["rod_m_per_s"]
+    site.rate["rod_m_per_s"] = (signal - force) / own["rod_mass_kg"]
+    mass, reaction = figure["inner_mass"] + figure["inner_end_mass"], site.port["inner_reaction_N"]
+    counted = own["counted_share"] * own["rod_mass_kg"]
+    return force + (force - reaction) * counted / (mass - counted)
+
+
+_INDENTATION_M = 1e-6
+
+_LEAST_SHARE = 0.1
+
+
+def _bearing(signal: Any, site: Site) -> Any:
+    """The force of a joint that has no play and bears with a share of its stiffness and damping."""
+    own = site.parameter
+    apart, closing = site.state["rod_m"] - site.port["inner_m"], site.state["rod_m_per_s"] - site.port["inner_m_per_s"]
+    return _carried(
+        signal, own["share"] * (own["stiffness_N_per_m"] * apart + own["damping_N_s_per_m"] * closing), site
+    )
+
+
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    joint = tuple(own["share"] * own[key] for key in ("stiffness_N_per_m", "damping_N_s_per_m"))
+    counted = own["counted_share"] * own["rod_mass_kg"]
+    one, none = fmpq(1), fmpq(0)
+    return Elements(
+        impedances=(
+            ({"joint": one, "inner": -one}, joint),
+            ({"joint": one}, (none, none, own["rod_mass_kg"])),
+            ({"inner": one}, (none, none, -counted)),
+        ),
+        points={"rod": {"joint": one, "inner": -one}},
+    )
+
+
+EFFECT = Effect(
+    name="joint_backlash",
+    subsystem="structure",
+    laws={
+        "rod_m": lambda signal, site: site.state["rod_m"],
+        "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
+        "inner_force_N": _force,
+    },
+    parameters=(
+        Parameter("play_m", 50e-6, 0.0, 2e-3, 50e-6, "free travel from one side of the joint to the other"),
+        Parameter("stiffness_N_per_m", 5e7, 1e7, 4e8, 0.7, "of the joint once it bears"),
+        Parameter("damping_N_s_per_m", 1e3, 0.0, 1e4, 0.6e3, "of the joint once it bears"),
+        Parameter("rod_mass_kg", 0.3, 0.1, 1.0, 0.3, "piston and rod"),
+        Parameter("counted_share", 0.0, 0.0, 1.0, 0.7, "of the rod's mass that the inner beam's effective mass holds"),
+    ),
+    states=("rod_m", "rod_m_per_s"),
+    source="K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440, contact whose damping needs indentation",
+    linear=Linear(
+        "a joint that bears, with its whole stiffness and damping down to a tenth of them",
+        "the joint within its play, and limit cycles",
+        laws={
+            "rod_m": lambda signal, site: site.state["rod_m"],
+            "rod_m_per_s": lambda signal, site: site.state["rod_m_per_s"],
+            "inner_force_N": _bearing,
+        },
+        states=("rod_m", "rod_m_per_s"),
+        figures={"share": lambda own, at: Span(_LEAST_SHARE, 1.0, 1.0)},
+        elements=_elements,
+    ),
+)

@@ -1,0 +1,59 @@
+"""Second bending mode of the outer beam, in parallel with the first at the tip.
+
+The tip moves by the sum of both modes, the forces and the end mass at the tip act on both.
+"""
+
+from collections.abc import Mapping
+from math import pi
+from typing import Any
+
+from flint import fmpq
+
+from beamdesign.plant.effect import TWO_PI, Effect, Elements, Linear, Parameter, Site
+
+
+def _position(signal: Any, site: Site) -> Any:
+    return signal + site.state["mode_m"]
+
+
+def _velocity(signal: Any, site: Site) -> Any:
+    return signal + site.state["mode_m_per_s"]
+
+
+def _end_mass(signal: Any, site: Site) -> Any:
+    """Share the end mass between the modes: their accelerations add up to that of the tip."""
+    figure, own, port = site.figure, site.parameter, site.port
+    frequency = 2 * pi * own["frequency_Hz"]
+    stiffness = figure["outer_stiffness"] / own["compliance_share"]
+    mass = stiffness / frequency**2
+    reaction = stiffness * site.state["mode_m"]
+    reaction += 2 * own["damping_ratio"] * stiffness / frequency * site.state["mode_m_per_s"]
+    first = (port["outer_force_N"] - port["outer_reaction_N"]) / figure["outer_mass"]
+    second = (port["outer_force_N"] - reaction) / mass
+    carried = figure["outer_end_mass"] * (first + second)
+    carried /= 1 + figure["outer_end_mass"] * (1 / figure["outer_mass"] + 1 / mass)
+    site.rate["mode_m"] = site.state["mode_m_per_s"]
+    site.rate["mode_m_per_s"] = second - carried / mass
+    return carried
+
+
+def _elements(own: Mapping[str, fmpq], figure: Mapping[str, fmpq]) -> Elements:
+    stiffness, frequency = figure["outer_stiffness"] / own["compliance_share"], TWO_PI * own["frequency_Hz"]
+    resists = stiffness, 2 * own["damping_ratio"] * stiffness / frequency, stiffness / frequency**2
+    second = {"second": fmpq(1)}
+    return Elements(((second, resists),), {"tip": second})
+
+
+EFFECT = Effect(
+    name="second_beam_mode",
+    subsystem="structure",
+    laws={"outer_tip_m": _position, "outer_tip_m_per_s": _velocity, "outer_end_mass_N": _end_mass},
+    parameters=(
+        Parameter("frequency_Hz", 300.0, 70.0, 1500.0, 0.4, "of the mode without payload"),
+        Parameter("compliance_share", 0.02, 1e-4, 0.3, 0.8, "static compliance of the mode at the tip over 1/K_m"),
+        Parameter("damping_ratio", 0.02, 1e-3, 0.2, 0.6, "of the mode alone"),
+    ),
+    states=("mode_m", "mode_m_per_s"),
+    source="modal superposition; R. D. Blevins, Formulas for Natural Frequency and Mode Shape",
+    linear=Linear("as it is", elements=_elements),
+)

@@ -1,0 +1,81 @@
+"""Unequal piston areas: the rod takes room on one side.
+
+The sides themselves are unequal: in the force A_a p_a - A_b p_b and in what each chamber takes up as the piston moves.
+A valve with orifices then finds the flows of its ports by itself, from the pressures. A valve that heeds no pressure
+cannot feed two unequal sides at one speed; it meters the oil into the chamber that fills, and the other empties as the
+piston drives it. So the speed is the flow over the area of the side being filled, faster one way than the other; about
+null, where either side may be the one that fills, the smaller side counts.
+
+At half the supply in both chambers such a cylinder would push. Where a rig's null is adjusted so that it rests without
+load, the leakage of the closed valve holds the pressures at which the two sides balance.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.plant.effect import Effect, Elements, Linear, Operation, Parameter, Site, Span
+
+
+def _passed(signal: Any, asymmetry: Any, own: Any) -> Any:
+    """Flow through the port of the side whose area is `own` times the mean one."""
+    fills_a = ca.if_else(asymmetry > 0, signal > 0, signal >= 0)  # at null: the smaller side
+    return signal * own / ca.if_else(fills_a, 1 + asymmetry, 1 - asymmetry)
+
+
+def _linear_a(signal: Any, site: Site) -> Any:
+    return _passed(signal, site.parameter["asymmetry"], 1 + site.parameter["asymmetry"])
+
+
+def _linear_b(signal: Any, site: Site) -> Any:
+    return _passed(signal, site.parameter["asymmetry"], 1 - site.parameter["asymmetry"])
+
+
+def _null(site: Site) -> Any:
+    """Leakage at half the supply pressure that brings the chambers to the pressures of no load, m3/s."""
+    leakage = site.port["null_adjusted"] * site.figure["leakage"]
+    return leakage * site.port["supply_pressure_Pa"] * site.parameter["asymmetry"]
+
+
+def _gain(own: Mapping[str, float], at: Operation) -> Span:
+    size = abs(own["asymmetry"])
+    return Span(1 / (1 + size), 1 / (1 - size), 1 / (1 - size))
+
+
+EFFECT = Effect(
+    name="unequal_piston_areas",
+    subsystem="actuator",
+    laws={
+        "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
+        "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
+        "linear_a_m3_per_s": _linear_a,
+        "linear_b_m3_per_s": _linear_b,
+        "leakage_a_m3_per_s": lambda signal, site: signal + _null(site),
+        "leakage_b_m3_per_s": lambda signal, site: signal - _null(site),
+    },
+    parameters=(
+        Parameter(
+            "asymmetry",
+            0.121,
+            -0.5,
+            0.5,
+            0.12,
+            "(A_a - A_b)/(A_a + A_b); 0.121 is a bore of 12.7 mm with the published mean area of 1.13 cm2",
+        ),
+    ),
+    states=(),
+    source="Zalucky and Hardt (1984), Appendix and experimental results: the smaller side governs",
+    linear=Linear(
+        "flow gain from that of the larger side to that of the smaller one",
+        "the change of sides within one motion",
+        laws={
+            "area_a_m2": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
+            "area_b_m2": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
+            "linear_a_m3_per_s": lambda signal, site: signal * (1 + site.parameter["asymmetry"]),
+            "linear_b_m3_per_s": lambda signal, site: signal * (1 - site.parameter["asymmetry"]),
+        },
+        gain=_gain,
+        elements=lambda own, figure: Elements(asymmetry=own["asymmetry"]),
+    ),
+)

@@ -1,0 +1,269 @@
+"""The beams with all their bending modes in the loop, and how far the one mode of the linear model stands for them.
+
+Each beam is the uniform cantilever of Euler and Bernoulli with a point mass at its tip, by modal superposition, every
+mode at the damping ratio of the beam. It is made to agree with the prototype's lumped figures: its rigidity gives the
+stiffness K = 3 E I / L^3, and its end mass the effective mass by equation (5) of Zalucky and Hardt (1984). Payload and
+added masses are joined to the tip by its dynamic stiffness. What the loop then sees is worked out in the frequency
+domain from the paper's equations (7) to (16).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, exp, inf, sin, tau
+
+import numpy as np
+
+from beamdesign.loop import critical_gain
+from beamdesign.prototype import Beam, Prototype
+from beamdesign.records import InputError
+from beamdesign.structure import lumped, section
+from beamdesign.structure.beam import MODE_MASS_FRACTION, natural_frequencies
+from beamdesign.structure.materials import material
+
+MODES = 12
+_HIGHEST_HZ = 3000.0
+
+Compliance = Callable[[np.ndarray], np.ndarray]
+"""From frequencies in Hz to the complex tip compliance of a beam, m/N."""
+
+
+@dataclass(frozen=True)
+class SingleModeReach:
+    """How far one mode per beam is enough.
+
+    Attributes:
+        outer_modes_Hz: first natural frequencies of the outer beam with its payload, the loop open.
+        inner_modes_Hz: those of the inner beam.
+        outer_Hz: up to which the outer beam's tip compliance is right within the tolerance.
+        inner_Hz: the inner beam's.
+        closed_loop_Hz: up to which the closed loop's compliance |x / F_d| is; zero where the loop is not stable.
+        critical_gain_A_per_V: with one mode per beam.
+        critical_gain_all_A_per_V: with all of them.
+        critical_frequency_Hz: of the oscillation there.
+    """
+
+    outer_modes_Hz: tuple[float, ...]
+    inner_modes_Hz: tuple[float, ...]
+    outer_Hz: float
+    inner_Hz: float
+    closed_loop_Hz: float
+    critical_gain_A_per_V: float
+    critical_gain_all_A_per_V: float
+    critical_frequency_Hz: float
+
+    @property
+    def gain_margin_eaten(self) -> float:
+        """Share of the critical gain that the higher modes take; negative where they add to it."""
+        return 1 - self.critical_gain_all_A_per_V / self.critical_gain_A_per_V
+
+
+@dataclass(frozen=True)
+class _Cantilever:
+    """Rigidity E I (N m2), mass per length (kg/m), free length (m), end mass (kg), damping ratio of every mode."""
+
+    rigidity: float
+    per_length: float
+    length: float
+    end_mass: float
+    damping_ratio: float
+
+
+def exact_compliance(record: Beam, name: str) -> Compliance:
+    """Tip compliance of a beam with all its modes, without payload.
+
+    Raises:
+        InputError: where the prototype gives no geometry, or a tube heavier than its effective mass allows.
+    """
+    return modal_compliance(*_modes(_cantilever(record, name)))
+
+
+def modal_compliance(frequencies: np.ndarray, shares: np.ndarray, rest: float, damping_ratio: float) -> Compliance:
+    """Sum of modes.
+
+    Args:
+        frequencies: (N,) natural frequencies, Hz.
+        shares: (N,) static compliances, m/N.
+        rest: static compliance of all modes left out, m/N.
+        damping_ratio: of every mode.
+    """
+
+    def compliance(frequency_Hz: np.ndarray) -> np.ndarray:
+        ratio = np.asarray(frequency_Hz, dtype=float)[..., None] / frequencies
+        return np.asarray((shares / (1 - ratio**2 + 2j * damping_ratio * ratio)).sum(axis=-1) + rest)
+
+    return compliance
+
+
+def single_compliance(prototype: Prototype, name: str) -> Compliance:
+    """Tip compliance 1 / (K + b s + M s^2) of the linear model, without payload."""
+    one = lumped.lumped_beam(getattr(prototype, name), name)
+
+    def compliance(frequency_Hz: np.ndarray) -> np.ndarray:
+        s = 1j * tau * np.asarray(frequency_Hz, dtype=float)
+        return np.asarray(1 / (one.stiffness + one.damping * s + one.mass * s**2))
+
+    return compliance
+
+
+def with_mass(compliance: Compliance, mass: float) -> Compliance:
+    """Tip compliance of a beam with a point mass (kg) joined to its tip."""
+
+    def joined(frequency_Hz: np.ndarray) -> np.ndarray:
+        omega = tau * np.asarray(frequency_Hz, dtype=float)
+        return np.asarray(1 / (1 / compliance(frequency_Hz) - mass * omega**2))
+
+    return joined
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Responses of the open rig at frequencies, complex.
+
+    Attributes:
+        loop_per_gain: loop transfer function L over the amplifier gain, V/A.
+        compliance: of the outer tip with no valve current, m/N.
+        crossed_per_gain: what added sensors feed back of a held tip, over the amplifier gain, m/N; zero without them.
+    """
+
+    loop_per_gain: np.ndarray
+    compliance: np.ndarray
+    crossed_per_gain: np.ndarray
+
+    def closed(self, gain: float) -> np.ndarray:
+        """Compliance of the outer tip with the loop closed at an amplifier gain, m/N."""
+        return np.asarray((self.compliance + gain * self.crossed_per_gain) / (1 + gain * self.loop_per_gain))
+
+
+def signals(prototype: Prototype, outer: Compliance, inner: Compliance, frequency_Hz: np.ndarray) -> Signals:
+    """Equations (7) to (16) with any compliance of the two beams, loaded as they are to be.
+
+    The force of the cylinder follows from Z F_c = K_q V i / (A s) - c_o F_d with
+    Z = 1/K_c + c_o + c_i + K_pq / (A^2 s), and the tip is at c_o (F_c + F_d). The inner tip is at -c_i F_c, the load
+    pressure is F_c / A.
+    """
+    figure = lumped.figures(prototype)
+    s = 1j * tau * np.asarray(frequency_Hz, dtype=float)
+    spool = s / figure["valve_frequency"]
+    valve = 1 / (1 + 2 * figure["valve_damping_ratio"] * spool + spool**2)
+    area, c_o, c_i = figure["piston_area"], outer(frequency_Hz), inner(frequency_Hz)
+    z = 1 / figure["oil_stiffness"] + c_o + c_i + figure["leakage"] / (area**2 * s)
+    force = figure["flow_gain"] * valve / (area * s) / z  # of the cylinder per current
+    sensed = figure["sensor_gain"] * c_o * force
+    if prototype.sensor.filter_Hz is not None:
+        sensed = sensed / (1 + s / figure["filter_frequency"])
+    law = {"displacement_m": np.ones_like(s)}
+    if prototype.controller is not None:
+        law = prototype.controller.sensor_responses(frequency_Hz)
+    per_force = law.get("load_pressure_Pa", 0.0) / area - law.get("inner_displacement_m", 0.0) * c_i
+    back = sensed * law["displacement_m"] + per_force * force
+    return Signals(back, c_o * (1 - c_o / z), np.asarray(per_force * c_o * force))
+
+
+def single_mode_reach(prototype: Prototype, outer_end_mass: float = 0.0, tolerance: float = 0.1) -> SingleModeReach:
+    """Up to what frequency and gain one mode per beam stands for all of them.
+
+    Args:
+        prototype: with the geometry of both beams and a controller.
+        outer_end_mass: payload, kg; the inner end mass is the prototype's.
+        tolerance: of compliance magnitudes, relative.
+
+    Raises:
+        InputError: where the geometry is missing, or the controller.
+        ValueError: where no gain makes the loop oscillate.
+    """
+    if prototype.controller is None:
+        raise InputError(prototype.name, [("controller", "missing; the modes are judged in the loop")])
+    grid = np.unique(np.concatenate([np.geomspace(0.1, 10.0, 200), np.geomspace(10.0, _HIGHEST_HZ, 40_000)]))
+    masses = {"outer_beam": outer_end_mass, "inner_beam": prototype.payload.inner_end_mass_kg}
+    beams = {name: _cantilever(getattr(prototype, name), name) for name in masses}
+    one = {name: with_mass(single_compliance(prototype, name), mass) for name, mass in masses.items()}
+    all_modes = {name: with_mass(modal_compliance(*_modes(beams[name])), mass) for name, mass in masses.items()}
+    reached = {name: _agrees_up_to(one[name](grid), all_modes[name](grid), grid, tolerance) for name in masses}
+
+    low, full = (signals(prototype, kind["outer_beam"], kind["inner_beam"], grid) for kind in (one, all_modes))
+    gain = prototype.controller.gain_A_per_V
+    limit = critical_gain(prototype.but(effects={}), outer_end_mass, from_own=True).gain_A_per_V
+    limit_all, at = _critical_gain(full.loop_per_gain, grid, gain)
+    near, exact = (part.closed(gain) for part in (low, full))
+    closed_Hz = _agrees_up_to(near, exact, grid, tolerance) if gain < min(limit, limit_all) else 0.0
+    modes = [
+        tuple(natural_frequencies(b.rigidity, b.per_length, b.length, b.end_mass + masses[name], 3))
+        for name, b in beams.items()
+    ]
+    return SingleModeReach(
+        modes[0], modes[1], reached["outer_beam"], reached["inner_beam"], closed_Hz, limit, limit_all, at
+    )
+
+
+def _cantilever(record: Beam, name: str) -> _Cantilever:
+    if record.width_m is None or record.wall_m is None or record.free_length_m is None or record.material is None:
+        raise InputError(name, [("(geometry)", "width_m, wall_m, free_length_m and material are needed for its modes")])
+    one = lumped.lumped_beam(record, name)
+    tube = section.area(record.width_m, record.wall_m, record.corner_radius_m)
+    per_length = float(material(record.material).density_kg_per_m3 * tube)
+    end_mass = one.mass - MODE_MASS_FRACTION * per_length * record.free_length_m
+    if end_mass < 0:
+        raise InputError(name, [("effective_mass_kg", f"{one.mass:g} is less than the tube alone has")])
+    rigidity = one.stiffness * record.free_length_m**3 / 3
+    return _Cantilever(rigidity, per_length, record.free_length_m, end_mass, record.damping_ratio)
+
+
+def _modes(beam: _Cantilever) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Natural frequencies (Hz), static compliances, compliance of the modes left out, damping ratio.
+
+    The shapes are those of R. D. Blevins, Formulas for Natural Frequency and Mode Shape (1979), table 8-1, with the
+    wave numbers of the loaded tip; the mass each mode moves includes that at the tip.
+    """
+    from scipy.integrate import simpson
+
+    frequencies = np.array(natural_frequencies(beam.rigidity, beam.per_length, beam.length, beam.end_mass, MODES))
+    shares = []
+    for frequency in frequencies:
+        wave = ((tau * frequency) ** 2 * beam.per_length / beam.rigidity) ** 0.25 * beam.length
+        x = np.linspace(0.0, 1.0, 4001)
+        y = _shape(wave)(x)
+        moved = beam.per_length * beam.length * float(simpson(y**2, x=x)) + beam.end_mass * y[-1] ** 2
+        shares.append(y[-1] ** 2 / (moved * (tau * frequency) ** 2))
+    static = beam.length**3 / (3 * beam.rigidity)
+    return frequencies, np.array(shares), static - sum(shares), beam.damping_ratio
+
+
+def _shape(wave: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Clamped at 0, without moment at 1; scaled so that no hyperbolic function overflows."""
+    # y = cosh z - cos z - r (sinh z - sin z) with r = (cosh k + cos k) / (sinh k + sin k), k the wave number times L.
+    e = exp(-wave)
+    below = (1 - e * e) / 2 + e * sin(wave)
+    ratio = ((1 + e * e) / 2 + e * cos(wave)) / below
+    excess = e * (e + cos(wave) - sin(wave)) / below  # r - 1, without the difference
+
+    def shape(x: np.ndarray) -> np.ndarray:
+        z = wave * x
+        return np.asarray(np.exp(-z) * (1 + ratio) / 2 - np.exp(z) * excess / 2 - np.cos(z) + ratio * np.sin(z))
+
+    return shape
+
+
+def _agrees_up_to(one: np.ndarray, other: np.ndarray, grid: np.ndarray, tolerance: float) -> float:
+    off = np.nonzero(np.abs(np.abs(one) / np.abs(other) - 1) > tolerance)[0]
+    if not len(off):
+        return inf
+    return float(grid[off[0] - 1]) if off[0] else 0.0
+
+
+def _critical_gain(loop_per_gain: np.ndarray, grid: np.ndarray, own: float) -> tuple[float, float]:
+    """Gain at which L = -1 somewhere, raised as in `critical_gain`, and the frequency, for a stable open loop."""
+    real, imaginary = loop_per_gain.real, loop_per_gain.imag
+    at = np.nonzero((imaginary[:-1] * imaginary[1:] <= 0) & (real[:-1] < 0))[0]
+    if not len(at):
+        raise ValueError("no gain makes this loop oscillate")
+    share = imaginary[at] / (imaginary[at] - imaginary[at + 1])
+    depth = real[at] + share * (real[at + 1] - real[at])
+    gains = np.divide(-1.0, depth, out=np.full(len(at), inf), where=depth < 0)
+    # Nyquist: at its own gain it is stable where crossings beyond -1 cancel, those upwards and those downwards.
+    least = own if np.sign(imaginary[at + 1] - imaginary[at])[gains < own].sum() == 0 else 0.0
+    larger = np.where(gains > least, gains, inf)
+    if not np.any(larger < inf):
+        raise ValueError("no larger gain makes this loop oscillate")
+    first = int(np.argmin(larger))
+    frequency = grid[at] + share * (grid[at + 1] - grid[at])
+    return float(gains[first]), float(frequency[first])

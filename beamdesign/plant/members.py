@@ -1,0 +1,187 @@
+"""The linear members of a prototype: a set of linear models that brackets it with its effects, one without any."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import prod
+
+import numpy as np
+from flint import fmpq
+
+from beamdesign.plant.effect import Operation, Span
+from beamdesign.plant.effects import library, problems
+from beamdesign.plant.linear import LinearModel
+from beamdesign.plant.parameters import effect_parameters_of
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest, rounded_down, rounded_up
+from beamdesign.records import InputError, Problem
+from beamdesign.structure.lumped import figures
+
+STANDARD_GRAVITY = 9.80665
+"""m/s2; the load that a prototype is taken to carry is the weight of its largest outer end mass and the payload's
+force."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Closed interval of factors on the loop gain."""
+
+    low: float
+    high: float
+
+
+ONE = Interval(1.0, 1.0)
+
+
+BEYOND = 0.03
+"""Share of all payloads by which a law that is for some of them is stable beyond the heaviest."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One linear rig that stands for a prototype, with factors on its loop gain.
+
+    Attributes:
+        rig: its plant.
+        gain: factors over which it is to be stable.
+        performance: factors over which it is to perform, None where it only has to be stable.
+        frozen: figures of its effects that are frozen at one end of their span, by effect.
+    """
+
+    rig: LinearModel
+    gain: Interval = ONE
+    performance: Interval | None = ONE
+    frozen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Its frozen figures in words; empty for the only member."""
+        return ", ".join(
+            f"{effect}.{key} = {value:.6g}" for effect, t in self.frozen.items() for key, value in t.items()
+        )
+
+
+@dataclass(frozen=True)
+class LinearFamily:
+    """All linear members of a prototype.
+
+    Attributes:
+        members: at all ends of the spans of its effects.
+        rest: the loop with everything at rest; its gain interval is a single factor.
+        spans: of the frozen figures, by EFFECT.FIGURE.
+        load_N: largest steady force for which the spans are.
+        depends_on_load: whether the spans would differ for another.
+        gains: factors that effects put on the loop's gain, by effect.
+    """
+
+    members: tuple[Member, ...]
+    rest: Member
+    spans: Mapping[str, Span]
+    load_N: float
+    depends_on_load: bool = False
+    gains: Mapping[str, Span] = field(default_factory=dict)
+
+
+def served(
+    prototype: Prototype, largest_kg: float, stage: tuple[tuple[float, float], tuple[float, float]] | None = None
+) -> tuple[Member, ...]:
+    """Linear members that a law has to serve: its own payloads with performance, all payloads with stability.
+
+    The second are members of their own: the same plants, their payload stretched from the law's range to the whole one
+    and a little more, which only have to be stable.
+
+    Args:
+        prototype: with or without effects.
+        largest_kg: as of `family`.
+        stage: payloads (least, most) of the law, and all payloads; None where these are the same.
+
+    Raises:
+        InputError: as of `family`.
+    """
+    own = family(prototype, largest_kg).members
+    if stage is None:
+        return own
+    (low, high), (least, most) = stage
+    factor = (1 + BEYOND) * (most - least) / (high - low)
+    offset = least - factor * low
+    stretched = [replace(one, rig=replace(one.rig, stretch=(offset, factor)), performance=None) for one in own]
+    return (*own, *stretched)
+
+
+def family(prototype: Prototype, largest_outer_end_mass: float | None = None) -> LinearFamily:
+    """The linear members of a prototype.
+
+    Args:
+        prototype: with or without effects.
+        largest_outer_end_mass: kg, whose weight is the load where an effect depends on it; else that of the payload.
+
+    Raises:
+        InputError: where an effect or a figure of it is unknown or out of bounds, or no linear loop can stand for it.
+    """
+    if wrong := list(problems(prototype.effects)):
+        raise InputError(prototype.name, wrong)
+    if largest_outer_end_mass is None:
+        largest_outer_end_mass = (prototype.payload.outer_end_mass_kg or (0.0, 0.0))[1]
+    load = largest_outer_end_mass * STANDARD_GRAVITY + (prototype.payload.largest_force_N or 0.0)
+    own = effect_parameters_of(prototype)
+    supply = own.get("pressure_dependent_flow", {}).get("supply_pressure_Pa", prototype.supply.pressure_Pa)
+    lumped, filtered = figures(prototype), prototype.sensor.filter_Hz is not None
+    operation = Operation(lumped, load, supply)
+    spans: dict[str, dict[str, Span]] = {}
+    gains: dict[str, Span] = {}
+    for name, parameters in own.items():
+        linear = library()[name].linear
+        if linear is None:
+            wrong.append(Problem(f"effects.{name}", "no linear loop stands for this effect, so that nothing is proved"))
+            continue
+        try:
+            spans[name] = {key: span(parameters, operation) for key, span in linear.figures.items()}
+            gains |= {name: linear.gain(parameters, operation)} if linear.gain else {}
+        except ValueError as error:
+            wrong.append(Problem(f"effects.{name}", str(error)))
+    if wrong:
+        raise InputError(prototype.name, wrong)
+    kept = [name for name in own if library()[name].linear.laws != {}]  # type: ignore[union-attr]
+
+    def rig(frozen: Mapping[str, Mapping[str, float]]) -> LinearModel:
+        return LinearModel(lumped, filtered, {name: own[name] | dict(frozen.get(name, {})) for name in kept})
+
+    spanned = list(gains.values())
+    whole = Interval(*_outwards([span.low for span in spanned], [span.high for span in spanned]))
+    inside = [span.performing for span in spanned]
+    performing = Interval(*_outwards([low for low, _ in inside], [high for _, high in inside]))
+    places = [(name, key, span) for name, table in spans.items() for key, span in table.items()]
+    members = []
+    for ends in product(*(sorted({span.low, span.high}) for _, _, span in places)):
+        frozen: dict[str, dict[str, float]] = {}
+        for (name, key, _), value in zip(places, ends, strict=True):
+            frozen.setdefault(name, {})[key] = value
+        performs = all(
+            span.performing[0] <= value <= span.performing[1] for (_, _, span), value in zip(places, ends, strict=True)
+        )
+        members.append(Member(rig(frozen), whole, performing if performs else None, frozen))
+    at_rest = {name: {key: span.rest for key, span in table.items()} for name, table in spans.items()}
+    factor = float(np.prod([span.rest for span in spanned]))
+    rest = Member(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
+    named = {f"{name}.{key}": span for name, key, span in places}
+    with_load = any(library()[name].linear_with_load for name in own)
+    return LinearFamily(tuple(members), rest, named, load, with_load, gains)
+
+
+def paper_model(prototype: Prototype) -> LinearModel:
+    """The linear model of a prototype without effects, equations (7) to (18) of Zalucky and Hardt (1984).
+
+    Raises:
+        InputError: where the prototype carries effects, which these equations do not have.
+    """
+    why = "equations (7) to (18) have no such effect, and this works with them alone; remove it"
+    if prototype.effects:
+        raise InputError(prototype.name, [(f"effects.{name}", why) for name in prototype.effects])
+    return family(prototype).rest.rig
+
+
+def _outwards(low: Sequence[float], high: Sequence[float]) -> tuple[float, float]:
+    """Products of the ends of ranges of factors, so rounded that the exact ones lie between."""
+    least, most = (prod(map(exact, ends), start=fmpq(1)) for ends in (low, high))
+    return rounded_down(least) if len(low) > 1 else nearest(least), rounded_up(most) if len(high) > 1 else nearest(most)

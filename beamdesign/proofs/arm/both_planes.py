@@ -1,0 +1,272 @@
+"""Both planes at once: a payload off to both sides couples them through torsion, and its mass enters squared.
+
+The tip moves by u_y and u_z and turns by phi; the payload's velocity has the components w . (u_y', u_z', phi') with
+w = (kappa, 0, -a_z) in y, (0, kappa, a_y) in z and -(lambda_y, lambda_z, 0) along the beam, in the terms of
+`beamdesign.proofs.arm.plane`. With the impedances p / q of the two loops and t of torsion, the characteristic
+polynomial is
+
+    q_y q_z det(diag(p_y / q_y, p_z / q_z, t) + m s^2 A),    A the sum of the three w w^T,
+
+where the servos measure at the tip; elsewhere the rows of u_y and u_z have what they see of the other motions. A is of
+rank two: the three w lie in a plane, since there is a motion of the end that leaves the payload's centre where it is.
+Stability over the mass is proved by zero exclusion in ball arithmetic, as for boxes of tolerances; all else is worked
+out at single masses.
+
+With the payload's place as parameters, the polynomial depends on the
+offset a_x along the beam and, by symmetry, on the squares a_y^2 and a_z^2 of those to the sides; with
+kappa = 1 + 3 a_x / 2L, c = 3 / 2L and the matrix A of the payload's inertia,
+
+    A_yy = kappa^2 + c^2 a_y^2,    A_zz = kappa^2 + c^2 a_z^2,    A_tt = a_y^2 + a_z^2,
+    A_yy A_zz - A_yz^2 = kappa^4 + kappa^2 c^2 A_tt,
+    A_yy A_tt - A_yt^2 = kappa^2 a_y^2 + c^2 a_y^2 A_tt,    and the same in z.
+
+Proved by zero exclusion in ball arithmetic. Where a_z is zero throughout, the planes part and each is proved by itself.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
+
+from beamdesign.loop import Loop
+from beamdesign.polynomial import exact, roots
+from beamdesign.proofs.arm.plane import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
+from beamdesign.proofs.arm.remaining import Vector
+from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
+from beamdesign.proofs.rig_family import Family
+from beamdesign.prototype import Prototype
+from beamdesign.rational import text
+from beamdesign.records import InputError
+
+MASS = "outer_end_mass"
+_S2 = fmpq_poly([0, 0, 1])
+BUDGET = 20_000
+
+
+@dataclass(frozen=True)
+class BothPlanes:
+    """The arm with both loops closed.
+
+    Attributes:
+        name: of the prototype.
+        y: figures of the payload in the plane y.
+        z: likewise.
+        loops: of the two planes without offset.
+    """
+
+    name: str
+    y: PlaneFigures
+    z: PlaneFigures
+    loops: tuple[Loop, Loop]
+
+    @property
+    def torsion(self) -> fmpq_poly:
+        """Torsion of the outer beam's end, k + b s + I s^2."""
+        return fmpq_poly([self.y.torsional_stiffness, self.y.torsional_damping, self.y.polar_inertia])
+
+    @property
+    def motions(self) -> fmpq_mat:
+        """Motion of the payload's centre in x, y, z per u_y, u_z and phi, (3, 3)."""
+        zero = fmpq(0)
+        rows = [
+            [-self.y.along, -self.z.along, zero],
+            [self.y.travel, zero, self.y.lever],
+            [zero, self.z.travel, self.z.lever],
+        ]
+        return fmpq_mat(3, 3, [entry for row in rows for entry in row])
+
+    @property
+    def sensed(self) -> fmpq_mat:
+        """What the servos in y and z measure per u_y, u_z and phi, (2, 3)."""
+        y, z, zero = self.y, self.z, fmpq(0)
+        return fmpq_mat(2, 3, [y.sensed_travel, zero, y.sensed_lever, zero, z.sensed_travel, z.sensed_lever])
+
+    @cached_property
+    def powers(self) -> tuple[fmpq_poly, ...]:
+        """The characteristic polynomial: coefficients of m^0, m^1, m^2, polynomials in s."""
+        none, single, double = (self._determinant(fmpq(m)) for m in range(3))
+        squared = (double - 2 * single + none) * fmpq(1, 2)
+        return none, single - none - squared, squared
+
+    def _determinant(self, mass: fmpq) -> fmpq_poly:
+        """Of the equilibrium of u_y, u_z and phi; the first two rows times the denominators of their loops."""
+        motions, sensed = self.motions, self.sensed
+        inertia = motions.transpose() * motions
+        scales = [*(loop.disturbance for loop in self.loops), fmpq_poly([1])]
+        rows = [[mass * inertia[i, j] * _S2 * scales[i] for j in range(3)] for i in range(3)]
+        for i, loop in enumerate(self.loops):
+            rows[i][i] += loop.cut.constant
+            for j in range(3):
+                rows[i][j] += sensed[i, j] * (loop.returned.constant - loop.added.constant)
+        rows[2][2] += self.torsion
+        (a, b, c), (d, e, f), (g, h, k) = rows
+        return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
+
+    def at(self, payload: float) -> fmpq_poly:
+        """The characteristic polynomial at one payload, kg."""
+        mass = exact(payload)
+        return sum((mass**k * power for k, power in enumerate(self.powers)), fmpq_poly([0]))
+
+    def poles(self, payload: float) -> np.ndarray:
+        """Closed-loop poles at one payload, rad/s."""
+        return roots(self.at(payload))
+
+    def response(self, payload: float, frequency_Hz: np.ndarray, servo: bool = True) -> np.ndarray:
+        """Motion (x, y, z and roll) of the payload's centre per force on it in x, y, z.
+
+        Args:
+            payload: kg.
+            frequency_Hz: (N,).
+            servo: with the loops closed, or with no current in the valves.
+
+        Returns:
+            (N, 4, 3), m/N and rad/N, complex.
+        """
+        s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
+        motions, sensed = _floats(self.motions), _floats(self.sensed)
+        stiffness = np.zeros((len(s), 3, 3), dtype=complex)
+        force = np.zeros((len(s), 3, 3), dtype=complex) + motions.T
+        for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
+            # What the tip gives way by is the slope in its mass, but for s^2: with no current, of the loop cut open.
+            passive = loop.cut if servo else loop.opened
+            scale = _values(fmpq_poly(passive.slope.coeffs()[2:]), s)
+            stiffness[:, i, i] = _values(passive.constant, s) / scale
+            if servo:
+                fed = _values(loop.returned.constant - loop.added.constant, s) / scale
+                stiffness[:, i, :] += fed[:, None] * sensed[i]
+                force[:, i, 1 + i] -= fed * int(plane.sensed_residual.p) / int(plane.sensed_residual.q)
+        stiffness[:, 2, 2] = _values(self.torsion, s)
+        stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
+        there = np.vstack([motions, [0.0, 0.0, 1.0]])
+        moved = there @ np.linalg.solve(stiffness, force)
+        rest = int(self.z.residual.p) / int(self.z.residual.q)
+        moved[:, 1, 1] += rest
+        moved[:, 2, 2] += rest
+        return moved
+
+    def prove(self, low_kg: float, high_kg: float, budget: int = BUDGET) -> BoxVerdict:
+        """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
+        s, mass = fmpq_mpoly_ctx.get(["s", MASS], "lex").gens()
+        whole = sum((mass**k * in_s(power, s) for k, power in enumerate(self.powers)), 0 * s)
+        family = Family(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
+        return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
+
+
+def in_s(polynomial: fmpq_poly, s: fmpq_mpoly) -> fmpq_mpoly:
+    """A polynomial in s as one in several variables."""
+    return sum((c * s**i for i, c in enumerate(polynomial.coeffs())), 0 * s)
+
+
+def written(polynomial: fmpq_mpoly) -> str:
+    """As `beamdesign.proofs.box_statement` reads it."""
+    terms = []
+    for powers, c in polynomial.terms():
+        named = zip(polynomial.context().names(), powers, strict=True)
+        factors = "".join(f"*{name}**{power}" for name, power in named if power)
+        terms.append(f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'}){factors}")
+    return " + ".join(terms)
+
+
+def _floats(matrix: fmpq_mat) -> np.ndarray:
+    return np.array([[int(entry.p) / int(entry.q) for entry in row] for row in matrix.tolist()])
+
+
+def both_planes(prototype: Prototype) -> BothPlanes:
+    """Both loops of a prototype with its payload where it is.
+
+    Raises:
+        InputError: as `beamdesign.proofs.arm.plane.single_loop` and `beamdesign.proofs.arm.plane.arm_figures`.
+    """
+    y, z = (plane_figures(prototype, name) for name in PLANES)
+    return BothPlanes(prototype.name, y, z, (single_loop(prototype, "y"), single_loop(prototype, "z")))
+
+
+def couples_both(prototype: Prototype) -> bool:
+    """Whether the payload stands off to both sides."""
+    _, y, z = arm_of(prototype).offset_m
+    return y != 0 and z != 0
+
+
+def _values(polynomial: fmpq_poly, s: np.ndarray) -> np.ndarray:
+    return np.asarray(np.polyval([int(c.p) / int(c.q) for c in reversed(polynomial.coeffs())], s))
+
+
+# Both planes with the payload anywhere within bounds.
+
+
+NAMES = (MASS, "along_m", "sideways_squared_m2", "upwards_squared_m2")
+"""Parameters: payload (kg), a_x, a_y^2 and a_z^2."""
+
+
+def prove_anywhere(
+    prototype: Prototype, masses: tuple[float, float], within: Vector, budget: int = BUDGET
+) -> dict[str, BoxVerdict]:
+    """Prove or refute stability for every payload of a range and every place of its centre.
+
+    Args:
+        prototype: with the nominal place in its [arm].
+        masses: range of payloads, kg.
+        within: how far the centre may be from there along x, y and z, either way, m.
+        budget: most pieces to look at.
+
+    Returns:
+        One verdict for both planes ("both"), or one each ("y", "z") where the centre stays at z = 0. It may be None.
+
+    Raises:
+        InputError: as `both_planes`, and for servos that measure elsewhere than at the tip.
+        ValueError: for a negative bound.
+    """
+    if any(sensor_of(prototype)):
+        reason = "a payload anywhere is proved for servos that measure at the tip; remove it"
+        raise InputError(prototype.name, [("arm.sensor_m", reason)])
+    if min(within) < 0:
+        raise ValueError(f"a distance must not be negative, is {min(within):g}")
+    centre = [exact(value) for value in arm_of(prototype).offset_m]
+    reach = [exact(value) for value in within]
+    x, y, z = ((middle - far, middle + far) for middle, far in zip(centre, reach, strict=True))
+    ranges = {MASS: (exact(masses[0]), exact(masses[1])), NAMES[1]: x, NAMES[2]: _squared(*y), NAMES[3]: _squared(*z)}
+    known: dict[str | int, int | fmpz | fmpq] = {name: low for name, (low, high) in ranges.items() if low == high}
+    stands = "".join(f", {name} {text(low)}" for name, (low, _) in ranges.items() if name in known)
+    found = {}
+    for name, whole in _characteristic(prototype, z == (0, 0)).items():
+        polynomial = whole.subs(known)
+        own = {key: ranges[key] for key, degree in zip(NAMES, polynomial.degrees()[1:], strict=True) if degree}
+        planes = "both planes" if name == "both" else f"plane {name}"
+        family = Family(
+            f"{prototype.name}, payload anywhere, {planes}{stands}",
+            written(polynomial),
+            {key: (low + high) / 2 for key, (low, high) in own.items()},
+        )
+        found[name] = certify_box(family, box_of(own), budget, volumes=False)
+    return found
+
+
+def _squared(low: fmpq, high: fmpq) -> tuple[fmpq, fmpq]:
+    """Range of the square of what lies in a range."""
+    ends = low * low, high * high
+    return (fmpq(0) if low <= 0 <= high else min(ends)), max(ends)
+
+
+def _characteristic(prototype: Prototype, level: bool) -> dict[str, fmpq_mpoly]:
+    """In s and the parameters, of both planes or, for a payload at z = 0, of each."""
+    model, length = both_planes(prototype), exact(arm_figures(prototype).length)
+    context = fmpq_mpoly_ctx.get(["s", *NAMES], "lex")
+    s, mass, along, sideways, upwards = context.gens()
+    t = in_s(model.torsion, s)
+    (p_y, q_y), (p_z, q_z) = (
+        (in_s(loop.characteristic.constant, s), s**2 * in_s(loop.disturbance, s)) for loop in model.loops
+    )
+    travel = (1 + along * (fmpq(3, 2) / length)) ** 2
+    c = fmpq(9, 4) / length**2
+    in_y, in_z = travel + c * sideways, travel + c * upwards
+    if level:
+        turned = travel * q_z * t + sideways * p_z * s**2
+        return {"y": p_y + mass * in_y * q_y, "z": p_z * t + mass * turned}
+    twist = sideways + upwards
+    # The principal minors of order two, as in the docstring on top.
+    both = travel**2 + c * travel * twist
+    y_twist, z_twist = (travel * side + c * side * twist for side in (sideways, upwards))
+    first = in_y * q_y * p_z * t + in_z * p_y * q_z * t + twist * p_y * p_z * s**2
+    second = both * q_y * q_z * t + y_twist * q_y * p_z * s**2 + z_twist * p_y * q_z * s**2
+    return {"both": p_y * p_z * t + mass * first + mass**2 * second}

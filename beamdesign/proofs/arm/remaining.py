@@ -1,0 +1,284 @@
+"""What error a steady load leaves: the tip's own motion, the end that turns, and twist, with the servos and without.
+
+Forces and displacements are in the order x, y, z, then moments and rotations about them, SI. A rotation is small and
+turns a point at the lever a by theta x a.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from beamdesign.proofs.arm.plane import ArmFigures, arm_figures, arm_of
+from beamdesign.prototype import FIT_M, Beam, Prototype
+from beamdesign.structure import section
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.materials import material
+
+# Static compliance at the tip and at the payload, with the servos and without.
+
+
+_ACTUATED = (1, 2)  # y and z
+
+
+def tip_compliance(figures: ArmFigures) -> np.ndarray:
+    """Displacements and rotations (6,) of the tip per force and moment on it, (6, 6), the outer beam alone.
+
+    The cantilever's end deflections and slopes, e.g. Roark's Formulas for Stress and Strain, 7th edition, table 8.1,
+    cases 1a and 3a: P L^3 / 3EI and P L^2 / 2EI, M L^2 / 2EI and M L / EI; twist T L / GJ.
+    """
+    length, rigidity = figures.length, figures.bending_rigidity
+    deflection, mixed, slope = length**3 / (3 * rigidity), length**2 / (2 * rigidity), length / rigidity
+    matrix = np.zeros((6, 6))
+    matrix[0, 0] = 0.0 if figures.axial_stiffness is None else 1 / figures.axial_stiffness
+    matrix[1, 1] = matrix[2, 2] = deflection
+    matrix[3, 3] = 1 / figures.torsional_stiffness
+    matrix[4, 4] = matrix[5, 5] = slope
+    matrix[1, 5] = matrix[5, 1] = mixed
+    matrix[2, 4] = matrix[4, 2] = -mixed  # a slope upwards turns about -y
+    return matrix
+
+
+def cross(lever: tuple[float, float, float]) -> np.ndarray:
+    """Matrix (3, 3) of a x: a force F at the lever a has the moment a x F about the tip."""
+    x, y, z = lever
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def carried(lever: tuple[float, float, float]) -> np.ndarray:
+    """Matrix (6, 6) from force and moment at the lever to those at the tip; its transpose takes motions back."""
+    matrix = np.eye(6)
+    matrix[3:, :3] = cross(lever)
+    return matrix
+
+
+def at_point(compliance: np.ndarray, lever: tuple[float, float, float]) -> np.ndarray:
+    """Compliance (6, 6) at a point fixed to the tip, from that at the tip."""
+    there = carried(lever)
+    return there.T @ compliance @ there
+
+
+@dataclass(frozen=True)
+class Held:
+    """The tip with both servos.
+
+    Attributes:
+        compliance: (6, 6) at the tip.
+        actuators: forces (2, 6) of the actuators in y and z on the outer tip per force and moment on it.
+    """
+
+    compliance: np.ndarray
+    actuators: np.ndarray
+
+
+def held(
+    compliance: np.ndarray, closed: tuple[float, float], sensor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Held:
+    """Add the servos in y and z: forces on the tip against the displacement that they measure.
+
+    Args:
+        compliance: (6, 6) of the tip without servos.
+        closed: static compliance x / F_d of the loop in y and z that is closed at the tip, m/N; zero holds it still.
+        sensor: where they measure, from the tip, m. Anywhere else the compliance is no longer symmetric.
+    """
+    own = np.array([compliance[i, i] for i in _ACTUATED])
+    spring = np.array(closed) * own / (own - np.array(closed))  # the servo's own compliance, beside the beam's
+    chosen = compliance[:, list(_ACTUATED)]
+    measured = carried(sensor).T[list(_ACTUATED)]
+    actuators = -np.linalg.solve(measured @ chosen + np.diag(spring), measured @ compliance)
+    return Held(compliance + chosen @ actuators, actuators)
+
+
+# The error that remains.
+
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """Motions under one load, in x, y, z (and about them), SI.
+
+    Attributes:
+        tip_m: displacement of the tip, which is what the servos see and hold in y and z.
+        rotation_rad: of the tip, about x (twist), y and z.
+        from_turning_m: of the point that counts, because the end of the outer beam turns in bending.
+        from_twist_m: of that point, because it twists.
+        error_m: of that point, the sum of the three.
+        actuators_N: forces of the actuators in y and z on the outer tip; zeros without servos.
+    """
+
+    tip_m: Vector
+    rotation_rad: Vector
+    from_turning_m: Vector
+    from_twist_m: Vector
+    error_m: Vector
+    actuators_N: tuple[float, float]
+
+    @property
+    def size_m(self) -> float:
+        """How far the point is off."""
+        return float(np.linalg.norm(self.error_m))
+
+    @property
+    def shares_m(self) -> dict[str, float]:
+        """How far each cause alone moves the point; they are vectors, so that these need not add up."""
+        causes = {"tip": self.tip_m, "turning": self.from_turning_m, "twist": self.from_twist_m}
+        return {name: float(np.linalg.norm(vector)) for name, vector in causes.items()}
+
+
+def remaining(
+    figures: ArmFigures,
+    force_N: Vector,
+    payload: Vector,
+    tool: Vector,
+    closed: tuple[float, float] | None,
+    sensor: Vector = (0.0, 0.0, 0.0),
+) -> Remaining:
+    """Work out the motions under a force on the payload's centre.
+
+    Args:
+        figures: of the outer beam.
+        force_N: in x, y, z.
+        payload: its centre from the tip, m.
+        tool: the point that counts, m.
+        closed: static compliance of the closed loops in y and z, m/N; None without servos.
+        sensor: where the servos measure, from the tip, m.
+    """
+    load = carried(payload) @ np.array([*force_N, 0.0, 0.0, 0.0])
+    compliance, actuators = tip_compliance(figures), np.zeros(2)
+    if closed is not None:
+        servo = held(compliance, closed, sensor)
+        compliance, actuators = servo.compliance, servo.actuators @ load
+    motion = compliance @ load
+    tip, turn = motion[:3], motion[3:]
+    twist = np.array([turn[0], 0.0, 0.0])
+    by_turning, by_twist = (-cross(tool) @ part for part in (turn - twist, twist))
+    return Remaining(
+        _vector(tip), _vector(turn), _vector(by_turning), _vector(by_twist), _vector(tip + by_turning + by_twist),
+        (float(actuators[0]), float(actuators[1])),
+    )  # fmt: skip
+
+
+def _vector(values: np.ndarray) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+@dataclass(frozen=True)
+class InnerTravel:
+    """How far the inner beam's tip gives way under both actuators.
+
+    Attributes:
+        travel_m: in y and z, m.
+        gap_m: between the tubes on each side, at rest; None where a section is not known.
+    """
+
+    travel_m: tuple[float, float]
+    gap_m: float | None
+
+    @property
+    def touches(self) -> bool:
+        """Whether the square tubes touch."""
+        return self.gap_m is not None and max(map(abs, self.travel_m)) >= self.gap_m
+
+
+def inner_travel(prototype: Prototype, case: Remaining) -> InnerTravel:
+    """Travel of the inner tip under a load that the servos carry; the tube is as stiff in any direction."""
+    stiffness = lumped_beam(prototype.inner_beam, "inner_beam").stiffness
+    y, z = (-force / stiffness for force in case.actuators_N)
+    outer, inner, gap = prototype.outer_beam, prototype.inner_beam, None
+    if outer.width_m is not None and outer.wall_m is not None and inner.width_m is not None:
+        gap = float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
+    return InnerTravel((y, z), gap)
+
+
+@dataclass(frozen=True)
+class TwistRemedy:
+    """What would keep the twist's share of the error below a wanted figure: no servo can.
+
+    Attributes:
+        allowed_m: wanted.
+        needed_N_m_per_rad: torsional stiffness G J / L that does it; zero where the load does not twist the beam.
+        wall_m: wall of the outer tube that does it at its width; None where there is no section or none does.
+        wall_added_kg: mass of the tube that it adds.
+        wall_fits: whether the inner tube still fits.
+        width_m: width that does it with the wall as it is.
+        width_added_kg: mass that it adds.
+        counterweight_kg_m: mass times distance, on the other side of the axis, that balances the largest payload's
+            weight; it does nothing against other forces.
+    """
+
+    allowed_m: float
+    needed_N_m_per_rad: float
+    wall_m: float | None
+    wall_added_kg: float | None
+    wall_fits: bool | None
+    width_m: float | None
+    width_added_kg: float | None
+    counterweight_kg_m: float
+
+
+_WALL_SHARE = 0.1
+"""Of the width: the thickest wall looked at, up to which the torsion constant is good to a few per cent."""
+
+_WIDEST_M = 2.0
+
+
+def twist_remedy(prototype: Prototype, force_N: Vector, allowed_m: float, payload_kg: float) -> TwistRemedy:
+    """The section that keeps the twist's share of the error at an allowed figure, and the counterweight.
+
+    Raises:
+        InputError: as `arm_figures`.
+    """
+    figures, arm = arm_figures(prototype), arm_of(prototype)
+    offset, tool = arm.offset_m, arm.tool_m or arm.offset_m
+    torque = offset[1] * force_N[2] - offset[2] * force_N[1]
+    needed = abs(torque) * hypot(tool[1], tool[2]) / allowed_m
+    weight = payload_kg * hypot(offset[1], offset[2])
+    beam, wall, width = prototype.outer_beam, None, None
+    fits: bool | None = None
+    if beam.has_geometry and needed > 0:
+        assert beam.width_m is not None
+        assert beam.wall_m is not None
+        # A given stiffness need not be the section's: what is asked for scales the section as it stands.
+        ratio = needed / figures.torsional_stiffness
+        wall = _least(beam, ratio, lambda value: (beam.width_m, value), beam.wall_m, _WALL_SHARE * beam.width_m)
+        width = _least(beam, ratio, lambda value: (value, beam.wall_m), beam.width_m, _WIDEST_M)
+        if wall is not None and prototype.inner_beam.width_m is not None:
+            fits = beam.width_m - 2 * wall >= prototype.inner_beam.width_m + FIT_M
+    thicker, wider = _added_mass(beam, beam.width_m, wall), _added_mass(beam, width, beam.wall_m)
+    return TwistRemedy(allowed_m, needed, wall, thicker, fits, width, wider, weight)
+
+
+def _constant(beam: Beam, tube: tuple[float | None, float | None]) -> float:
+    width, wall = tube
+    return float(section.torsion_constant(width, wall, beam.corner_radius_m))
+
+
+def _least(
+    beam: Beam, ratio: float, tube: Callable[[float], tuple[float | None, float | None]], own: float, most: float
+) -> float | None:
+    """The size from its own figure up at which the torsion constant has grown by a ratio."""
+    from scipy.optimize import brentq
+
+    target = ratio * _constant(beam, tube(own))
+    if ratio <= 1:
+        return own
+    if _constant(beam, tube(most)) < target:
+        return None
+    return float(brentq(lambda size: _constant(beam, tube(size)) - target, own, most, xtol=1e-9))
+
+
+def _added_mass(beam: Beam, width: float | None, wall: float | None) -> float | None:
+    if width is None or wall is None or beam.width_m is None or beam.wall_m is None or beam.material is None:
+        return None
+    length = beam.length_m or beam.free_length_m
+    areas = [float(section.area(w, t, beam.corner_radius_m)) for w, t in ((width, wall), (beam.width_m, beam.wall_m))]
+    return material(beam.material).density_kg_per_m3 * (areas[0] - areas[1]) * float(length or 0.0)
+
+
+def offset_for_goal_m(prototype: Prototype) -> float:
+    """The sideways offset at which twist alone takes up the goal's compliance at the payload: sqrt(c G J / L)."""
+    return float((prototype.goal.compliance_m_per_N * arm_figures(prototype).torsional_stiffness) ** 0.5)

@@ -1,0 +1,350 @@
+"""Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with volumes."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf, pi
+from textwrap import wrap
+from typing import Any, NamedTuple
+
+from flint import ctx, fmpq
+
+from beamdesign.polynomial import exact, roots
+from beamdesign.proofs.box_member import Undecided, is_stable, member, parameters_at, refutes, unstable_member
+from beamdesign.proofs.box_statement import Interval, Statement
+from beamdesign.proofs.branch import Search
+from beamdesign.proofs.rig_family import Family, rig_family
+from beamdesign.proofs.writer import certificate, plain, stated, texts
+from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
+from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest, text
+
+# Volumes.
+
+
+Cube = tuple[Interval, ...]
+"""A sub-box as the shares of the varying variables' ranges."""
+
+_VISITS = 20_000
+"""Most sub-boxes to sort out; the rest counts as undecided."""
+
+
+class Volumes(NamedTuple):
+    """Shares of the volume of a box, exact, with sum one.
+
+    They are measured in the variables as they enter: a sum or a product of parameters counts as one variable, and one
+    that enters by its reciprocal is measured there.
+    """
+
+    stable: fmpq
+    unstable: fmpq
+    undecided: fmpq
+
+
+def volumes_of(statement: Statement, unsettled: Sequence[Piece]) -> tuple[Volumes, dict[str, fmpq] | None]:
+    """Volumes that are stable, not stable and undecided, and a member that is not stable.
+
+    Outside of the unsettled cubes no root ever lies on the axis, so in every box that keeps clear of them the number
+    of unstable roots is constant, and one exact test settles it.
+    """
+    found: dict[bool | None, fmpq] = {True: fmpq(0), False: fmpq(0), None: fmpq(0)}
+    witness: dict[str, fmpq] | None = None
+    whole: Cube = tuple((fmpq(0), fmpq(1)) for _ in statement.varying)
+    cubes = {tuple(piece.cell.shares[name] for name in statement.varying) for piece in unsettled}
+    stack = [(whole, fmpq(1), sorted(cubes))]
+    visits = 0
+    while stack:
+        cube, volume, near = stack.pop()
+        visits += 1
+        if not near and visits <= _VISITS:
+            point = parameters_at(statement, [(a + b) / 2 for a, b in cube])
+            verdict = verdict_at(statement, point)
+            found[verdict] += volume
+            witness = point if verdict is False else witness
+        elif visits > _VISITS or any(all(_covers(o, c) for o, c in zip(other, cube, strict=True)) for other in near):
+            found[None] += volume
+        else:
+            # Along the axis on which most of what is unsettled is narrower than this cube.
+            axis = max(range(len(cube)), key=lambda i: sum(_narrower(other[i], cube[i]) for other in near))
+            start, end = cube[axis]
+            middle = (start + end) / 2
+            for half in ((start, middle), (middle, end)):
+                part = (*cube[:axis], half, *cube[axis + 1 :])
+                stack.append((part, volume / 2, [other for other in near if _overlap(other[axis], half)]))
+    return Volumes(found[True], found[False], found[None]), witness
+
+
+def verdict_at(statement: Statement, point: Mapping[str, fmpq]) -> bool | None:
+    """Whether a member is stable, exactly; None where a root is too near to the axis to tell."""
+    try:
+        return is_stable(statement, member(statement, point))
+    except Undecided:
+        return None
+
+
+def _narrower(one: Interval, other: Interval) -> bool:
+    return one[1] - one[0] < other[1] - other[0]
+
+
+def _covers(one: Interval, other: Interval) -> bool:
+    return one[0] <= other[0] and other[1] <= one[1]
+
+
+def _overlap(one: Interval, other: Interval) -> bool:
+    return one[0] < other[1] and other[0] < one[1]
+
+
+# The certificate, as tables of texts: expression, ranges, member, tree.
+
+
+KIND, OF_NO_RIG = "beamdesign.box", "beamdesign.expression_box"
+_NOTES = {
+    "p": "The characteristic polynomial: a sum of products of the leaves below, which are polynomials in s.",
+    "bound": "Leaves that stand in several places; p is affine in each pack.",
+    "tree": "Cuts and leaves in prefix order: NAME halves a variable, w= cuts the frequency (rad/s), X,Y is the\n"
+    "# direction across a separating line, inf means that the leading term dominates.",
+    "delay": "exp(-s T) by its name in p, and the parameter T.",
+    "range": "SI, frequencies in rad/s.",
+    "member": "The member that is settled by itself.",
+    "tolerance": "Relative standard deviations, as the prototype has them.",
+}
+
+
+def box_certificate(
+    subject: Prototype | Family,
+    family: Family,
+    statement: Statement,
+    member: Mapping[str, fmpq],
+    tree: Sequence[str] | None,
+) -> str:
+    """Write the certificate.
+
+    Args:
+        subject: what it is about, a rig or an expression alone.
+        family: the expression.
+        statement: the same over the box.
+        member: every parameter of the member that is settled exactly.
+        tree: the marks of `zero_exclusion.pieces` that prove the whole box; None where the member refutes it.
+
+    Raises:
+        InputError: as `rig_tables`.
+    """
+    body: dict[str, Any] = {"stable": tree is not None, "p": family.p}
+    body |= {"bound": [[*pack] for pack in family.bound]} if family.bound else {}
+    if tree is not None:
+        body["tree"] = wrap(" ".join(tree), 110, break_long_words=False, break_on_hyphens=False)
+    groups = [{"name": name, "kind": kind, "members": [*members]} for name, kind, members in family.groups]
+    found = {"leaf": family.leaves, "delay": family.delays, "group": groups}
+    body |= {key: value for key, value in found.items() if value}
+    body["range"] = {name: texts(ends) for name, ends in statement.parameters.items()}
+    body["member"] = {name: text(member[name]) for name in statement.parameters}
+    varying = {name: ends for name, ends in statement.parameters.items() if ends[0] < ends[1]}
+    summary = [
+        f"Certificate: the closed loop {family.name!r}"
+        f" {'is stable for every member of' if tree is not None else 'is NOT stable throughout'} a box of",
+        *(f"  {name} from {nearest(a):.7g} to {nearest(b):.7g}" for name, (a, b) in varying.items()),
+    ]
+    if isinstance(subject, Family):
+        return certificate(OF_NO_RIG, subject.name, body, "\n".join(summary), notes=_NOTES)
+    if deviations := {key: value for key, value in plain(subject.tolerance).items() if value}:
+        body["tolerance"] = stated(deviations)
+    heaviest = nearest(statement.parameters["outer_end_mass"][1])
+    return certificate(KIND, subject, body, "\n".join(summary), heaviest, _NOTES, varying)
+
+
+# The box and its verdict.
+
+
+_ENOUGH = 1e-4
+"""Once a member refutes a box, its volumes are worked out until this share of it is open."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Closed ranges of some parameters.
+
+    Attributes:
+        names: the parameters; those of a rig are the `rig_values`, SI, frequencies in rad/s.
+        low, high: ends of the ranges, exact.
+        nominal: where scaling starts from, inside each range but not always in its middle.
+        rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.
+    """
+
+    names: tuple[str, ...]
+    low: tuple[fmpq, ...]
+    high: tuple[fmpq, ...]
+    nominal: tuple[fmpq, ...]
+    rigid: frozenset[str] = frozenset()
+
+    @property
+    def ranges(self) -> dict[str, Interval]:
+        """The ends of each range."""
+        return {name: (a, b) for name, a, b in zip(self.names, self.low, self.high, strict=True)}
+
+    def scaled(self, factor: fmpq) -> "Box":
+        """Every range that is not rigid, drawn in or out from its nominal value."""
+        low, high = [], []
+        for name, a, b, middle in zip(self.names, self.low, self.high, self.nominal, strict=True):
+            part = fmpq(1) if name in self.rigid else factor
+            low.append(middle + part * (a - middle))
+            high.append(middle + part * (b - middle))
+        return Box(self.names, tuple(low), tuple(high), self.nominal, self.rigid)
+
+
+def box_of(
+    ranges: Mapping[str, tuple[float | fmpq, float | fmpq]],
+    nominal: Mapping[str, float | fmpq] | None = None,
+    rigid: Iterable[str] = (),
+) -> Box:
+    """A box from ranges by name; floats count as their shortest decimals, nominal values default to the middles.
+
+    Raises:
+        ValueError: for an empty range, or a nominal value outside of its range.
+    """
+    ends = {name: (_exactly(low), _exactly(high)) for name, (low, high) in ranges.items()}
+    given = {name: _exactly(value) for name, value in (nominal or {}).items()}
+    middles = {name: given.get(name, (low + high) / 2) for name, (low, high) in ends.items()}
+    for name, (low, high) in ends.items():
+        if low > high:
+            raise ValueError(f"{name}: empty range, {text(low)} is above {text(high)}")
+        if not low <= middles[name] <= high:
+            raise ValueError(f"{name}: the nominal value {text(middles[name])} lies outside of its range")
+    lows, highs = zip(*ends.values(), strict=True) if ends else ((), ())
+    return Box(tuple(ends), lows, highs, tuple(middles.values()), frozenset(rigid))
+
+
+def _exactly(value: float | fmpq) -> fmpq:
+    return value if isinstance(value, fmpq) else exact(value)
+
+
+@dataclass(frozen=True)
+class BoxVerdict:
+    """What is known of a family over a box.
+
+    Attributes:
+        stable: True if proved for every member, False if a member is proved not to be stable, None otherwise.
+        reason: in words, why it is not True; empty where it is.
+        volumes: how much of the box is stable, not stable and undecided; None where a member refutes the box and no
+            volumes were asked for.
+        unstable_point: value of every parameter of a member that is proved not to be stable.
+        box: the box.
+        pieces: number of pieces of (frequency, parameters) that were proved to be free of roots on the axis.
+        looked_at: number of pieces the search looked at.
+    """
+
+    stable: bool | None
+    reason: str
+    volumes: Volumes | None
+    unstable_point: Mapping[str, fmpq] | None
+    box: Box
+    pieces: int
+    looked_at: int
+    write: Callable[[], str] = field(repr=False, compare=False)
+
+    @cached_property
+    def certificate(self) -> str:
+        """Text that `beamdesign.checker` proves again; empty where the verdict is None.
+
+        Raises:
+            InputError: for effects whose elements no certificate states.
+        """
+        return self.write()
+
+
+def certify_box(
+    subject: Prototype | Family,
+    box: Box,
+    budget: int = 4000,
+    seconds: float = inf,
+    volumes: bool = True,
+) -> BoxVerdict:
+    """Prove or refute stability for every member of a box: zero exclusion by branch and bound.
+
+    Branch and bound in floats finds pieces and separating lines, ball arithmetic proves each of them, and an exact
+    test settles one member; a member found to be unstable is confirmed exactly as well.
+
+    Args:
+        subject: a prototype with a controller, or any family.
+        box: ranges of some of its parameters; the others keep their values.
+        budget: most pieces to look at; a quarter of it for the volumes of a box that a member refutes.
+        seconds: most time to spend on the search; what was found until then is proved all the same.
+        volumes: whether to work out the volumes of a box that a member refutes.
+
+    Raises:
+        ValueError: for a parameter that the family does not have, or a range that it does not allow.
+    """
+    family = rig_family(subject) if isinstance(subject, Prototype) else subject
+    statement = family.over(box.ranges)
+    nominal = {**family.values, **dict(zip(box.names, box.nominal, strict=True))}
+
+    def writer(point: Mapping[str, fmpq], tree: Sequence[str] | None) -> Callable[[], str]:
+        return lambda: box_certificate(subject, family, statement, point, tree)
+
+    with ctx.workprec(PRECISION_BITS):
+        point = nominal if refutes(statement, nominal) else unstable_member(statement)
+        if point is not None and not volumes:
+            return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, writer(point, None))
+        try:
+            search = Search(statement)
+        except ValueError as error:
+            if not isinstance(subject, Prototype):
+                raise
+            return BoxVerdict(None, f"not covered: {error}", None, None, box, 0, 0, str)
+        if point is None:
+            search.run(budget, seconds)
+        else:
+            search.run(budget // 4, seconds, _ENOUGH)
+        tree = search.tree
+        proved, unsettled = _proved(statement, tree)
+        shares, witness = volumes_of(statement, unsettled)
+        if point is None and witness is None and unsettled:
+            witness = unstable_member(statement, [_middle(statement, piece) for piece in unsettled])
+        point = point or witness
+        if point is not None:
+            stable, reason, write = False, _of(statement, point, box), writer(point, None)
+        elif not unsettled and verdict_at(statement, nominal):
+            stable, reason, write = True, "", writer(nominal, tree)
+        else:
+            stable, reason, write = None, _where(unsettled, shares, search.looked_at), str
+    return BoxVerdict(stable, reason, shares, point, box, proved, search.looked_at, write)
+
+
+def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:
+    """The member that is not stable, and what becomes of it, in words."""
+    values = ", ".join(f"{name} {nearest(point[name]):.6g}" for name in box.names)
+    where = f" at {values}" if values else ""
+    one = member(statement, point)
+    if one.plain.degree() < statement.degree[0]:
+        return f"the leading coefficient vanishes{where}, so that a root passes through infinity"
+    if one.delay != 0:
+        return f"not stable{where}"
+    worst = max(roots(one.plain + one.late), key=lambda root: root.real)
+    return f"not stable{where}: a root at {worst.real:.4g} 1/s, {abs(worst.imag) / (2 * pi):.4g} Hz"
+
+
+def _middle(statement: Statement, piece: Piece) -> list[float]:
+    """The middle of a piece's box, as shares."""
+    return [nearest(sum(piece.cell.shares[name], fmpq(0)) / 2) for name in statement.varying]
+
+
+def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
+    """Where nothing was decided, in words."""
+    if not unsettled:
+        return "no member could be told to be stable"
+    low = min(nearest(piece.w1) for piece in unsettled) / (2 * pi)
+    ends = [piece.w2 for piece in unsettled if piece.w2 is not None]
+    share = f"undecided on {nearest(shares.undecided):.3g} of the box after {looked_at} pieces"
+    if not ends:
+        return f"{share}: the leading coefficient may vanish, so that a root passes through infinity"
+    return f"{share}: a root may lie on the axis between {low:.4g} and {nearest(max(ends)) / (2 * pi):.4g} Hz"
+
+
+def _proved(statement: Statement, tree: Sequence[str]) -> tuple[int, list[Piece]]:
+    """How many pieces of a tree hold, and those that do not."""
+    count, unsettled = 0, []
+    for piece in pieces(statement, tree):
+        if holds(piece):
+            count += 1
+        else:
+            unsettled.append(piece)
+    return count, unsettled

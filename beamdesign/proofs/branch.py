@@ -1,0 +1,283 @@
+"""Branch and bound over frequency and parameters: a tree of pieces on which the value set keeps clear of zero."""
+
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from math import ceil, inf, log2
+from time import monotonic
+
+import numpy as np
+from flint import fmpq
+
+from beamdesign.polynomial import exact
+from beamdesign.proofs.box_statement import Node, Statement
+from beamdesign.proofs.value_set import Pieces, delays, hulls, pieces, support, values
+from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
+from beamdesign.rational import nearest, text
+
+TURN = 192
+"""Directions of separating lines: multiples of a full turn over this."""
+
+_LINES = np.round(1000 * np.exp(2j * np.pi * np.arange(TURN) / TURN))
+_UNITS = _LINES / np.abs(_LINES)
+_POINTS_AT_ONCE = 1_000_000
+_NARROWEST_SHARE = 2.0**-40
+_NARROWEST_BAND = 1e-10
+"""A piece as narrow as this, in a variable or relatively in frequency, is left undecided."""
+
+_LEADING_RATIO = 100
+"""Where the leading coefficient varies by more than this, smaller boxes are better than high frequencies."""
+
+_MOST_POINTS = 100_000
+"""Most control points of a hull; beyond that a single piece takes seconds to prove."""
+
+_CLEAR = 1e-9
+"""Least distance from zero, relative to the size of p, that the ball arithmetic is sure to confirm."""
+
+
+@dataclass
+class _Node:
+    """A piece of the tree: shares of the ranges, frequencies, and how it was settled."""
+
+    start: np.ndarray
+    end: np.ndarray
+    w1: float
+    w2: float
+    mark: str = "?"
+    halves: tuple["_Node", ...] = ()
+
+    @property
+    def volume(self) -> float:
+        """Share of the whole box."""
+        return float(np.prod(self.end - self.start))
+
+
+@dataclass
+class Search:
+    """A tree in the making.
+
+    Attributes:
+        statement: what is searched.
+        looked_at: how many pieces were looked at so far.
+        open_volume: sum of the boxes of all open pieces, as shares of the whole; they may overlap.
+    """
+
+    statement: Statement
+    looked_at: int = 0
+    open_volume: float = 0.0
+    _root: _Node = field(init=False)
+    _queue: list[tuple[float, int, _Node]] = field(init=False, default_factory=list)
+    _width: int = field(init=False, default=0)
+    _pushed: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        k = len(self.statement.varying)
+        self._width = control_points(self.statement)
+        if self._width > _MOST_POINTS:
+            raise ValueError(
+                f"a hull of this expression has {self._width} control points, more than {_MOST_POINTS}: let fewer"
+                " parameters vary, or give it leaves that share none"
+            )
+        self._root = _Node(np.zeros(k), np.ones(k), 0.0, inf)
+        self._push(self._root)
+
+    @property
+    def settled(self) -> bool:
+        """Whether no piece is open."""
+        return "?" not in self.tree
+
+    @property
+    def tree(self) -> list[str]:
+        """The marks of `zero_exclusion.pieces`, open pieces as "?"."""
+        marks, stack = [], [self._root]
+        while stack:
+            node = stack.pop()
+            marks.append(node.mark)
+            stack += reversed(node.halves)
+        return marks
+
+    def run(self, budget: int, seconds: float = inf, enough: float = 0.0) -> None:
+        """Look at pieces, the largest boxes first, until all are settled or the budget is used up.
+
+        Args:
+            budget: most pieces to look at, over all runs.
+            seconds: most time.
+            enough: open volume at which to stop.
+        """
+        limit = monotonic() + seconds
+        while self._queue and self.looked_at < budget and monotonic() < limit and self.open_volume >= enough:
+            batch: list[_Node] = []
+            while self._queue and len(batch) < self._batch() and self.looked_at < budget:
+                _, _, node = heappop(self._queue)
+                self.open_volume -= node.volume
+                self.looked_at += 1
+                if node.w2 == inf:
+                    self._tail(node)
+                else:
+                    batch.append(node)
+            if batch:
+                self._look(batch)
+
+    def _batch(self) -> int:
+        return max(1, min(256, _POINTS_AT_ONCE // (2 * self._width)))
+
+    def _push(self, node: _Node) -> None:
+        self._pushed += 1
+        self.open_volume += node.volume
+        heappush(self._queue, (-node.volume, self._pushed, node))
+
+    def _halve(self, node: _Node, variable: int) -> None:
+        if node.end[variable] - node.start[variable] < _NARROWEST_SHARE:
+            return
+        middle = (node.start[variable] + node.end[variable]) / 2
+        lower, upper = node.end.copy(), node.start.copy()
+        lower[variable] = upper[variable] = middle
+        node.mark = self.statement.varying[variable]
+        node.halves = (_Node(node.start, lower, node.w1, node.w2), _Node(upper, node.end, node.w1, node.w2))
+        for half in node.halves:
+            self._push(half)
+
+    def _cut(self, node: _Node, near: float) -> None:
+        """Cut in frequency, at a short decimal near the one given."""
+        if node.w2 - node.w1 < _NARROWEST_BAND * node.w2:
+            return
+        digits = 3
+        while not node.w1 < (w := float(f"{near:.{digits}g}")) < node.w2:
+            digits += 1
+        node.mark = f"w={text(exact(w))}"
+        node.halves = (_Node(node.start, node.end, node.w1, w), _Node(node.start, node.end, w, node.w2))
+        for half in node.halves:
+            self._push(half)
+
+    def _tail(self, node: _Node) -> None:
+        """All frequencies from w1 up: settled where the leading term dominates."""
+        shares = {
+            name: (_dyadic(a), _dyadic(b))
+            for name, a, b in zip(self.statement.varying, node.start, node.end, strict=True)
+        }
+        cell = Cell(self.statement, shares)
+        if node.w1 > 0 and dominated(cell, exact(node.w1)):
+            node.mark = "inf"
+        elif (reach := _reach(cell)) is not None:
+            self._cut(node, max(reach, 2 * node.w1))
+        elif shares:
+            n = self.statement.degree[0]
+            spreads = []
+            for name in self.statement.varying:
+                ends = [coefficients(cell.half(name, upper), self.statement.body)[0][n] for upper in (False, True)]
+                spreads.append(nearest(sum((b - a for a, b in ends), fmpq(0))))
+            self._halve(node, int(np.argmin(spreads)))
+
+    def _look(self, batch: list[_Node]) -> None:
+        start, end = np.array([node.start for node in batch]), np.array([node.end for node in batch])
+        w = np.array([[node.w1 for node in batch], [node.w2 for node in batch]])
+        line, clear, alone = _best_lines(self.statement, pieces(self.statement, start, end, w))
+        # Where zero is in the hull at one end, only smaller boxes help; otherwise a shorter interval does.
+        wide = w[1] > 1.5 * w[0]
+        stuck = (alone[0] <= 0) & (~wide | (w[0] == 0)) | (alone[1] <= 0) & ~wide
+        todo = np.flatnonzero(~clear & stuck) if start.shape[1] else np.array([], dtype=int)
+        variables = np.zeros(len(batch), dtype=int)
+        if len(todo):
+            at = np.where(alone[0, todo] <= alone[1, todo], w[0, todo], w[1, todo])
+            variables[todo] = _effects(self.statement, start[todo], end[todo], at).argmax(axis=1)
+        for i, node in enumerate(batch):
+            if clear[i]:
+                node.mark = f"{int(_LINES[line[i]].real)},{int(_LINES[line[i]].imag)}"
+            elif i in todo:
+                self._halve(node, variables[i])
+            else:
+                low, high = node.w1, node.w2
+                self._cut(node, high / 8 if low == 0 else (low * high) ** 0.5 if high > 4 * low else (low + high) / 2)
+
+
+def control_points(statement: Statement) -> int:
+    """Number of points of a hull of p that are computed and tested, for all summands together."""
+    enumerated = 1
+    for pack in statement.bound:
+        degrees = statement.pack_degrees(pack)
+        alone = _leaf_points(statement, pack[0])
+        enumerated *= alone if len(pack) == 1 else int(np.prod([degree + 1 for degree in degrees.values()]))
+
+    def of(node: Node) -> int:
+        if node.kind == "leaf":
+            return 1 if node.bound else _leaf_points(statement, node.name)
+        if node.kind == "delay":
+            return ARC_PARTS + 2 if node.name in statement.varying else 1
+        return int(np.prod([of(part) for part in node.parts]))
+
+    body = statement.body
+    return enumerated * sum(of(node) for node in (body.parts if body.kind == "sum" else (body,)))
+
+
+def _leaf_points(statement: Statement, name: str) -> int:
+    axes, others = set(), 1
+    for axis, degrees, _ in statement.components[name]:
+        if axis == 2:
+            others *= int(np.prod([degree + 1 for degree in degrees.values()]))
+        elif degrees:
+            axes.add(axis)
+    return others * 2 ** len(axes)
+
+
+def _dyadic(share: float) -> fmpq:
+    return fmpq(*share.as_integer_ratio())
+
+
+def _reach(cell: Cell) -> float | None:
+    """A frequency from which the leading term dominates; None where the leading coefficient may come near to zero.
+
+    Fujiwara's bound: twice the largest |a_(n-i) / a_n|^(1/i).
+    """
+    n, _ = cell.statement.degree
+    plain, late = coefficients(cell, cell.statement.body)
+    low, high = plain[n]
+    lead, most = sorted((abs(low), abs(high)))
+    if low * high <= 0 or (cell.shares and most > _LEADING_RATIO * lead):
+        return None
+    sizes = [max(abs(a), abs(b)) for a, b in plain[:n]]
+    for i, (_, size) in enumerate(late):
+        sizes[i] += size
+    ratios = [(nearest(size / lead)) ** (1 / (n - i)) for i, size in enumerate(sizes)]
+    return 2.0 ** ceil(log2(max(2 * max(ratios, default=1.0), 1e-3)))
+
+
+def _best_lines(statement: Statement, where: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each piece the best line found, whether it separates p from zero, and the distances (2, B) of either end.
+
+    Directions are tried on a coarse grid, then nearer to the best; distances of the ends are each by its own line.
+    """
+    summands = hulls(statement, where)
+    stray = where.stray(np.sum([hull.bend for hull in summands], axis=0))
+    blur = _CLEAR * np.sum([np.abs(hull.points).max(axis=(2, 3)) for hull in summands], axis=0)
+    count = len(stray)
+    rows = np.arange(count)[:, None]
+    # Per piece three searches: the line that is best for both ends, and one for each end alone.
+    indices = np.broadcast_to(np.arange(0, TURN, TURN // 12), (3, count, 12))
+    best = np.zeros((3, count), dtype=int)
+    value = np.full((3, count), -inf)
+    step = TURN // 24
+    while True:
+        tried = np.concatenate(list(indices), axis=1) if step < TURN // 24 else indices[0]
+        found = support(summands, _UNITS[tried]) - blur[..., None]
+        scores = np.stack([found.min(axis=0), found[0], found[1]])
+        choice = scores.argmax(axis=2)
+        score = np.take_along_axis(scores, choice[..., None], axis=2)[..., 0]
+        best = np.where(score > value, tried[rows[:, 0], choice], best)
+        value = np.maximum(value, score)
+        if step == 0:
+            break
+        indices = np.stack([best - step, best + step], axis=-1) % TURN
+        step //= 2
+    return best[0], value[0] > stray, value[1:]
+
+
+def _effects(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """How far p moves (B, k) at a frequency (B,) along each variable through the middle of its box."""
+    count, k = start.shape
+    ends = np.repeat((start + end) / 2, 2 * k, axis=0).reshape(count, k, 2, k)
+    for i in range(k):
+        ends[:, i, 0, i], ends[:, i, 1, i] = start[:, i], end[:, i]
+    shares = ends.reshape(-1, k)
+    s = 1j * np.repeat(w, 2 * k)[:, None]
+    plain, late = values(statement, shares, s)
+    p = (plain + late * np.exp(-s * delays(statement, shares)[:, None])).reshape(count, k, 2)
+    return np.abs(p[..., 1] - p[..., 0])

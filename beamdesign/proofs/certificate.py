@@ -1,0 +1,234 @@
+"""What is claimed, proved and guaranteed of a prototype over a range of outer end masses: records and words."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, isinf
+from typing import Literal
+
+from flint import fmpq
+
+from beamdesign.crossing import Crossing
+from beamdesign.proofs.stability import StabilityMap
+from beamdesign.prototype import Goal
+from beamdesign.rational import nearest
+
+METHOD = (
+    "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
+    " one Routh test per range between them; inequalities over mass and frequency by real-root isolation"
+)
+
+Kind = Literal[
+    "compliance", "tip_compliance", "load_compliance",
+    "peak_sensitivity", "loop_gain", "controller_effort", "decay_rate", "gain_margin",
+]  # fmt: skip
+"""Of an arm the compliances are two, of the tip and of the payload's centre."""
+
+INEQUALITIES: tuple[Kind, ...] = ("compliance", "peak_sensitivity", "loop_gain", "controller_effort")
+"""Claims about magnitudes, as opposed to those about poles."""
+
+_COMPLIANCES = {
+    "compliance": "compliance |x/F_d|",
+    "tip_compliance": "compliance of the tip",
+    "load_compliance": "compliance of the payload's centre",
+}
+_UNITS = {"controller_effort": " A/V", "decay_rate": " 1/s", "gain_margin": " times the gain"}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A claim that is to be decided.
+
+    Attributes:
+        kind: what is claimed.
+        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
+        bandwidth_Hz: for a compliance, the frequency up to which it is claimed.
+        from_Hz: for a loop gain, the frequency from which on it is claimed.
+    """
+
+    kind: Kind
+    limit: float
+    bandwidth_Hz: float = inf
+    from_Hz: float = 0.0
+
+    def decided(self, outer_end_mass_kg: tuple[float, float], holds: bool, reason: str = "") -> "Claim":
+        """The claim over a range of masses, with its verdict and, where it does not hold, the reason."""
+        bandwidth_Hz = self.bandwidth_Hz if self.kind.endswith("compliance") else None
+        from_Hz = self.from_Hz if self.kind == "loop_gain" else None
+        return Claim(self.kind, self.limit, outer_end_mass_kg, holds, bandwidth_Hz, reason, from_Hz=from_Hz)
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Where a claim fails.
+
+    Attributes:
+        mass: outer end mass, kg.
+        squared_frequency: (rad/s)^2 at which an inequality fails; None for a loop that is not stable.
+        gain_factor: factor on the gain, for a gain margin.
+        frequency_Hz: frequency at the failure: of the inequality, or of the slowest or growing oscillation.
+        exact: whether these rationals themselves refute the claim; False where only a root on the axis at an
+            irrational figure does, which they then approximate.
+    """
+
+    mass: fmpq
+    squared_frequency: fmpq | None
+    gain_factor: fmpq | None
+    frequency_Hz: float
+    exact: bool = True
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement about every outer end mass of a range, decided exactly.
+
+    Attributes:
+        kind: what is claimed.
+        limit: its figure: m/N, a plain number, A/V, 1/s or a factor.
+        outer_end_mass_kg: the range.
+        holds: whether it is proved; if not, it is refuted.
+        bandwidth_Hz: for a compliance, the frequency up to which it is claimed; infinite for all frequencies.
+        reason: in words, why it does not hold; empty where it does.
+        witness: what refutes it; None where it holds.
+        from_Hz: for a loop gain, the frequency from which on it is claimed; zero for all frequencies.
+    """
+
+    kind: Kind
+    limit: float
+    outer_end_mass_kg: tuple[float, float]
+    holds: bool
+    bandwidth_Hz: float | None = None
+    reason: str = ""
+    witness: Witness | None = None
+    from_Hz: float | None = None
+
+    @property
+    def witness_outer_end_mass_kg(self) -> float | None:
+        """A mass that refutes the claim, as a float."""
+        return None if self.witness is None else nearest(self.witness.mass)
+
+    @property
+    def witness_frequency_Hz(self) -> float | None:
+        """The frequency that goes with that mass."""
+        return None if self.witness is None else self.witness.frequency_Hz
+
+    @property
+    def witness_gain_factor(self) -> float | None:
+        """The factor on the gain that goes with it, for a gain margin."""
+        factor = None if self.witness is None else self.witness.gain_factor
+        return None if factor is None else nearest(factor)
+
+
+@dataclass(frozen=True)
+class Guaranteed:
+    """The best figures that are proved of a loop that is stable over the whole range, rounded to the safe side.
+
+    Attributes:
+        bandwidth_Hz: for the goal's compliance.
+        peak_sensitivity: max |1 / (1 + L)|.
+        loop_gain: max |L| from the goal's frequency up; None where the goal sets it no limit.
+        controller_effort_A_per_V: max |C / (1 + L)|; None likewise.
+    """
+
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    loop_gain: float | None = None
+    controller_effort_A_per_V: float | None = None
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proved of a prototype over a range of outer end masses.
+
+    Attributes:
+        outer_end_mass_kg: the range.
+        stability: ranges and crossings, exact.
+        claims: what was asked, each held or refuted.
+        guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
+        text: the certificate as `beamdesign.checker` reads it.
+        method: how it was proved, in words.
+        scope: for a prototype with effects, per effect what is covered and what is not, in words.
+    """
+
+    outer_end_mass_kg: tuple[float, float]
+    stability: StabilityMap
+    claims: tuple[Claim, ...]
+    guaranteed: Guaranteed | None
+    text: str
+    method: str = METHOD
+    scope: tuple[str, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mass of the closed range is stable."""
+        return self.stability.stable
+
+    @property
+    def holds(self) -> bool:
+        """Whether the range is stable and every claim that was asked holds."""
+        return self.stable and all(claim.holds for claim in self.claims)
+
+    @property
+    def stable_ranges_kg(self) -> list[tuple[float, float]]:
+        """The stable ranges inside what was asked, ends at crossings rounded inwards."""
+        return self.stability.stable_ranges
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """The crossings inside the range."""
+        return self.stability.crossings
+
+    @cached_property
+    def reason(self) -> str:
+        """In words, why the answer is no; empty where it is yes."""
+        refused = [f"{describe(claim)}: {claim.reason}" for claim in self.claims if not claim.holds]
+        return "; ".join([self.stability.reason, *refused] if self.stability.reason else refused)
+
+
+def goal_claims(goal: Goal) -> tuple[Asked, ...]:
+    """The goal's limits of loop gain and effort as claims, as far as it sets any."""
+    asked = []
+    if goal.loop_gain is not None:
+        asked.append(Asked("loop_gain", goal.loop_gain, from_Hz=goal.loop_gain_from_Hz))
+    if goal.controller_effort_A_per_V is not None:
+        asked.append(Asked("controller_effort", goal.controller_effort_A_per_V))
+    return tuple(asked)
+
+
+def least_limits(goal: Goal, least: Callable[[Kind, float], float]) -> list[Asked]:
+    """Peak sensitivity first, then what else the goal limits, each at the least limit that is proved.
+
+    Args:
+        goal: whose own limits do not count.
+        least: least limit of a kind of claim, from a frequency (Hz) on.
+    """
+    asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+    return [replace(one, limit=least(one.kind, one.from_Hz)) for one in asked]
+
+
+def as_claims(proved: Iterable[Asked], outer_end_mass_kg: tuple[float, float]) -> list[Claim]:
+    """What is proved over a range of masses as claims, without what says nothing."""
+    return [one.decided(outer_end_mass_kg, True) for one in proved if one.limit < inf and one.bandwidth_Hz > 0]
+
+
+def implies(one: Claim, other: Claim) -> bool:
+    """Whether a claim of the same kind, if it holds, says at least as much as another."""
+    stronger = one.limit <= other.limit and (one.bandwidth_Hz or 0.0) >= (other.bandwidth_Hz or 0.0)
+    stronger = stronger and (one.from_Hz or 0.0) <= (other.from_Hz or 0.0)
+    return one.holds and one.kind == other.kind and stronger
+
+
+def describe(claim: Claim) -> str:
+    """A claim in words."""
+    if claim.kind.endswith("compliance"):
+        up_to = "at every frequency" if isinf(claim.bandwidth_Hz or 0) else f"up to {claim.bandwidth_Hz:.7g} Hz"
+        return f"{_COMPLIANCES[claim.kind]} at most {claim.limit:.6g} m/N {up_to}"
+    if claim.kind == "loop_gain":
+        return f"loop gain |L| at most {claim.limit:.6g} from {claim.from_Hz or 0:.7g} Hz up"
+    name = {
+        "peak_sensitivity": "peak sensitivity max |1/(1+L)| at most",
+        "controller_effort": "controller effort |C/(1+L)| at most",
+        "decay_rate": "decay rate of every pole above",
+        "gain_margin": "stable at every gain up to" if claim.limit >= 1 else "stable at every gain down to",
+    }[claim.kind]
+    return f"{name} {claim.limit:.6g}{_UNITS.get(claim.kind, '')}"

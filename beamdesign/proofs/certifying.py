@@ -1,0 +1,322 @@
+"""Certificates made: stability and claims of every linear member of a prototype decided, and the proof written."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from flint import fmpq
+
+from beamdesign.crossing import Crossing
+from beamdesign.loop import rig_loop
+from beamdesign.plant.effects import library
+from beamdesign.plant.members import LinearFamily, Member, family
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import (
+    INEQUALITIES,
+    METHOD,
+    Asked,
+    Certificate,
+    Claim,
+    Guaranteed,
+    as_claims,
+    describe,
+    implies,
+    least_limits,
+)
+from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
+from beamdesign.proofs.performance import bandwidth, least_limit, prove
+from beamdesign.proofs.rectangle import (
+    Rectangle,
+    scaled,
+)
+from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
+from beamdesign.proofs.writer import certificate
+from beamdesign.prototype import Goal, InStage, Prototype
+from beamdesign.rational import nearest, simple_between, text
+from beamdesign.records import InputError, Problem
+
+# Members over end masses and factors on the gain; what all have in common, in words.
+
+
+_STEPS, _HALVINGS = 64, 24
+"""Where a gain between its ends is unstable, a range of masses gives way by this share of itself at a time; how often
+the last of these steps is halved."""
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A member with the rectangle over which it is to be stable, and that over which it is to perform, if it is."""
+
+    member: Member
+    stable: Rectangle
+    performing: Rectangle | None
+
+
+def rectangles(prototype: Prototype, found: LinearFamily, low: fmpq, high: fmpq) -> list[Proved]:
+    """Each member's loop over masses and factors on the gain."""
+    controller = prototype.controller
+    if controller is None:
+        raise ValueError("the prototype has no [controller]")
+    found_loops = []
+    for member in found.members:
+        loop = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, controller)
+        stable = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
+        inside = member.performance
+        if inside is not None and inside.low < inside.high and not loop.gain_and_mass_apart:
+            raise InputError(prototype.name, gain_and_mass(prototype, nearest(high)))
+        performing = None if inside is None else replace(stable, least=exact(inside.low), most=exact(inside.high))
+        found_loops.append(Proved(member, stable, performing))
+    return found_loops
+
+
+def gain_and_mass(prototype: Prototype, high_kg: float) -> list[Problem]:
+    """What to change where mass and gain multiply each other: sides do not decide what is claimed of magnitudes."""
+    reason = (
+        "lets the gain vary where the loop is to perform, which is not proved where the end mass shows in what is fed"
+        " back, as it does with added sensors or one that rides on the mount; remove it"
+    )
+    varying = []
+    for name, table in prototype.effects.items():
+        alone = family(prototype.but(effects={name: table}), high_kg).members
+        spans = [member.performance for member in alone if member.performance is not None]
+        varying += [name] if any(span.low < span.high for span in spans) else []
+    return [Problem(f"effects.{name}", reason) for name in varying]
+
+
+def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> StabilityMap:
+    """The masses at which all rectangles are stable for all of their gains.
+
+    Ends are crossings of some member at one end of its gains. Where a gain between the ends is not stable at a mass at
+    which both ends are, the range gives way: what is left is proved, but need not be all.
+    """
+    maps = [
+        stable_ranges(scaled(part.loop, factor).characteristic, low, high)
+        for part in parts
+        for factor in sorted({part.least, part.most})
+    ]
+    if len(maps) == 1:
+        return maps[0]
+    common = [part for part in maps[0].ranges if part.stable]
+    for other in maps[1:]:
+        common = [piece for one in common for two in other.ranges if two.stable and (piece := _both(one, two))]
+    common = [piece for one in common if (piece := _given_way(parts, one))]
+    filled: list[Range] = []
+    reached: fmpq = low
+    for piece in common:
+        if reached < piece.low:
+            filled.append(_unstable(reached, piece.low))
+        filled.append(piece)
+        reached = piece.high
+    if reached < high or not common:
+        filled.append(_unstable(reached, high))
+    crossings = _listed(crossing for found in maps for crossing in found.crossings)
+    below = _listed(found.below for found in maps if found.below is not None)
+    above = _listed(found.above for found in maps if found.above is not None)
+    reason = in_words(filled, crossings).replace("unstable from", "not every loop is stable from")
+    if not common:
+        reason = "no range of masses was found over which every loop is stable"
+    return StabilityMap(
+        low, high, crossings, tuple(filled), below[-1] if below else None, above[0] if above else None, reason
+    )
+
+
+def _listed(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
+    return tuple(sorted(crossings, key=lambda crossing: crossing.value))
+
+
+def _unstable(low: fmpq, high: fmpq) -> Range:
+    return Range(low, high, None, None, low, False)
+
+
+def _both(one: Range, two: Range) -> Range | None:
+    """Masses in two stable ranges."""
+    first, last = max((one, two), key=lambda part: part.low), min((one, two), key=lambda part: part.high)
+    if first.low > last.high or (first.low == last.high and (first.opens_at or last.closes_at)):
+        return None
+    sample = first.low if first.low == last.high else simple_between(first.low, last.high)
+    return Range(first.low, last.high, first.opens_at, last.closes_at, sample, True)
+
+
+def _given_way(parts: Sequence[Rectangle], piece: Range) -> Range | None:
+    """The range less what is needed for every gain between the ends to be stable, too; None where nothing is left."""
+    step = (piece.high - piece.low) / _STEPS
+
+    def stands(mass: fmpq) -> bool:
+        return all(side.stable for part in parts for side in replace(part, low=mass, high=mass).sides())
+
+    if step == 0:
+        return piece if stands(piece.low) else None
+
+    def first(start: fmpq, step: fmpq) -> fmpq:
+        """The mass nearest to the start that was found to stand, in steps and then by halving the last."""
+        if stands(start):
+            return start
+        failed, found = start, start + step
+        while piece.low <= found <= piece.high and not stands(found):
+            failed, found = found, found + step
+        for _ in range(_HALVINGS):
+            middle = (found + failed) / 2
+            failed, found = (failed, middle) if stands(middle) else (middle, found)
+        return found
+
+    low, high = first(piece.low, step), first(piece.high, -step)
+    if low > high or any(replace(part, low=low, high=high).inside() is not None for part in parts):
+        return None
+    opens, closes = (piece.opens_at if low == piece.low else None), (piece.closes_at if high == piece.high else None)
+    sample = low if low == high else simple_between(low, high)
+    return Range(low, high, opens, closes, sample, True)
+
+
+def scope(prototype: Prototype, found: LinearFamily) -> str:
+    """What the proof is about, in one sentence."""
+    members = "one linear loop stands" if len(found.members) == 1 else f"{len(found.members)} linear loops stand"
+    effects = f"{members} for the effects {', '.join(sorted(prototype.effects))}"
+    return f"{effects}, at frozen values" if bracketing(prototype) else effects
+
+
+def covered(prototype: Prototype, found: LinearFamily) -> list[str]:
+    """Per effect what the proof covers and what it leaves out, in words; then the gains and the load."""
+    lines = []
+    for name in sorted(prototype.effects):
+        linear = library()[name].linear
+        assert linear is not None  # the family exists
+        out = f"; not covered: {linear.leaves_out}" if linear.leaves_out else ""
+        lines.append(f"{name}: {linear.covers}{out}.")
+    gain = found.members[0].gain
+    inside = next(member.performance for member in found.members if member.performance is not None)
+    if gain.low != gain.high:
+        lines.append(f"Stability is about every constant factor on the gain from {gain.low:.6g} to {gain.high:.6g}.")
+        if inside != gain:
+            to = "" if inside.low == inside.high else f" to {inside.high:.6g}"
+            lines.append(f"Compliance and peak sensitivity are about factors of {inside.low:.6g}{to}.")
+    lines += [
+        f"{name}: {' and '.join(f'{end:.6g}' for end in sorted({span.low, span.high}))}."
+        for name, span in found.spans.items()
+    ]
+    if any(span.low < span.high for span in found.spans.values()):
+        lines.append(
+            "This proof is about the ends of these figures; `beamdesign certify-box` proves what lies between."
+        )
+    if found.depends_on_load:
+        lines.append(f"These hold for a steady load of up to {found.load_N:.6g} N.")
+    lines.append(NOT_COVERED if bracketing(prototype) else ALL_LINEAR)
+    return lines
+
+
+NOT_COVERED = (
+    "Proved are linear loops that bracket the effects at frozen values, not the nonlinear loop: limit cycles, and what"
+    " changes while it moves, are not covered."
+)
+ALL_LINEAR = "These effects are linear: what is proved is the loop that `beamdesign simulate` runs."
+
+
+def bracketing(prototype: Prototype) -> bool:
+    """Whether an effect is not linear itself, so that its linear loops only bracket it."""
+    members = [library()[name].linear for name in prototype.effects]
+    return any(member is None or member.laws is not None for member in members)
+
+
+# The certificate.
+
+
+def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequence[Asked] = ()) -> Certificate:
+    """Decide stability and claims over every outer end mass from `low_kg` to `high_kg`, and write the proof.
+
+    Where the range is stable, the guaranteed bandwidth (for the goal's compliance) and the guaranteed peak sensitivity
+    are worked out and proved as well. Everything is about all linear members of the prototype, of which there is one
+    without effects: stability, decay and gain margin at every factor on the gain that the effects allow; the rest at
+    those at which the effects are to let the loop perform.
+
+    Raises:
+        ValueError: for an empty range, or without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    low, high = exact(low_kg), exact(high_kg)
+    if low > high:
+        raise ValueError(f"empty range: {low_kg} is above {high_kg}")
+    found = family(prototype, high_kg)
+    proved = rectangles(prototype, found, low, high)
+    stability = common_ranges([part.stable for part in proved], low, high)
+    decided = [_decide(proved, asked) for asked in claims]
+    guaranteed: Guaranteed | None = None
+    reached: list[Claim] = []
+    if stability.stable:
+        guaranteed, reached = _guarantees(proved, prototype.goal, (low_kg, high_kg))
+    written = decided + [claim for claim in reached if not any(implies(other, claim) for other in decided)]
+    summary = _summary(prototype, found, stability, written)
+    alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most == 1
+    body = {
+        "outer_end_mass_kg": [text(low), text(high)],
+        "stability": stability_table(stability) if alone else common_table(stability),
+    }
+    body |= claim_tables(written, alone) | {"loop": [loop_table(part.stable.loop) for part in proved]}
+    written_text = certificate(KIND, prototype, body, summary, high_kg)
+    method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
+    about = tuple(covered(prototype, found)) if prototype.effects else ()
+    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, written_text, method, about)
+
+
+def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
+    """The worst of what is proved with each law over its own payloads; None where a loop is not stable."""
+    each = [certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed for stage in stages]
+    found = [one for one in each if one is not None]
+    if len(found) < len(each):
+        return None
+    return Guaranteed(
+        min(one.bandwidth_Hz for one in found),
+        max(one.peak_sensitivity for one in found),
+        max((one.loop_gain for one in found if one.loop_gain is not None), default=None),
+        max(
+            (one.controller_effort_A_per_V for one in found if one.controller_effort_A_per_V is not None), default=None
+        ),
+    )
+
+
+def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:
+    """A claim about every member: the first that refutes it, or that it holds."""
+    performance = asked.kind in INEQUALITIES
+    alone = len(proved) == 1 and proved[0].stable.least == proved[0].stable.most  # so that the proof says where
+    for part in proved:
+        if performance and not alone and not part.stable.stable:
+            masses = nearest(part.stable.low), nearest(part.stable.high)
+            reason = "not every member is stable for all of these masses and factors on the gain"
+            return asked.decided(masses, False, reason)
+    claim: Claim | None = None
+    for part in proved:
+        rectangle = part.performing if performance else part.stable
+        if rectangle is None:
+            continue
+        claim = prove(rectangle, asked)
+        if not claim.holds:
+            where = f" (with {part.member.name})" if part.member.name else ""
+            return replace(claim, reason=claim.reason + where)
+    assert claim is not None  # some member performs
+    return claim
+
+
+def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float]) -> tuple[Guaranteed, list[Claim]]:
+    """The best figures that every member has, and each as a claim that holds."""
+    performing = [part.performing for part in proved if part.performing is not None]
+    reached = Asked("compliance", goal.compliance_m_per_N, bandwidth(performing, goal.compliance_m_per_N))
+    peak, *others = least_limits(goal, lambda kind, from_Hz: least_limit(performing, kind, from_Hz))
+    figures = {one.kind: one.limit for one in (peak, *others)}
+    guaranteed = Guaranteed(
+        reached.bandwidth_Hz, peak.limit, figures.get("loop_gain"), figures.get("controller_effort")
+    )
+    return guaranteed, as_claims((peak, reached, *others), ends)
+
+
+def _summary(prototype: Prototype, found: LinearFamily, stability: StabilityMap, claims: Sequence[Claim]) -> str:
+    """The result in words, for the top of the certificate."""
+    low, high = nearest(stability.low), nearest(stability.high)
+    effects = " with effects" if prototype.effects else ""
+    lines = [f"Certificate of {prototype.name!r}{effects} for every outer end mass from {low:g} to {high:g} kg."]
+    if prototype.effects:
+        lines += [f"{scope(prototype, found).capitalize()}.", *covered(prototype, found)]
+    every, all_of_it = ("Every member", "") if len(found.members) > 1 else ("It", "The closed loop is ")
+    if stability.stable:
+        lines.append(f"{all_of_it or 'Every member is '}stable over the whole range.")
+    else:
+        lines.append(f"{all_of_it}NOT stable over the whole range: {stability.reason}.")
+        lines += [f"{every} is stable from {least:.9g} to {most:.9g} kg." for least, most in stability.stable_ranges]
+    lines += [f"{'Proved' if claim.holds else 'Refuted'}: {describe(claim)}." for claim in claims]
+    return "\n".join(lines)

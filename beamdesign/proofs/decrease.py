@@ -1,0 +1,282 @@
+"""What a Lyapunov function V = x' P(m) x must satisfy while the mass changes, as exact inequalities.
+
+**Mass that comes and goes.** Let W = M_m + m be the mass at the outer tip, v its velocity against the base, F the force
+on it. Mass that joins with the velocity u relative to the tip adds the momentum u dm, so W v' = F + m' u (Meshchersky);
+it is neither W v' = F nor (W v)' = F by itself. Displacements never jump. Two cases bound what a gripper does:
+
+- *matched*: payload joins and leaves with the tip's own velocity, u = 0, so W v' = F and v is continuous. Mass that is
+  let go always leaves like this.
+- *from rest*: payload is at rest when it joins, u = -v, so (W v)' = F. A sudden pick-up keeps the momentum, and v jumps
+  to v (M_m + m1) / (M_m + m2).
+
+Payload that moves with a part of the tip's velocity, u = -theta v with theta in [0, 1], is an average of the two.
+
+**The inequality.** With A(m) = fixed + inertial / W and D = e e' picking out v, and m' = rate,
+
+    dV/dt = x' [A' P + P A + rate dP/dm - theta (rate / W) (D P + P D)] x,
+
+so that -W (dV/dt + 2 decay V) is a polynomial in m whose matrix coefficients are linear in those of P. The rate enters
+linearly on each side of zero and theta linearly, so their extremes suffice; m is settled by Bernstein coefficients.
+
+**Sudden pick-ups from rest.** J' P J <= P for all small jumps J would need P to leave v uncoupled from all other
+states, which feedback does not allow in general. Their growth of V is bounded by a factor instead, to be made up for by
+the decrease in the time between them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+from typing import Any, Literal
+
+from flint import arb, ctx, fmpq, fmpq_mat, fmpz
+
+from beamdesign.proofs.mass_family import Families, MassFamily
+
+# Definiteness of symmetric rational matrices, and of matrix polynomials on an interval, decided exactly.
+
+
+DEEPEST = 10
+"""Halvings of an interval after which `positive_on` gives up."""
+
+
+@dataclass(frozen=True)
+class Definite:
+    """Whether a definiteness holds, exactly, and the reason where it does not.
+
+    Attributes:
+        holds: proved in rationals.
+        reason: empty where it holds.
+        pieces: number of sub-intervals the proof needed, 1 for a single matrix.
+    """
+
+    holds: bool
+    reason: str = ""
+    pieces: int = 1
+
+
+def positive_definite(matrix: fmpq_mat) -> Definite:
+    """Sylvester's criterion by fraction-free elimination (Bareiss): all leading principal minors are positive.
+
+    A semidefinite matrix is not positive definite: its first vanishing minor is named.
+
+    Args:
+        matrix: square, rational.
+    """
+    if matrix != matrix.transpose():
+        return Definite(False, "the matrix is not symmetric")
+    rows: list[list[Any]] = matrix.numer_denom()[0].tolist()  # over one positive denominator: signs stay
+    before = fmpz(1)
+    for k, pivot_row in enumerate(rows):
+        pivot = pivot_row[k]  # the leading principal minor of order k + 1
+        if pivot <= 0:
+            return Definite(False, f"leading minor {k + 1} of {len(rows)} is {'zero' if pivot == 0 else 'negative'}")
+        for row in rows[k + 1 :]:
+            head = row[k]
+            for j in range(k + 1, len(rows)):
+                row[j] = (pivot * row[j] - head * pivot_row[j]) // before  # exact division
+        before = pivot
+    return Definite(True)
+
+
+def bernstein(coefficients: Sequence[Any], low: Any, high: Any) -> list[Any]:
+    """Bernstein coefficients on [low, high] of sum over k of coefficients[k] m^k.
+
+    On the interval the polynomial is a convex combination of them; the first and the last are its values at the ends.
+    Works alike on numbers, arrays and rational matrices; `low` and `high` are rationals or floats to match.
+    """
+    degree, length = len(coefficients) - 1, high - low
+    one = length / length
+    shifted = []
+    for j in range(degree + 1):
+        total = coefficients[j] * length**j
+        for k in range(j + 1, degree + 1):
+            total = total + coefficients[k] * (comb(k, j) * low ** (k - j) * length**j)
+        shifted.append(total)
+    result = []
+    for i in range(degree + 1):
+        total = shifted[0]
+        for j in range(1, i + 1):
+            total = total + shifted[j] * (one * comb(i, j) / comb(degree, j))
+        result.append(total)
+    return result
+
+
+def positive_on(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, deepest: int = DEEPEST) -> Definite:
+    """Whether sum over k of coefficients[k] m^k is positive definite for every m in [low, high].
+
+    Positive definite Bernstein coefficients prove it; where they are not, the interval is halved. An end of a piece
+    at which the matrix itself is not positive definite refutes it.
+
+    Args:
+        coefficients: symmetric matrices, ascending in m.
+        low: least m.
+        high: most m, above `low`.
+        deepest: number of halvings after which the answer is no, for lack of a proof.
+    """
+    values = bernstein(coefficients, low, high)
+    for value, place in ((values[0], low), (values[-1], high)):
+        end = positive_definite(value)
+        if not end.holds:
+            return Definite(False, f"at {float(place):.6g}: {end.reason}")
+    if all(positive_definite(value).holds for value in values[1:-1]):
+        return Definite(True)
+    if deepest == 0:
+        return Definite(False, f"no proof between {float(low):.6g} and {float(high):.6g} after all halvings")
+    middle = (low + high) / 2
+    left = positive_on(coefficients, low, middle, deepest - 1)
+    if not left.holds:
+        return left
+    right = positive_on(coefficients, middle, high, deepest - 1)
+    return Definite(True, pieces=left.pieces + right.pieces) if right.holds else right
+
+
+# The inequality.
+
+
+Joining = Literal["matched", "from_rest"]
+"""How payload joins: with the tip's velocity, or with any velocity from rest to the tip's."""
+
+ZERO = fmpq(0)
+
+
+def extremes(joining: Joining) -> tuple[tuple[int, int], ...]:
+    """Signs of the rate and shares theta that bound all changes of this kind; mass leaves matched."""
+    return ((1, 0), (-1, 0)) if joining == "matched" else ((1, 0), (-1, 0), (1, 1))
+
+
+@dataclass(frozen=True)
+class Terms:
+    """One coefficient P_k of P(m) under the maps the inequality needs; rational matrices or (batches of) arrays.
+
+    Attributes:
+        value: P_k.
+        fixed: fixed' P_k + P_k fixed.
+        inertial: inertial' P_k + P_k inertial.
+        velocity: D P_k + P_k D.
+    """
+
+    value: Any
+    fixed: Any
+    inertial: Any
+    velocity: Any
+
+
+def decrease(terms: Sequence[Terms], bare_mass: Any, decay: Any, rate: Any, resting: int) -> list[Any]:
+    """Coefficients in m, ascending, of -W (dV/dt + 2 decay V); see the head of this file.
+
+    Args:
+        terms: one per coefficient of P(m), ascending.
+        bare_mass: M_m, kg.
+        decay: 1/s.
+        rate: dm/dt, kg/s, signed.
+        resting: theta, 1 where the payload joins from rest.
+    """
+    zero = terms[0].value * (decay * 0)
+    total = [zero] * (len(terms) + 1)
+    for k, term in enumerate(terms):
+        constant = term.fixed + term.value * (2 * decay)
+        total[k + 1] = total[k + 1] - constant
+        total[k] = total[k] - constant * bare_mass - term.inertial - term.value * (rate * k)
+        if resting:
+            total[k] = total[k] + term.velocity * rate
+        if k:
+            total[k - 1] = total[k - 1] - term.value * (rate * k * bare_mass)
+    return total
+
+
+def exact_terms(family: MassFamily, coefficients: Sequence[fmpq_mat]) -> list[Terms]:
+    """`Terms` of each coefficient in rationals."""
+    pick = fmpq_mat(family.order, family.order)
+    pick[family.velocity, family.velocity] = fmpq(1)
+
+    def both(left: fmpq_mat, p: fmpq_mat) -> fmpq_mat:
+        return left.transpose() * p + p * left
+
+    return [Terms(p, both(family.fixed, p), both(family.inertial, p), both(pick, p)) for p in coefficients]
+
+
+def holds_at_rate(
+    families: Families,
+    coefficients: Sequence[fmpq_mat],
+    low: fmpq,
+    high: fmpq,
+    rate: fmpq,
+    joining: Joining,
+    decay: fmpq = ZERO,
+) -> Definite:
+    """Whether V = x' P(m) x decreases along every family at every mass in [low, high] while |dm/dt| is within `rate`.
+
+    Of a P that is free of m it says so for any matched change however fast: dP/dm is zero.
+
+    Args:
+        families: the closed loop with each stage.
+        coefficients: of P(m), ascending in m.
+        low: least mass, kg.
+        high: most mass, kg.
+        rate: kg/s; zero for a mass that stays.
+        joining: how payload joins.
+        decay: V falls at least as exp(-2 decay t), 1/s.
+    """
+    positive = positive_on(coefficients, low, high)
+    if not positive.holds:
+        return Definite(False, f"P(m) is not positive definite: {positive.reason}")
+    pieces = positive.pieces
+    for k, family in enumerate(families, start=1):
+        terms = exact_terms(family, coefficients)
+        for sign, resting in extremes(joining) if rate else ((0, 0),):
+            answer = positive_on(decrease(terms, family.bare_mass, decay, sign * rate, resting), low, high)
+            if not answer.holds:
+                stage = f" with stage {k}" if len(families) > 1 else ""
+                return Definite(False, f"V does not decrease{stage} {answer.reason}")
+            pieces = max(pieces, answer.pieces)
+    return Definite(True, pieces=pieces)
+
+
+def jump(family: MassFamily, share: fmpq) -> fmpq_mat:
+    """The map of the state at a sudden change of mass: the velocity keeps `share` of itself."""
+    n = family.order
+    result = fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
+    result[family.velocity, family.velocity] = share
+    return result
+
+
+def jump_shares(family: MassFamily, low: fmpq, high: fmpq, joining: Joining) -> tuple[fmpq, ...]:
+    """Extremes of the share of velocity that is left after a sudden change."""
+    least = (family.bare_mass + low) / (family.bare_mass + high)
+    return (fmpq(1),) if joining == "matched" else (fmpq(1), least)
+
+
+def holds_across_jumps(
+    family: MassFamily, coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, factor: fmpq, joining: Joining
+) -> Definite:
+    """Whether a sudden change between any two masses in [low, high] multiplies V by at most `factor`.
+
+    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity and, for P affine in m, affine in both masses:
+    the extremes suffice. All r are allowed for all pairs of masses, which is more than can happen.
+
+    Raises:
+        ValueError: where P(m) is of higher degree than one.
+    """
+    if len(coefficients) > 2:
+        raise ValueError("jumps are settled for P affine in m alone")
+    ends = [
+        sum((p * low_or_high**k for k, p in enumerate(coefficients)), coefficients[0] * 0)
+        for low_or_high in (low, high)
+    ]
+    for before in ends:
+        for after in ends:
+            for share in jump_shares(family, low, high, joining):
+                j = jump(family, share)
+                answer = positive_definite(before * factor - j * after * j)
+                if not answer.holds:
+                    return Definite(False, f"V grows by more than {float(factor):.6g} at a jump: {answer.reason}")
+    return Definite(True)
+
+
+def dwell_suffices(dwell: fmpq, factor: fmpq, decay: fmpq) -> bool:
+    """Whether exp(-2 decay dwell) factor < 1, by ball arithmetic: V shrinks over a dwell and the jump at its end."""
+    before, ctx.prec = ctx.prec, 128
+    try:
+        return bool(arb(factor).log() < arb(2 * decay * dwell))
+    finally:
+        ctx.prec = before

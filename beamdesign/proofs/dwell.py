@@ -1,0 +1,235 @@
+"""Sudden changes far enough apart: of the payload, or of the stage of a law while the payload stays.
+
+V falls as exp(-2 decay t) between changes and grows at most by `factor` at one. With no more than n0 + t / dwell
+changes in any time t, for some n0, the loop is exponentially stable if dwell > log(factor) / (2 decay) (average dwell
+time; Hespanha and Morse, 1999). All stages act on the same states, none of which jumps at a change of stage
+(`beamdesign.proofs.mass_family`). Of changes of stage, in this order:
+
+- *Common function.* One V = x' P(m) x that falls along every stage at every payload of the whole range. Then the loop
+  is stable whichever stage acts when: an estimate of the payload may be wrong, late or restless.
+- *One function each.* V_i = x' P_i(m) x falls along stage i, and P_j(m) < factor P_i(m).
+- *Refutation.* Two stages in turn, at one payload, under which the motion grows; proved by ball arithmetic.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import permutations
+from math import log
+
+import numpy as np
+from flint import fmpq
+
+from beamdesign.polynomial import exact
+from beamdesign.proofs.courses import NONE_FOUND, Coefficients, Course, Verified, checked, refusal, sought_with
+from beamdesign.proofs.decrease import (
+    ZERO,
+    Joining,
+    dwell_suffices,
+    holds_across_jumps,
+    holds_at_rate,
+    jump,
+    jump_shares,
+    positive_on,
+)
+from beamdesign.proofs.growth import growing_cycle, stages_in_turn
+from beamdesign.proofs.lmi import (
+    Answer,
+    Solve,
+    Sought,
+    at,
+    modal_coordinates,
+    slowest_decay,
+    solve,
+    solve_across_jumps,
+    solve_one_each,
+)
+from beamdesign.proofs.mass_family import Families, floats, rationals
+from beamdesign.rational import nearest, shortened
+
+TURNS = 4
+"""How often a program over stages is solved anew in the coordinates of its last answer."""
+DECAY_SHARES = (0.3, 0.6, 0.9)
+"""Decay rates to try, as shares of the slowest one of a mass that stays."""
+
+
+def stage_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) -> tuple[Course, np.ndarray]:
+    """Prove what can be proved of changes between stages, each of which is stable by itself.
+
+    Args:
+        families: the loop with each stage, in the same states; see `stage_families`.
+        low: least payload, kg.
+        high: largest payload, kg, above `low`.
+        solve: what finds candidates for the common function.
+
+    Returns:
+        what is proved, and coordinates (n, n) to go on from.
+    """
+    at_any_time = Course("proved", dwell_s=ZERO, factor=fmpq(1))
+    if len(families) == 1:
+        return at_any_time, modal_coordinates(at(families[0], low))
+    common = _common(families, low, high, solve)
+    if common.coefficients:
+        return replace(at_any_time, functions=(common.coefficients,)), common.coordinates
+    cycle = growing_cycle(families, stages_in_turn(families, low, high))
+    words = common.refused or "no function was found that serves all stages"
+    if cycle is not None:
+        sure = "proved" if cycle.proved else "shown numerically only"
+        words = f"stages {cycle.stages[0] + 1} and {cycle.stages[1] + 1} in turn make the motion grow ({sure})"
+
+    def ask(decay: fmpq, inner: np.ndarray) -> Sequence[Answer]:
+        return solve_one_each(families, Sought(low, high, 1, decay=decay), inner)
+
+    def verify(decay: fmpq, answers: Sequence[Answer]) -> Course:
+        if not all(np.all(np.isfinite(answer.coefficients)) for answer in answers):
+            return Course("undecided", NONE_FOUND)
+        functions = tuple(tuple(rationals(p) for p in answer.coefficients) for answer in answers)
+        found = verified_dwell(families, functions, low, high, decay)
+        if found is None:
+            return Course("undecided", NONE_FOUND)
+        return Course("proved", "", "matched", functions, dwell_s=found[0], factor=found[1], decay_per_s=decay)
+
+    each = _shortest_dwell(families, low, high, common.coordinates, ask, verify, TURNS)
+    if each.dwell_s is None:
+        return Course(common.status, words, counterexample=cycle), common.coordinates
+    return replace(each, reason=words, counterexample=cycle), common.coordinates
+
+
+def _common(families: Families, low: fmpq, high: fmpq, solve: Solve) -> Verified:
+    start = modal_coordinates(at(families[len(families) // 2], (low + high) / 2))
+    best = Verified((), "", start)
+    for degree in (1, 2):
+        coordinates = start
+        for _ in range(TURNS):
+            found = sought_with(families, Sought(low, high, degree), coordinates, solve)
+            if found.coefficients:
+                return found
+            best = found if found.refused else best
+            if np.array_equal(found.coordinates, coordinates):
+                break
+            coordinates = found.coordinates
+    return best
+
+
+def sudden_change(
+    families: Families,
+    low: fmpq,
+    high: fmpq,
+    joining: Joining,
+    coordinates: np.ndarray,
+    solve: Solve = solve_across_jumps,
+) -> Course:
+    """The shortest average time between sudden changes that can be proved, over a few decay rates.
+
+    Args:
+        families: the closed loop with each stage, stable at every mass that stays.
+        low: least mass, kg.
+        high: largest mass, kg, above `low`.
+        joining: how payload joins.
+        coordinates: (n, n), to begin in.
+        solve: what finds candidates.
+    """
+
+    def sought(decay: fmpq) -> Sought:
+        return Sought(low, high, 1, ZERO, joining, decay)
+
+    def ask(decay: fmpq, inner: np.ndarray) -> Sequence[Answer]:
+        return [solve(families, sought(decay), inner, "CLARABEL")]
+
+    def verify(decay: fmpq, answers: Sequence[Answer]) -> Course:
+        return _verified_jumps(families, sought(decay), answers[0])
+
+    # The second time in the coordinates of the first answer.
+    return replace(_shortest_dwell(families, low, high, coordinates, ask, verify, 2), joining=joining)
+
+
+def _shortest_dwell(
+    families: Families,
+    low: fmpq,
+    high: fmpq,
+    coordinates: np.ndarray,
+    ask: Callable[[fmpq, np.ndarray], Sequence[Answer]],
+    verify: Callable[[fmpq, Sequence[Answer]], Course],
+    turns: int,
+) -> Course:
+    """The shortest dwell over a few decay rates and, for each, turns in the coordinates of the last answer."""
+    best, slowest = Course("undecided", NONE_FOUND), slowest_decay(families, low, high)
+    for decay in (shortened(exact(slowest * share), 3) for share in DECAY_SHARES):
+        inner = coordinates
+        for _ in range(turns):
+            answers = ask(decay, inner)
+            if not all(answer.coefficients for answer in answers):
+                break
+            found = verify(decay, answers)
+            if found.dwell_s is None:
+                better = best.dwell_s is None and found.status == "unverified"
+            else:
+                better = best.dwell_s is None or found.dwell_s < best.dwell_s
+            best = found if better else best
+            if answers[0].coordinates is None:
+                break
+            inner = answers[0].coordinates
+    return best
+
+
+def _verified_jumps(families: Families, sought: Sought, answer: Answer) -> Course:
+    """Round an answer to decimals, bound its growth at a jump, and check all of it exactly."""
+    coefficients, wrong = checked(families, sought, answer.coefficients)
+    if not wrong:
+        low, high, joining = sought.low, sought.high, sought.joining
+        leaps = [floats(jump(families[0], s)) for s in jump_shares(families[0], low, high, joining)]
+        ends = [at_mass(coefficients, mass) for mass in (low, high)]
+        factor = least_factor((leap @ after @ leap, before) for leap in leaps for before in ends for after in ends)
+        across = holds_across_jumps(families[0], coefficients, low, high, factor, joining)
+        dwell = least_dwell(factor, sought.decay)
+        if across.holds and dwell is not None:
+            found = (coefficients,)
+            return Course("proved", "", joining, found, dwell_s=dwell, factor=factor, decay_per_s=sought.decay)
+        wrong = across.reason
+    return Course("unverified", refusal(answer, wrong)) if answer.claims else Course("undecided", NONE_FOUND)
+
+
+def verified_dwell(
+    families: Families, functions: Sequence[Coefficients], low: fmpq, high: fmpq, decay: fmpq
+) -> tuple[fmpq, fmpq] | None:
+    """Average time between changes of stage that functions of each stage prove to be enough, and the growth at one.
+
+    Args:
+        families: the loop with each stage.
+        functions: coefficients of P_i(m), affine in m, for each.
+        low: least payload, kg.
+        high: largest payload, kg.
+        decay: 1/s.
+    """
+    for family, function in zip(families, functions, strict=True):
+        if not holds_at_rate([family], function, low, high, ZERO, "matched", decay).holds:
+            return None
+    pairs = list(permutations(functions, 2))
+    factor = least_factor((at_mass(two, mass), at_mass(one, mass)) for one, two in pairs for mass in (low, high))
+    for before, after in pairs:  # affine in m: both ends prove what lies between
+        gaps = [factor * one - two for one, two in zip(before, after, strict=True)]
+        if not positive_on(gaps, low, high).holds:
+            return None
+    dwell = least_dwell(factor, decay)
+    return None if dwell is None else (dwell, factor)
+
+
+def at_mass(coefficients: Coefficients, mass: fmpq) -> np.ndarray:
+    """P(m) in floats, (n, n)."""
+    return np.sum([floats(p) * nearest(mass) ** k for k, p in enumerate(coefficients)], axis=0)
+
+
+def least_factor(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> fmpq:
+    """A little more than the largest ratio of V after and before a change, from pairs of P after and P before."""
+    largest = 1.0
+    for after, before in pairs:
+        scale = 1 / np.sqrt(np.diag(before))
+        inverse = np.linalg.inv(np.linalg.cholesky(before * np.outer(scale, scale)))
+        ratio = inverse @ (after * np.outer(scale, scale)) @ inverse.T
+        largest = max(largest, float(np.linalg.eigvalsh((ratio + ratio.T) / 2)[-1]))
+    return shortened(exact(largest * (1 + 1e-5)), 6, up=True)
+
+
+def least_dwell(factor: fmpq, decay: fmpq) -> fmpq | None:
+    """A little more than log(factor) / (2 decay), s; None where that is not proved to be enough."""
+    dwell = shortened(exact(log(nearest(factor)) / (2 * nearest(decay)) * (1 + 1e-6)), 4, up=True)
+    return dwell if dwell_suffices(dwell, factor, decay) else None

@@ -1,0 +1,297 @@
+"""Candidates for Lyapunov functions from semidefinite programs, in coordinates in which the stiff plant is tame.
+
+They are sought for several closed loops in the same states, the stages, or for one, which is the case of one stage.
+Nothing here is a result. What a solver returns, and whatever it says about it, goes to `beamdesign.proofs.decrease`,
+which decides in rationals.
+"""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from flint import fmpq
+
+from beamdesign.proofs.decrease import ZERO, Joining, Terms, bernstein, decrease, extremes
+from beamdesign.proofs.mass_family import Families, MassFamily, floats
+
+SOLVERS = ("CLARABEL", "SCS")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a solver says.
+
+    Attributes:
+        solver: its name.
+        status: its own word, such as "optimal"; or the error it ended in.
+        claims: whether it claims to have found a function: a status of success and a positive margin.
+        coefficients: of P(m), ascending in m, (n, n) each in SI; empty where it returned nothing.
+        coordinates: (n, n) map from the state to coordinates in which P at mid-range is the identity: those to solve
+            the next, harder problem in. None where P at mid-range is not positive definite even in floats.
+    """
+
+    solver: str
+    status: str
+    claims: bool
+    coefficients: tuple[np.ndarray, ...]
+    coordinates: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Sought:
+    """What is asked of V = x' P(m) x between two masses.
+
+    Attributes:
+        low: kg.
+        high: kg.
+        degree: of P in m; 0 for a common P, which settles all matched changes.
+        rate: bound on |dm/dt|, kg/s; of no meaning for degree 0.
+        joining: how payload joins.
+        decay: 1/s, V falls as exp(-2 decay t).
+    """
+
+    low: fmpq
+    high: fmpq
+    degree: int = 0
+    rate: fmpq = ZERO
+    joining: Joining = "matched"
+    decay: fmpq = ZERO
+
+
+Solve = Callable[[Families, Sought, np.ndarray, str], Answer]
+"""How a candidate is obtained: families, what is sought, coordinates, name of the solver."""
+
+
+def at(family: MassFamily, mass: fmpq) -> np.ndarray:
+    """A(m) in floats."""
+    return floats(family.at(mass))
+
+
+def slowest_decay(families: Families, low: fmpq, high: fmpq) -> float:
+    """The least decay rate of all families at the two ends, 1/s, sampled; negative for an unstable one."""
+    return min(-max(np.linalg.eigvals(at(family, mass)).real) for family in families for mass in (low, high))
+
+
+def modal_coordinates(a: np.ndarray) -> np.ndarray:
+    """(n, n) map T from the state to modal coordinates, in which a stable A has the identity as a Lyapunov function.
+
+    T A T^-1 has a block of 1 or 2 for each pole: entries are of the order of the poles, whatever the units of the
+    state. Where the modes are too nearly parallel, a Lyapunov function in balanced units takes their place, or for an
+    unstable A those units alone.
+    """
+    from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+
+    balanced, scales = matrix_balance(a, permute=False, separate=True)
+    scale = np.diag(1 / scales[0])
+    poles, vectors = np.linalg.eig(balanced)
+    columns: list[np.ndarray] = []
+    for pole, vector in zip(poles, vectors.T, strict=True):
+        if pole.imag > 0:
+            columns += [vector.real, vector.imag]
+        elif pole.imag == 0:
+            columns.append(vector.real)
+    modes = np.array(columns).T
+    if np.linalg.cond(modes) < 1e8:
+        return np.linalg.inv(modes) @ scale
+    if poles.real.max() >= 0:
+        return scale
+    function = solve_continuous_lyapunov(balanced.T, -np.eye(len(a)) * np.abs(poles).max())
+    return factor((function + function.T) / 2) @ scale
+
+
+def factor(positive: np.ndarray) -> np.ndarray:
+    """R with R' R equal to a positive definite matrix.
+
+    Raises:
+        numpy.linalg.LinAlgError: where it is not positive definite in floats.
+    """
+    return np.linalg.cholesky(positive).T
+
+
+def lyapunov_candidates(families: Families, low: fmpq, high: fmpq) -> list[np.ndarray]:
+    """Common P without a program: Lyapunov functions of the middle, and the sum of those of both ends, (n, n), SI."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    total_low, total_high = families[0].bare_mass + low, families[0].bare_mass + high
+    middle = 2 * total_low * total_high / (total_low + total_high) - families[0].bare_mass
+    t = modal_coordinates(at(families[len(families) // 2], middle))
+    inverse = np.linalg.inv(t)
+    found = []
+    for mass in (middle, low, high):
+        loops = [t @ at(family, mass) @ inverse for family in families]
+        function = sum(solve_continuous_lyapunov(a.T, -np.eye(len(a))) for a in loops)
+        found.append(t.T @ function @ t)
+    return [t.T @ t, found[0], found[1] + found[2]]
+
+
+def solve(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
+    """Maximise the margin t of t I <= P(m) <= I and -W dV/dt >= t c W I along every family, in coordinates z = T x.
+
+    The identity is feasible with t of about 1 where it is a Lyapunov function already, so the margin says how far the
+    coordinates are from ideal; c is the slowest decay rate of a family.
+
+    Args:
+        families: the closed loop with each stage.
+        sought: what is asked of V.
+        coordinates: T, (n, n); the identity matrix leaves the problem in SI.
+        solver: of `SOLVERS`.
+    """
+    scaled = _scaled(families, sought, coordinates)
+    first, identity = scaled[0], np.eye(families[0].order)
+    basis = first.basis(sought.degree)
+    values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
+    constraints = [(v, 0.0, identity) for v in values] + [(-v, 1.0, 0 * identity) for v in values]
+    cases = extremes(sought.joining) if sought.rate and sought.degree else ((0, 0),)
+    for one, family in zip(scaled, families, strict=True):
+        slowest = abs(slowest_decay([family], sought.low, sought.high)) / one.pace
+        for case in cases:
+            constraints += [(f, 0.0, slowest * identity) for f in one.decrease(basis, sought, *case)]
+    status, margin, weights = maximise_margin(constraints, solver)
+    if weights is None:
+        return Answer(solver, status, False, (), None)
+    inner = np.tensordot(weights, basis, axes=1)
+    claims = status.startswith("optimal") and margin > 0
+    return Answer(solver, status, claims, first.in_si(inner), first.onward(inner))
+
+
+def solve_across_jumps(families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL") -> Answer:
+    """Minimise g of I <= P(m) and J' P(m) J <= g I at a fixed decay rate: little growth of V at sudden changes.
+
+    Args:
+        families: the closed loop with each stage.
+        sought: of degree 0 or 1; its rate is not used, the mass stays between the changes.
+        coordinates: T, (n, n).
+        solver: of `SOLVERS`.
+    """
+    return _little_growth(families, sought, coordinates, solver, 1)[0]
+
+
+def solve_one_each(
+    families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL"
+) -> tuple[Answer, ...]:
+    """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
+
+    Returns:
+        one answer for each family, all with the same coordinates to go on in: those of the mean of all functions.
+    """
+    return _little_growth(families, sought, coordinates, solver, len(families))
+
+
+def _little_growth(
+    families: Families, sought: Sought, coordinates: np.ndarray, solver: str, count: int
+) -> tuple[Answer, ...]:
+    """Minimise g over one function that falls along all families, or over as many as there are families."""
+    scaled = _scaled(families, sought, coordinates)
+    first, identity = scaled[0], np.eye(families[0].order)
+    own = first.basis(sought.degree)
+    size, constraints, bases = len(own), [], []
+    share = 1.0 if sought.joining == "matched" else float((first.bare + first.low) / (first.bare + first.high))
+    # Of a common function both, though of matched payload they agree: a solver then keeps further from the bound.
+    jumps = [identity] if count > 1 else [identity, identity - (1 - share) * first.pick]
+    for k in range(count):
+        basis = np.zeros((size * count, *own.shape[1:]))
+        basis[k * size : (k + 1) * size] = own
+        bases.append(basis)
+        values = bernstein(list(np.moveaxis(basis, 1, 0)), first.low, first.high)
+        # The margin is maximised, so the sign of g is turned: P >= I, J' P J <= -t I with t = -g.
+        constraints += [(v, -1.0, 0 * identity) for v in values]
+        constraints += [(-(jump.T @ v @ jump), 0.0, identity) for jump in jumps for v in values]
+    for k, (one, family) in enumerate(zip(scaled, families, strict=True)):
+        room = 0.02 * abs(slowest_decay([family], sought.low, sought.high)) / one.pace  # for the exact check
+        constraints += [(f, -room, 0 * identity) for f in one.decrease(bases[k if count > 1 else 0], sought, 0, 0)]
+    status, _, weights = maximise_margin(constraints, solver, most=-1.0)
+    if weights is None:
+        return tuple(Answer(solver, status, False, (), None) for _ in range(count))
+    inner = [np.tensordot(weights[k * size : (k + 1) * size], own, axes=1) for k in range(count)]
+    onward = first.onward(np.mean(inner, axis=0))
+    return tuple(Answer(solver, status, status.startswith("optimal"), first.in_si(each), onward) for each in inner)
+
+
+class Scaled:
+    """The family in coordinates z = T x, in units of its total mass at mid-range and of a time, 1 / pace (s)."""
+
+    def __init__(self, family: MassFamily, sought: Sought, coordinates: np.ndarray, pace: float):
+        inverse = np.linalg.inv(coordinates)
+        self.coordinates = coordinates
+        middle = (sought.low + sought.high) / 2
+        self.unit = float(family.bare_mass + middle)
+        self.pace = pace
+        self.bare = float(family.bare_mass) / self.unit
+        self.low, self.high = float(sought.low) / self.unit, float(sought.high) / self.unit
+        self.fixed = coordinates @ floats(family.fixed) @ inverse / self.pace
+        self.inertial = coordinates @ floats(family.inertial) @ inverse / self.pace / self.unit
+        self.pick = np.outer(coordinates[:, family.velocity], inverse[family.velocity])
+
+    def basis(self, degree: int) -> np.ndarray:
+        """One symmetric matrix after another as coefficient of one power of m: (count, degree + 1, n, n)."""
+        n = len(self.fixed)
+        pairs = [(i, j) for i in range(n) for j in range(i, n)]
+        basis = np.zeros((len(pairs) * (degree + 1), degree + 1, n, n))
+        for k in range(degree + 1):
+            for p, (i, j) in enumerate(pairs):
+                basis[k * len(pairs) + p, k, i, j] = basis[k * len(pairs) + p, k, j, i] = 1.0
+        return basis
+
+    def decrease(self, basis: np.ndarray, sought: Sought, sign: int, resting: int) -> list[np.ndarray]:
+        """Bernstein coefficients of -W (dV/dt + 2 decay V) for each member of the basis, (count, n, n) each."""
+
+        def both(left: np.ndarray, p: np.ndarray) -> np.ndarray:
+            return left.T @ p + p @ left
+
+        terms = [
+            Terms(p, both(self.fixed, p), both(self.inertial, p), both(self.pick, p)) for p in np.moveaxis(basis, 1, 0)
+        ]
+        rate, decay = sign * float(sought.rate) / self.unit / self.pace, float(sought.decay) / self.pace
+        return bernstein(decrease(terms, self.bare, decay, rate, resting), self.low, self.high)
+
+    def in_si(self, inner: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coefficients of P(m) in SI from those in scaled mass and coordinates."""
+        return tuple(self.coordinates.T @ p @ self.coordinates / self.unit**k for k, p in enumerate(inner))
+
+    def onward(self, inner: np.ndarray) -> np.ndarray | None:
+        """Coordinates in which such a P at mid-range is the identity; None where it is not positive definite."""
+        middle = (self.low + self.high) / 2
+        try:
+            return factor(sum(p * middle**k for k, p in enumerate(inner))) @ self.coordinates
+        except np.linalg.LinAlgError:
+            return None
+
+
+def _scaled(families: Families, sought: Sought, coordinates: np.ndarray) -> list[Scaled]:
+    """All families in one unit of time, that of their mean."""
+    middle = (sought.low + sought.high) / 2
+    poles = np.concatenate([np.linalg.eigvals(at(family, middle)) for family in families])
+    pace = float(np.exp(np.mean(np.log(np.abs(poles) + 1e-3))))
+    return [Scaled(family, sought, coordinates, pace) for family in families]
+
+
+def maximise_margin(
+    constraints: Sequence[tuple[np.ndarray, float, np.ndarray]], solver: str, most: float = 1.0
+) -> tuple[str, float, np.ndarray | None]:
+    """Maximise t <= most subject to sum_i w_i B_i + constant I - t M >= 0 for each (B, constant, M).
+
+    Returns:
+        the solver's status, t, and the weights w, or None where it returned none.
+    """
+    import cvxpy as cp
+
+    count, n, _ = constraints[0][0].shape
+    unknown: Any = cp.Variable(count + 1)
+    conditions = [unknown[count] <= most]
+    for basis, constant, margin in constraints:
+        symmetric = (basis + np.swapaxes(basis, 1, 2)) / 2
+        matrix = np.column_stack([symmetric.reshape(count, n * n).T, -margin.reshape(n * n)])
+        conditions.append(cp.reshape(matrix @ unknown, (n, n), order="C") + constant * np.eye(n) >> 0)
+    problem: Any = cp.Problem(cp.Maximize(unknown[count]), conditions)
+    with warnings.catch_warnings():
+        # The solver's doubts are no news: its answer is checked in rationals whatever it says.
+        warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+        try:
+            problem.solve(solver=solver)
+        except cp.error.SolverError as error:
+            return f"failed: {error}", 0.0, None
+    if unknown.value is None or not np.all(np.isfinite(unknown.value)):
+        return str(problem.status), 0.0, None
+    return str(problem.status), float(unknown.value[count]), unknown.value[:count]

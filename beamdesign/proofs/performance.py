@@ -1,0 +1,385 @@
+"""Performance that holds for every outer end mass of a range and every factor on the gain, in rational arithmetic.
+
+Six claims: compliance up to a bandwidth, peak sensitivity, loop gain above a frequency, controller effort, decay rate,
+gain margin. The first four are magnitudes |above / below| that stay within a limit: inequalities quadratic in the mass
+(see `quadratic_nonnegative`); the other two are stability of related families. Each presupposes that the loop is stable
+over the range, which is proved first. For magnitudes there is the inverse question as well: the best figure that can be
+proved, rounded to the safe side.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import inf, isinf, pi, sqrt
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from flint import arb, ctx, fmpq, fmpq_poly
+
+from beamdesign.polynomial import Affine, even_odd, exact
+from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
+from beamdesign.proofs.quadratic import quadratic_nonnegative
+from beamdesign.proofs.rectangle import Rectangle, Side, scaled, shifted
+from beamdesign.proofs.stability import unstable_at
+from beamdesign.rational import bounds, nearest, shortened
+
+Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
+"""Of m^2, m and 1, polynomials in x = w^2."""
+
+_RELATIVE_STEP = 5e-5
+_LEAST_LIMIT = 1e-12
+"""Of what is zero, such as the loop gain of a controller that feeds nothing back."""
+_LARGEST_LIMIT = 1e12
+_ZERO = fmpq(0)
+_NONE = fmpq_poly([0])
+
+
+class Closed(Protocol):
+    """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
+
+    @property
+    def opened(self) -> Affine:
+        """Denominator of L."""
+
+    @property
+    def returned(self) -> Affine:
+        """Numerator of L."""
+
+    @property
+    def characteristic(self) -> Affine:
+        """Closed-loop characteristic polynomial."""
+
+
+class Magnitude(NamedTuple):
+    """Names of the polynomials of |above / below|, and its symbol."""
+
+    above: str
+    below: str
+    symbol: str
+
+
+MAGNITUDES: dict[Kind, Magnitude] = {
+    "compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
+    "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
+    "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
+    "peak_sensitivity": Magnitude("opened", "characteristic", "|1/(1+L)|"),
+    "loop_gain": Magnitude("returned", "opened", "|L|"),
+    "controller_effort": Magnitude("demanded", "characteristic", "|C S|"),
+}
+
+
+def slack(kind: Kind, loop: Closed, limit: fmpq) -> Coefficients:
+    """limit^2 |below|^2 - |above|^2 of a loop's magnitude: not negative where it keeps the limit.
+
+    Raises:
+        ValueError: for the effort of a loop whose controller is not known.
+    """
+    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
+    if above is None:
+        raise ValueError("the controller of this loop is not known apart from its plant")
+    return magnitude_slack(limit, below, Affine(above, _NONE) if isinstance(above, fmpq_poly) else above)
+
+
+def magnitude_slack(limit: fmpq, denominator: Affine, numerator: Affine) -> Coefficients:
+    """limit^2 |denominator|^2 - |numerator|^2 at jw as a quadratic a m^2 + b m + c in the mass."""
+    square = limit * limit
+    return (
+        square * inner(denominator.slope, denominator.slope) - inner(numerator.slope, numerator.slope),
+        2 * square * inner(denominator.constant, denominator.slope) - 2 * inner(numerator.constant, numerator.slope),
+        square * inner(denominator.constant, denominator.constant) - inner(numerator.constant, numerator.constant),
+    )
+
+
+def inner(left: fmpq_poly, right: fmpq_poly) -> fmpq_poly:
+    """Real part of left(jw) times the conjugate of right(jw), a polynomial in x = w^2."""
+    even_left, odd_left = even_odd(left)
+    even_right, odd_right = even_odd(right)
+    return even_left * even_right + fmpq_poly([0, 1]) * odd_left * odd_right
+
+
+def squared_frequency(frequency_Hz: fmpq) -> tuple[fmpq, fmpq]:
+    """Rationals at or just below, and at or just above, (2 pi f)^2, (rad/s)^2."""
+    with ctx.workprec(128):
+        return bounds((2 * arb.pi() * arb(frequency_Hz)) ** 2)
+
+
+def frequency_below(squared_frequency: fmpq) -> fmpq:
+    """A rational at or just below sqrt(x) / (2 pi), Hz."""
+    if squared_frequency <= 0:
+        return fmpq(0)
+    with ctx.workprec(128):
+        return bounds(arb(squared_frequency).sqrt() / (2 * arb.pi()))[0]
+
+
+# Claims proved or refuted.
+
+
+class _Failure(NamedTuple):
+    """Where a claim fails on a side: the value of what varies along it, and the reason where that is the mass."""
+
+    value: fmpq
+    squared_frequency: fmpq | None
+    frequency_Hz: float
+    exact: bool
+    reason: str
+
+
+def prove(rectangle: Rectangle, asked: Asked) -> Claim:
+    """Prove or refute a claim on a rectangle: on its sides, and inside where these do not decide.
+
+    Raises:
+        ValueError: for a limit that is not positive, a frequency that is negative, or as `Rectangle.deciding_sides`.
+    """
+    limit, kind = exact(asked.limit), asked.kind
+    if limit <= 0:
+        raise ValueError(f"a limit must be positive, is {asked.limit}")
+    if asked.from_Hz < 0:
+        raise ValueError(f"a frequency must not be negative, is {asked.from_Hz}")
+    if asked.bandwidth_Hz <= 0:
+        raise ValueError(f"a bandwidth must be positive, is {asked.bandwidth_Hz}")
+    held = asked.decided((nearest(rectangle.low), nearest(rectangle.high)), True)
+    if kind == "gain_margin":
+        return _gain_margin(rectangle, limit, held)
+    for side in rectangle.sides() if kind == "decay_rate" else rectangle.deciding_sides():
+        if kind == "loop_gain" and side.factor is None:
+            continue  # it grows with the factor
+        found = _decays_slowly(side, limit) if kind == "decay_rate" else _exceeded(side, asked, limit)
+        if found is not None:
+            return _refuted(held, side, found)
+    if kind == "decay_rate" and rectangle.inside(limit) is not None:
+        return replace(held, holds=False, reason="a pole decays no faster between the ends of masses and gains")
+    return held
+
+
+def _exceeded(side: Side, asked: Asked, limit: fmpq) -> _Failure | None:
+    """Where a magnitude exceeds its limit, or the loop is not stable."""
+    if (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:
+        reason = f"the loop is not stable for all of these masses: {there.reason}"
+        return _Failure(there.value, None, there.frequency_Hz, there.exact, reason)
+    start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else _ZERO
+    bounded = asked.kind == "compliance" and asked.bandwidth_Hz != inf
+    until = squared_frequency(exact(asked.bandwidth_Hz))[1] if bounded else None
+    found = quadratic_nonnegative(*slack(asked.kind, side.loop, limit), side.low, side.high, start, until).witness
+    if found is None:
+        return None
+    value, square = found
+    frequency = sqrt(nearest(square)) / (2 * pi)
+    symbol = MAGNITUDES[asked.kind].symbol
+    reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(value):.6g} kg"
+    return _Failure(value, square, frequency, True, reason)
+
+
+def _decays_slowly(side: Side, rate: fmpq) -> _Failure | None:
+    """Where a pole is not to the left of -rate."""
+    if (there := unstable_at(shifted(side.loop.characteristic, rate), side.low, side.high)) is None:
+        return None
+    reason = (
+        f"a pole decays no faster than {nearest(rate):.6g} 1/s with an outer end mass of"
+        f" {nearest(there.value):.6g} kg (at {there.frequency_Hz:.6g} Hz)"
+    )
+    return _Failure(there.value, None, there.frequency_Hz, there.exact, reason)
+
+
+def _refuted(held: Claim, side: Side, found: _Failure) -> Claim:
+    """A claim that fails on a side: its witness states mass and factor, whichever of them varies."""
+    if side.mass is None:
+        mass, factor, reason = found.value, side.factor if side.factor != 1 else None, found.reason + side.where
+    else:
+        mass, factor = side.mass, found.value
+        reason = f"fails at {found.frequency_Hz:.6g} Hz with {nearest(factor):.6g} times the gain{side.where}"
+    witness = Witness(mass, found.squared_frequency, factor, found.frequency_Hz, found.exact)
+    return replace(held, holds=False, reason=reason, witness=witness)
+
+
+def _gain_margin(rectangle: Rectangle, limit: fmpq, held: Claim) -> Claim:
+    """Whether a rectangle stays stable with its gain times every number between one and a limit."""
+    alone = rectangle.least == rectangle.most
+    if alone:  # the witness's factor is one on the loop as it stands
+        rectangle = Rectangle(scaled(rectangle.loop, rectangle.least), rectangle.low, rectangle.high)
+    wide = rectangle.widened(limit)
+    for side in sorted(wide.sides(), key=lambda side: side.factor != 1):  # the loop as it stands first
+        if alone and (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:
+            mass = there.value if side.mass is None else side.mass
+            factor = there.value if side.factor is None else side.factor
+            return _upset(held, Witness(mass, None, factor, there.frequency_Hz, there.exact))
+        if not alone and not side.stable:
+            return replace(held, holds=False, reason=f"unstable with the gain times some number up to this{side.where}")
+    if (found := wide.inside()) is None:
+        return held
+    if not alone:
+        reason = "unstable with the gain times some number up to this between the ends"
+        return replace(held, holds=False, reason=reason)
+    if not found.decided:
+        return replace(held, holds=False, reason="not decided between the ends")
+    return _upset(held, Witness(exact(found.mass), None, exact(found.factor), found.frequency_Hz, exact=False))
+
+
+def _upset(held: Claim, witness: Witness) -> Claim:
+    """A gain margin that does not hold."""
+    assert witness.gain_factor is not None
+    factor, mass = nearest(witness.gain_factor), nearest(witness.mass)
+    reason = f"unstable at {factor:.6g} times the gain with an outer end mass of {mass:.6g} kg"
+    return replace(held, holds=False, reason=reason, witness=witness)
+
+
+# The best figures that can be proved, of what is proved to be stable already.
+
+
+def bandwidth(rectangles: Sequence[Rectangle], limit_m_per_N: float) -> float:
+    """The largest bandwidth (Hz) that is proved on rectangles that are stable; 0 if none, infinite if every one."""
+    limit = exact(limit_m_per_N)
+    return min(
+        kept_up_to_Hz(slack("compliance", side.loop, limit), side.low, side.high)
+        for rectangle in rectangles
+        for side in rectangle.deciding_sides()
+    )
+
+
+def kept_up_to_Hz(slack: Coefficients, low: fmpq, high: fmpq) -> float:
+    """Up to which frequency a quadratic in the mass is proved not to be negative, rounded down; infinite for all.
+
+    It comes from the cell in which it first is; everything up to there is proved by the same cells.
+    """
+    verdict = quadratic_nonnegative(*slack, low, high, fmpq(0), None)
+    if verdict.holds_to is None:
+        return inf
+    reached = frequency_below(verdict.holds_to)
+    if reached <= 0:
+        return 0.0
+    bandwidth = shortened(reached, 7)
+    if squared_frequency(bandwidth)[1] > verdict.holds_to:  # only where rounding ate nothing
+        bandwidth = shortened(reached * (1 - fmpq(1, 10**7)), 7)
+    return nearest(bandwidth)
+
+
+def least_limit(rectangles: Sequence[Rectangle], kind: Kind, from_Hz: float = 0.0) -> float:
+    """The least limit of a magnitude that is proved on rectangles that are stable; infinite where none is.
+
+    Args:
+        rectangles: of masses and factors.
+        kind: of magnitude; not a compliance, whose bandwidth is what is asked.
+        from_Hz: for a loop gain, the frequency from which on the limit is kept.
+    """
+    worst = 0.0
+    for rectangle, side in ((one, side) for one in rectangles for side in one.deciding_sides()):
+        if kind == "loop_gain" and side.factor != rectangle.most:
+            continue  # it grows with the factor
+        # Mostly one side governs, and one proof settles each of the others.
+        if worst == 0.0 or not keeps(kind, side.loop, exact(worst), (side.low, side.high), from_Hz):
+            worst = max(worst, least_of(kind, side.loop, (side.low, side.high), from_Hz))
+            if isinf(worst):
+                return inf
+    return worst
+
+
+def keeps(kind: Kind, loop: Closed, limit: fmpq, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> bool:
+    """Whether a magnitude of a loop that is stable keeps a limit, at every frequency or from one up."""
+    start = squared_frequency(exact(from_Hz))[0]
+    return quadratic_nonnegative(*slack(kind, loop, limit), *ends, start, None).holds
+
+
+def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float = 0.0) -> float:
+    """The least limit of a magnitude that is proved of a loop that is stable, to 1e-4 and rounded up to 5 digits."""
+    above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
+    if kind == "peak_sensitivity":
+        start = sampled_peak(loop.opened, loop.returned, *ends)
+    else:
+        start = sampled_ratio(above, below, from_Hz, *ends)
+    return least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
+
+
+def least_proved(start: float, proves: Callable[[fmpq], bool], largest: float) -> float:
+    """The least figure from `start` up that is proved, to 1e-4 and rounded up to 5 digits; infinite above `largest`."""
+    lower, step = max(start, _LEAST_LIMIT), _RELATIVE_STEP
+    while not proves(upper := shortened(exact(lower * (1 + step)), 5, up=True)):
+        if (lower := nearest(upper)) > largest:
+            return inf
+        step *= 8
+    while nearest(upper) > lower * (1 + 2 * _RELATIVE_STEP):
+        middle = shortened(exact(sqrt(lower * nearest(upper))), 5, up=True)
+        if middle >= upper:
+            break
+        if proves(middle):
+            upper = middle
+        else:
+            lower = nearest(middle)
+    return nearest(upper)
+
+
+# Sampled, floating-point guesses of the best figures: where the search for the best proved ones begins. Nothing here is
+# proved, and no proof rests on it; a poor guess only costs further proofs.
+
+
+_FREQUENCIES = np.geomspace(1e-1, 1e5, 400)  # rad/s
+_ZOOMS, _POINTS = 4, 21
+_CLIMBS, _SHRINK = 14, 0.4
+_CLIMBED = 1e-5
+"""Relative gain below which climbing along the masses ends."""
+
+
+def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
+    """Five masses of a range, ends included; one where the ends agree."""
+    return sorted({float(mass) for mass in np.linspace(nearest(low), nearest(high), 5)})
+
+
+def sampled_peak(opened: Affine, returned: Affine, low: fmpq, high: fmpq) -> float:
+    """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
+    parts = (opened.constant, opened.slope, returned.constant, returned.slope)
+    degree = max(polynomial.degree() for polynomial in parts)
+    constant, slope, fed_back, fed_back_slope = (_floats(part, degree) for part in parts)
+
+    def seen(masses: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest |S| of each mass over its row of frequencies, and where."""
+        s = 1j * frequencies
+        below = np.polyval(constant, s) + masses[:, None] * np.polyval(slope, s)
+        above = np.polyval(fed_back, s) + masses[:, None] * np.polyval(fed_back_slope, s)
+        values = np.abs(below / (below + above))
+        rows, columns = np.arange(len(masses)), values.argmax(axis=1)
+        return values[rows, columns], frequencies[rows, columns]
+
+    def with_poles(masses: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+        """The frequencies, and for each mass those of its poles."""
+        closed = constant + fed_back + masses[:, None] * (slope + fed_back_slope)
+        companions = np.zeros((len(masses), degree, degree))
+        companions[:, :1] = -closed[:, None, 1:] / closed[:, None, :1]
+        companions[:, 1:, :-1] = np.eye(max(degree - 1, 0))
+        poles = np.abs(np.linalg.eigvals(companions))
+        return np.hstack([np.broadcast_to(frequencies, (len(masses), len(frequencies))), poles])
+
+    masses = np.array(sampled_masses(low, high))
+    ends = masses[0], masses[-1]
+    peaks, at = seen(masses, with_poles(masses, _FREQUENCIES))
+    spread = 1.05
+    for _ in range(_ZOOMS - 1):
+        finer, at = seen(masses, at[:, None] * np.geomspace(1 / spread, spread, _POINTS))
+        peaks, spread = np.maximum(peaks, finer), spread ** (2 / _POINTS)
+    # From the best mass on, climb along the masses: a sharp peak may lie between the sampled ones.
+    best, mass, frequency = (float(values[peaks.argmax()]) for values in (peaks, masses, at))
+    reach, spread = float(ends[1] - ends[0]) / 8, 1.02
+    stalled = 0
+    for _ in range(_CLIMBS if reach > 0 else 0):
+        masses = np.unique(np.clip(mass + reach * np.linspace(-1, 1, 5), *ends))
+        peaks, at = seen(masses, with_poles(masses, frequency * np.geomspace(1 / spread, spread, _POINTS)))
+        stalled = 0 if peaks.max() > best * (1 + _CLIMBED) else stalled + 1
+        if peaks.max() > best:
+            best, mass, frequency = (float(values[peaks.argmax()]) for values in (peaks, masses, at))
+        if stalled and (stalled > 1 or mass in ends):
+            break
+        reach, spread = reach * _SHRINK, spread**_SHRINK
+    return max(best, 1.0)
+
+
+def sampled_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high: fmpq) -> float:
+    """Largest |above / below| seen from a frequency up, over sampled masses and frequencies."""
+    start, count = (2 * np.pi * from_Hz, 2000) if from_Hz else (1e-2, 3000)
+    s = 1j * np.geomspace(start, 1e6, count)
+    degree = max(p.degree() for family in (above, below) for p in (family.constant, family.slope))
+    values = [np.polyval(_floats(p, degree), s) for p in (above.constant, above.slope, below.constant, below.slope)]
+    return max(
+        float(np.abs((values[0] + mass * values[1]) / (values[2] + mass * values[3])).max())
+        for mass in sampled_masses(low, high)
+    )
+
+
+def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:
+    """Coefficients from that of the given degree down."""
+    return np.array([nearest(polynomial[power]) for power in range(degree, -1, -1)])

@@ -1,0 +1,154 @@
+"""The closed loop of the twin-beam rig as an expression in all its figures."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+
+from flint import fmpq, fmpq_mpoly_ctx
+
+from beamdesign.plant.members import LinearFamily, family
+from beamdesign.polynomial import exact
+from beamdesign.proofs.box_statement import Interval, Statement
+from beamdesign.proofs.read_once import read_once
+from beamdesign.prototype import Prototype
+from beamdesign.rational import text
+from beamdesign.structure.lumped import figures
+
+TRANSPORT = "transport"
+_FACTOR = "effect_gain"
+
+
+@dataclass(frozen=True)
+class Family:
+    """A characteristic polynomial over parameters; the texts are those of `box_statement.Statement`.
+
+    Attributes:
+        name: what it is of.
+        p: the polynomial over leaves, or at once in s and the parameters where there are no leaves.
+        values: each parameter's value where no box says otherwise.
+        leaves: polynomials in s and in parameters or their reciprocals, by name.
+        bound: leaves that stand in several places, in packs that are enumerated together.
+        delays: names that stand for exp(-s T), with the parameter T of each.
+        groups: (name, "sum" or "product", members) of parameters that enter by one variable only.
+        positive: parameters that cannot be negative.
+    """
+
+    name: str
+    p: str
+    values: Mapping[str, fmpq]
+    leaves: Mapping[str, str] | None = None
+    bound: tuple[tuple[str, ...], ...] = ()
+    delays: Mapping[str, str] | None = None
+    groups: tuple[tuple[str, str, tuple[str, ...]], ...] = ()
+    positive: Collection[str] = ()
+
+    def over(self, ranges: Mapping[str, Interval]) -> Statement:
+        """The family over a box; parameters that are not named keep their values.
+
+        Raises:
+            ValueError: for an unknown parameter, or a range that the expression does not allow.
+        """
+        if unknown := sorted(set(ranges) - set(self.values)):
+            raise ValueError(f"no parameter {', '.join(unknown)}; there are {', '.join(self.values)}")
+        for name, (low, high) in ranges.items():
+            if low > high or (name in self.positive and low < 0):
+                raise ValueError(f"{name}: not a range: {text(low)} to {text(high)}")
+        full = {name: ranges.get(name, (value, value)) for name, value in self.values.items()}
+        return Statement(self.p, full, self.leaves, self.bound, self.delays, self.groups)
+
+
+def effect_spans(found: LinearFamily) -> dict[str, Interval]:
+    """Spans of those parameters that are frozen figures of effects, and of the factor that they put on the gain."""
+    frozen = {name: found.spans[key] for name, key in _frozen(found).items()}
+    gain = found.members[0].gain
+    spans = {name: (exact(span.low), exact(span.high)) for name, span in frozen.items()}
+    return spans if (gain.low, gain.high) == (1.0, 1.0) else spans | {_FACTOR: (exact(gain.low), exact(gain.high))}
+
+
+def _frozen(found: LinearFamily) -> dict[str, str]:
+    return {key.replace(".", "_"): key for key, span in found.spans.items() if span.low < span.high}
+
+
+def rig_values(prototype: Prototype) -> dict[str, fmpq]:
+    """The parameters of a prototype's characteristic polynomial, SI, frequencies in rad/s.
+
+    These are its figures, unless they are zero, both end masses, gain and a lag's breaks, a pure delay, the frozen
+    figures of its effects, and the factor that they put on the gain.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    controller = prototype.controller
+    if controller is None:
+        raise ValueError("the prototype has no [controller]")
+    found = family(prototype)
+    values = {name: exact(value) for name, value in figures(prototype).items() if value != 0}
+    values |= {"outer_end_mass": fmpq(0), "inner_end_mass": exact(prototype.payload.inner_end_mass_kg)}
+    values |= {"controller_gain": exact(controller.gain_A_per_V), "delay": fmpq(0)}
+    at_rest = {name: exact(found.spans[key].rest) for name, key in _frozen(found).items()}
+    at_rest |= {_FACTOR: exact(found.rest.gain.high)}
+    values |= {name: min(max(at_rest[name], low), high) for name, (low, high) in effect_spans(found).items()}
+    if (lag := controller.lag) and not controller.lacks("lag"):
+        values |= {
+            "controller_zero": exact(2 * pi * lag.zero_Hz),
+            "controller_pole": exact(2 * pi * lag.pole_Hz),
+        }
+    return values
+
+
+def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), varied: Sequence[str] = ()) -> Family:
+    """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
+
+    Its plant is that of every other proof, the assembly's linear plant as the controller's sensors see it, with its
+    parameters as variables; what the expression takes from its shape is found by `read_once`. The delay is between
+    controller and valve. Effects that let the gain vary put one factor more on it.
+
+    Args:
+        prototype: with its controller.
+        stages: that its law of one sensor is the product of, each (1 + n1 s + n2 s^2) / (1 + d1 s + d2 s^2) by those of
+            these names that it has, s and s^2; stage_1_n1 and the like become parameters in the place of what the law
+            has beside its gain.
+        varied: figures of its effects that become parameters, such as sensor_lag.break_Hz, as sensor_lag_break_Hz.
+
+    Raises:
+        ValueError: without a controller.
+        InputError: for effects for which no linear loop stands.
+    """
+    values, found, controller = rig_values(prototype), family(prototype), prototype.controller
+    assert controller is not None  # it has values
+    further = {key: key.replace(".", "_") for key in varied}
+    values |= {
+        name: exact(found.rest.rig.effects[(at := key.partition("."))[0]][at[2]]) for key, name in further.items()
+    }
+    if stages:
+        values = {name: value for name, value in values.items() if name not in ("controller_zero", "controller_pole")}
+        values |= {f"stage_{k}_{name}": value for k, one in enumerate(stages, 1) for name, value in one.items()}
+    context = fmpq_mpoly_ctx.get(["s", TRANSPORT, *values], "lex")
+    variable = dict(zip(context.names(), context.gens(), strict=True))
+    s, zero = variable["s"], context.constant(0)
+    model, law = found.rest.rig, controller.sensed_law()
+    named = {name: name for name in model.figures if name in values}
+    named |= {key: name for name, key in _frozen(found).items()} | further
+    opened, seen = model.over_parameters(law.sensors, context, named)
+    if stages:
+        sides = {"n": context.constant(1), "d": context.constant(1)}
+        for k, one in enumerate(stages, 1):
+            for side in sides:
+                terms = (variable[f"stage_{k}_{name}"] * s ** int(name[1]) for name in one if name[0] == side)
+                sides[side] *= 1 + sum(terms, zero)
+        numerators, denominator = [sides["n"]], sides["d"]
+    elif "controller_pole" in values:
+        start, end = variable["controller_zero"], variable["controller_pole"]
+        numerators, denominator = [end * (start + s)], start * (end + s)
+    else:
+        numerators = [
+            sum((c * s**i for i, c in enumerate((one / values["controller_gain"]).coeffs())), zero)
+            for one in law.numerators
+        ]
+        denominator = sum((c * s**i for i, c in enumerate(law.denominator.coeffs())), zero)
+    gain = variable["controller_gain"] * variable.get(_FACTOR, 1) * variable[TRANSPORT]
+    returned = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
+    form = read_once(opened * denominator + gain * returned, [name for name in values if name != "delay"], TRANSPORT)
+    positive = [name for name in values if name not in _frozen(found)]
+    return Family(prototype.name, form.p, values, form.leaves, form.bound, {TRANSPORT: "delay"}, form.groups, positive)

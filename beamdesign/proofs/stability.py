@@ -1,0 +1,315 @@
+"""Exact stable ranges of p0(s) + m p1(s) over one mass m: crossings isolated, one exact Routh test per range."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from math import pi
+
+from flint import arb, ctx, fmpq, fmpq_poly
+
+from beamdesign.crossing import Crossing, crossings, degree_drop, elimination, shares_axis_root
+from beamdesign.polynomial import Affine, even_odd, is_hurwitz, real_roots, roots, value_at
+from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, simple_between
+
+
+@dataclass(frozen=True)
+class Range:
+    """Masses between neighbouring crossings, all of them stable or none.
+
+    Attributes:
+        low: rational from below which nothing is claimed; a closed end, or just above a crossing's enclosure.
+        high: the same from above.
+        opens_at: the crossing at the lower end, None where the range begins at the end of what was asked.
+        closes_at: the crossing at the upper end.
+        sample: the mass inside that was settled by an exact Routh test.
+        stable: its verdict, which is that of the whole range.
+    """
+
+    low: fmpq
+    high: fmpq
+    opens_at: Crossing | None
+    closes_at: Crossing | None
+    sample: fmpq
+    stable: bool
+
+
+@dataclass(frozen=True)
+class StabilityMap:
+    """What is stable between two masses, decided exactly.
+
+    Stable means that all roots lie in the open left half plane, as many as the family has at most of its members:
+    where the leading coefficient vanishes a root has gone through infinity, and that mass counts as a crossing.
+
+    Attributes:
+        low: least mass asked about.
+        high: largest mass asked about.
+        crossings: all crossings inside the closed range, ascending.
+        ranges: the ranges between them; they and the crossings together make up [low, high].
+        below: the nearest crossing below `low`, if any.
+        above: the nearest crossing above `high`, if any.
+        reason: in words, why the answer is no; empty where it is yes.
+    """
+
+    low: fmpq
+    high: fmpq
+    crossings: tuple[Crossing, ...]
+    ranges: tuple[Range, ...]
+    below: Crossing | None
+    above: Crossing | None
+    reason: str
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mass of the closed range is stable."""
+        return not self.crossings and all(part.stable for part in self.ranges)
+
+    @property
+    def stable_ranges(self) -> list[tuple[float, float]]:
+        """The stable ranges as floats; an end at a crossing is rounded inwards."""
+        return [
+            (
+                rounded_up(part.low) if part.opens_at else nearest(part.low),
+                rounded_down(part.high) if part.closes_at else nearest(part.high),
+            )
+            for part in self.ranges
+            if part.stable
+        ]
+
+
+def stable_ranges(family: Affine, low: fmpq, high: fmpq) -> StabilityMap:
+    """Split a closed range of masses into ranges that are stable or unstable throughout.
+
+    Roots move continuously with m, so stability can change only where one crosses the axis (a real root of the
+    elimination polynomial), the origin, or infinity (the degree drops). Between such masses one exact Routh test
+    settles all. A mass at which roots only touch the axis is a crossing with stable neighbours.
+
+    Args:
+        family: the characteristic polynomials, affine in m.
+        low: least mass.
+        high: largest mass; may equal `low`.
+
+    Raises:
+        ValueError: for an empty range.
+    """
+    if low > high:
+        raise ValueError(f"empty range: {low} is above {high}")
+    if shares_axis_root(family):
+        lone = Range(low, high, None, None, low, False)
+        reason = "a root lies on the imaginary axis at every mass"
+        return StabilityMap(low, high, (), (lone,), None, None, reason)
+    groups = _located(family, low, high)
+    inside = [group for group in groups if _place(group[0], low, high) == 0]
+    below = [group[-1] for group in groups if _place(group[0], low, high) < 0]
+    above = [group[0] for group in groups if _place(group[0], low, high) > 0]
+    parts = _split(family, low, high, inside)
+    listed = tuple(crossing for group in inside for crossing in group)
+    reason = in_words(parts, listed)
+    return StabilityMap(
+        low, high, listed, tuple(parts), below[-1] if below else None, above[0] if above else None, reason
+    )
+
+
+def _split(family: Affine, low: fmpq, high: fmpq, inside: Sequence[Sequence[Crossing]]) -> list[Range]:
+    """The ranges between the crossings inside; the ends of the range asked may be crossings themselves."""
+    if low == high:
+        return [] if inside else [Range(low, high, None, None, low, is_hurwitz(family.at(low)))]
+    edges: list[tuple[fmpq, fmpq, Crossing | None]] = [(low, low, None)]
+    for group in inside:
+        least, most = zip(*(_bounds(crossing) for crossing in group), strict=True)
+        edges.append((min(least), max(most), group[0]))
+    edges.append((high, high, None))
+    if len(edges) > 2 and edges[1][0] == low:  # a crossing at the very end: the range is open there
+        edges.pop(0)
+    if len(edges) > 2 and edges[-2][1] == high:
+        edges.pop()
+    parts = []
+    for (_, start, opens_at), (end, _, closes_at) in pairwise(edges):
+        sample = simple_between(start, end)
+        parts.append(Range(start, end, opens_at, closes_at, sample, is_hurwitz(family.at(sample))))
+    return parts
+
+
+def in_words(parts: Sequence[Range], listed: Sequence[Crossing]) -> str:
+    """What is wrong, in words: unstable stretches (neighbours joined), or single masses on the axis."""
+    stretches: list[list[fmpq]] = []
+    before_stable = True
+    for part in parts:
+        if not part.stable and not before_stable:
+            stretches[-1][1] = part.high
+        elif not part.stable:
+            stretches.append([part.low, part.high])
+        before_stable = part.stable
+    if stretches and not any(part.stable for part in parts):
+        return "no mass of the range is stable"
+    if stretches:
+        return f"unstable from {', '.join(f'{nearest(a):.7g} to {nearest(b):.7g} kg' for a, b in stretches)}"
+    if listed:
+        masses = ", ".join(dict.fromkeys(f"{crossing.value:.7g} kg" for crossing in listed))
+        return f"a root lies on the imaginary axis or at infinity at {masses}"
+    return ""
+
+
+def _bounds(crossing: Crossing) -> tuple[fmpq, fmpq]:
+    return (crossing.rational, crossing.rational) if crossing.rational is not None else bounds(crossing.parameter)
+
+
+def _place(crossing: Crossing, low: fmpq, high: fmpq) -> int:
+    """Below (-1), inside (0) or above (1) the range, for a crossing that was located against its ends."""
+    least, most = _bounds(crossing)
+    return -1 if most < low else 1 if least > high else 0
+
+
+def _located(family: Affine, low: fmpq, high: fmpq) -> list[list[Crossing]]:
+    """All crossings, in groups of equal mass, each group told apart from the others and from both ends."""
+    dropped = degree_drop(family)
+    infinite = [] if dropped is None else [Crossing(arb(dropped), arb.pos_inf(), dropped)]
+    precision = 64
+    while True:
+        with ctx.workprec(precision):
+            found = [*infinite, *crossings(family, precision)]
+            found = [_at_end(family, crossing, (low, high), precision) for crossing in found]
+            groups = _grouped(family, sorted(found, key=lambda crossing: _bounds(crossing)[0]), precision)
+            ends = all(_clear_of(crossing, end) for crossing in chain(*(groups or [])) for end in (low, high))
+            if groups is not None and ends:
+                return groups
+        precision *= 2
+
+
+def _clear_of(crossing: Crossing, end: fmpq) -> bool:
+    least, most = _bounds(crossing)
+    return crossing.rational is not None or end < least or most < end
+
+
+def _at_end(family: Affine, crossing: Crossing, ends: tuple[fmpq, fmpq], precision: int) -> Crossing:
+    """The crossing, with its mass known exactly where it is proved to be one of the ends."""
+    if crossing.rational is None and crossing.parameter.is_exact():
+        return crossing.known(bounds(crossing.parameter)[0])
+    for end in ends:
+        if not _clear_of(crossing, end):
+            even, odd = even_odd(family.at(end))
+            common = even.gcd(odd)
+            # Enclosures of the elimination polynomial's roots are disjoint and hold one root each.
+            if common.degree() > 0 and any(
+                root.overlaps(crossing.squared_frequency) for root, _ in real_roots(common, precision)
+            ):
+                return crossing.known(end)
+    return crossing
+
+
+def _grouped(family: Affine, found: Sequence[Crossing], precision: int) -> list[list[Crossing]] | None:
+    """Groups of crossings at one mass, or None where the precision does not tell whether two masses differ."""
+    groups: list[list[Crossing]] = []
+    candidates: list[arb] | None = None
+    for crossing in found:
+        if not groups or all(_bounds(other)[1] < _bounds(crossing)[0] for other in groups[-1]):
+            groups.append([crossing])
+            continue
+        if candidates is None:
+            candidates = _critical_masses(family, precision)
+        union = crossing.parameter.union(groups[-1][-1].parameter)
+        if sum(root.overlaps(union) for root in candidates) > 1:
+            return None
+        groups[-1].append(crossing)
+    for group in groups:
+        known = [crossing.rational for crossing in group if crossing.rational is not None]
+        group[:] = [crossing.known(known[0]) if known else crossing for crossing in group]
+    return groups
+
+
+def _critical_masses(family: Affine, precision: int) -> list[arb]:
+    """Enclosures of all masses at which a root lies on the axis or at infinity, and perhaps of some others.
+
+    They are the real roots of the resultant of the even and the odd part, a polynomial in m found by interpolation.
+    """
+    even0, odd0 = even_odd(family.constant)
+    even1, odd1 = even_odd(family.slope)
+    even_degree, odd_degree = max(even0.degree(), even1.degree()), max(odd0.degree(), odd1.degree())
+    points: list[tuple[fmpq, fmpq]] = []
+    mass = fmpq(0)
+    while len(points) <= even_degree + odd_degree:
+        even, odd = even_odd(family.at(mass))
+        if even.degree() == even_degree and odd.degree() == odd_degree:
+            points.append((mass, even.resultant(odd)))
+        mass += 1
+    resultant = _through(points)
+    masses = [degree_drop(family)]
+    if family.slope[0] != 0:
+        masses.append(-family.constant[0] / family.slope[0])
+    for known in masses:
+        if known is not None:
+            resultant = resultant * fmpq_poly([-known, 1])
+    return [] if resultant.is_zero() else [root for root, _ in real_roots(resultant, precision)]
+
+
+def _through(points: Sequence[tuple[fmpq, fmpq]]) -> fmpq_poly:
+    """The polynomial of least degree through the given points (Newton's divided differences)."""
+    result, basis = fmpq_poly([0]), fmpq_poly([1])
+    for x, y in points:
+        result = result + basis * ((y - result(x)) / basis(x))
+        basis = basis * fmpq_poly([-x, 1])
+    return result
+
+
+def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
+    """Whether every mass of the closed range is stable: exact, and quick enough for the inside of an optimiser.
+
+    One end is settled by a Routh test. The rest follows if neither the leading nor the last coefficient vanishes in
+    the range and no crossing lies in it, which enclosures mostly show at once; what they leave open goes to
+    `stable_ranges`.
+    """
+    if not is_hurwitz(family.at(low)):
+        return False
+    if low == high:
+        return family.at(low).degree() == max(family.constant.degree(), family.slope.degree())
+    degree = max(family.constant.degree(), family.slope.degree())
+    for power in (0, degree):
+        if family.at(low)[power] * family.at(high)[power] <= 0:
+            return False
+    even0, odd0 = even_odd(family.constant)
+    even1, odd1 = even_odd(family.slope)
+    equation = elimination(family)
+    if equation.is_zero():
+        return stable_ranges(family, low, high).stable
+    with ctx.workprec(64):
+        ends = arb(low).union(arb(high))
+        for square, _ in real_roots(equation, 32):
+            if not square > 0:
+                continue
+            even, odd = value_at(even1, square), value_at(odd1, square)
+            # The crossing's mass solves even0 + m even1 = 0 and odd0 + m odd1 = 0: one clear miss is enough.
+            if not (value_at(even0, square) + ends * even).contains(0):
+                continue
+            if not (value_at(odd0, square) + ends * odd).contains(0):
+                continue
+            return stable_ranges(family, low, high).stable
+    return True
+
+
+@dataclass(frozen=True)
+class Unstable:
+    """Where a family is not stable.
+
+    Attributes:
+        value: of the parameter.
+        exact: whether it is not stable itself; False where it only stands next to a root on the axis at an irrational
+            one.
+        frequency_Hz: of the slowest or growing oscillation there.
+        reason: in words, all that is not stable.
+    """
+
+    value: fmpq
+    exact: bool
+    frequency_Hz: float
+    reason: str
+
+
+def unstable_at(family: Affine, low: fmpq, high: fmpq) -> Unstable | None:
+    """A parameter of the closed range at which the family is not stable; None where it is stable throughout."""
+    if is_stable_over(family, low, high):
+        return None
+    found = stable_ranges(family, low, high)
+    settled = [part.sample for part in found.ranges if not part.stable]
+    settled += [crossing.rational for crossing in found.crossings if crossing.rational is not None]
+    value = settled[0] if settled else sum(bounds(found.crossings[0].parameter), fmpq(0)) / 2
+    rightmost = max(roots(family.at(value)), key=lambda root: root.real)
+    return Unstable(value, bool(settled), float(abs(rightmost.imag)) / (2 * pi), found.reason)

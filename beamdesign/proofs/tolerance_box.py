@@ -1,0 +1,262 @@
+"""The box of a prototype's tolerances, end masses and delay, how far it can be scaled, and that of frozen figures."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from math import pi
+
+from flint import arb, fmpq
+
+from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
+from beamdesign.plant.members import family
+from beamdesign.polynomial import exact
+from beamdesign.proofs.box import Box, BoxVerdict, certify_box
+from beamdesign.proofs.box_member import unstable_member
+from beamdesign.proofs.rig_family import Family, effect_spans, rig_family, rig_values
+from beamdesign.prototype import Prototype
+from beamdesign.rational import bounds, nearest, shortened
+from beamdesign.records import InputError, Problem
+
+_OF_LOOP = {
+    "controller_gain": ("A/V", 1.0),
+    "delay": ("s", 1.0),
+}
+"""Unit of further figures of the loop, and what to divide their values by; frequencies are shown in Hz."""
+
+
+def figure_key(name: str) -> tuple[str, float]:
+    """The key of a figure with its unit, and what to divide its SI value by: frequencies are shown in Hz."""
+    if name in PARAMETERS:
+        return PARAMETERS[name].shown_key, PARAMETERS[name].factor
+    turns = name.startswith("controller_") or name.endswith("_frequency")
+    unit, factor = _OF_LOOP.get(name, ("Hz", 2 * pi) if turns else ("1", 1.0))
+    return with_unit(name, unit), factor
+
+
+def tolerance_box(
+    prototype: Prototype,
+    sigmas: float = 3.0,
+    names: Collection[str] | None = None,
+    outer_end_mass: tuple[float, float] | None = None,
+    inner_end_mass: tuple[float, float] | None = None,
+    delay_s: tuple[float, float] | None = None,
+    spread: Mapping[str, float] | None = None,
+) -> Box:
+    """Ranges of the figures of a prototype: so many standard deviations to either side.
+
+    A dashpot b = 2 zeta sqrt(K M) is a parameter of its own and spans all that its beam's damping ratio, stiffness and
+    mass give within their tolerances. End masses and delay are ranges that are asked for: they do not scale with the
+    tolerances, but a tolerance of an end mass widens its range. Nor do the spans of frozen figures of effects.
+
+    Args:
+        prototype: with a controller; its `tolerance` holds relative standard deviations.
+        sigmas: how many standard deviations.
+        names: which figures vary, as in `rig_values`; all that have a tolerance where it is None.
+        outer_end_mass: kg; else the range of the payload, where there is one.
+        inner_end_mass: kg; else the payload's one value.
+        delay_s: pure delay in the loop, s.
+        spread: relative standard deviations beside those of the prototype, such as {"controller_gain": 0.01}.
+
+    Raises:
+        InputError: for a figure without tolerance or that the rig does not have, or a range that reaches zero.
+        ValueError: without a controller.
+    """
+    values = rig_values(prototype)
+    deviations = {n: getattr(prototype.tolerance, key) for n, key in TOLERANCES.items() if n in values}
+    if unknown := sorted((set(spread or {}) | set(names or ())) - set(values)):
+        raise InputError("names", [Problem(name, f"no such figure; there are {', '.join(values)}") for name in unknown])
+    deviations |= spread or {}
+    part = {name: exact(sigmas) * exact(deviation) for name, deviation in deviations.items()}
+    if wide := [name for name, share in part.items() if share >= 1 and values[name] > 0]:
+        reason = "{:g} standard deviations of {:g} reach zero"
+        raise InputError("tolerance", [Problem(n, reason.format(sigmas, deviations[n])) for n in wide])
+    ranges = {name: (values[name] * (1 - share), values[name] * (1 + share)) for name, share in part.items()}
+    for beam in ("outer", "inner"):
+        if f"{beam}_damping" in values and f"{beam}_damping" not in (spread or {}):
+            shares = [part[f"{beam}_{figure}"] for figure in ("stiffness", "mass", "damping")]
+            ranges[f"{beam}_damping"] = _dashpot(values[f"{beam}_damping"], *shares)
+    payload = prototype.payload.outer_end_mass_kg
+    asked = {
+        "outer_end_mass": outer_end_mass if outer_end_mass is not None else payload,
+        "inner_end_mass": inner_end_mass,
+        "delay": delay_s,
+    }
+    rigid = set()
+    for name, pair in asked.items():
+        if pair is not None:
+            share = part.get(name, fmpq(0))
+            ranges[name] = (exact(pair[0]) * (1 - share), exact(pair[1]) * (1 + share))
+            rigid.add(name)
+    largest = asked["outer_end_mass"]
+    spans = effect_spans(family(prototype, None if largest is None else largest[1]))
+    ranges |= spans
+    rigid |= set(spans)
+    chosen = [name for name in values if name in ranges and ranges[name][0] < ranges[name][1]]
+    if names is not None:
+        if fixed := sorted(set(names) - set(chosen)):
+            raise InputError("names", [Problem(name, "has no tolerance and no range") for name in fixed])
+        chosen = [name for name in chosen if name in names or name in rigid]
+    nominal = [min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen]
+    lows, highs = ([ranges[name][side] for name in chosen] for side in (0, 1))
+    return Box(tuple(chosen), tuple(lows), tuple(highs), tuple(nominal), frozenset(rigid & set(chosen)))
+
+
+def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:
+    """Range of b = 2 zeta sqrt(K M), rounded outwards; the shares are those of K, M and zeta."""
+    if (stiffness == 0 and mass == 0) or value == 0:
+        return value * (1 - ratio), value * (1 + ratio)
+    low = bounds(arb((1 - stiffness) * (1 - mass)).sqrt())[0] * (1 - ratio) * value
+    high = bounds(arb((1 + stiffness) * (1 + mass)).sqrt())[1] * (1 + ratio) * value
+    return shortened(low, 8), shortened(high, 8, up=True)
+
+
+def in_units(point: Mapping[str, fmpq], names: Collection[str]) -> dict[str, float]:
+    """Figures under their keys with units, as floats."""
+    return {key: nearest(point[n]) / factor for n in names for key, factor in [figure_key(n)]}
+
+
+# Scaling: the largest that is proved stable, and the least that is refuted.
+
+
+_TRIES = 10
+"""Most factors to try to prove."""
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How far the ranges of a box can be drawn out around its nominal values.
+
+    Attributes:
+        proved: largest factor at which the whole box was proved stable; 0 if none was.
+        refuted: least factor at which a member of the box was proved not to be stable; None where none was found.
+        limit: factor beyond which a figure would reach zero; nothing above it was asked.
+        verdict: that of the box scaled by `proved`, with its certificate; None if `proved` is 0.
+        unstable_point: the member that refutes at `refuted`.
+        reason: in words, what is known between the two factors.
+    """
+
+    proved: float
+    refuted: float | None
+    limit: float
+    verdict: BoxVerdict | None
+    unstable_point: Mapping[str, fmpq] | None
+    reason: str
+
+
+def largest_scaling(
+    subject: Prototype | Family, box: Box, within: float = 0.02, budget: int = 4000, most: float = 10.0
+) -> Scaling:
+    """Draw the ranges of a box out until a member refutes it, and prove as much of that as can be.
+
+    First the least factor is bracketed at which a member is found that is not stable. Then boxes a little smaller are
+    tried, ever farther from it, until one is proved. Rigid ranges keep their size.
+
+    Args:
+        subject: a prototype with a controller, or any family.
+        box: the tolerances at factor 1.
+        within: how near to each other, relatively, the two factors should come.
+        budget: most pieces to look at for each factor.
+        most: largest factor to try.
+
+    Raises:
+        ValueError: as `certify_box`.
+    """
+    family = rig_family(subject) if isinstance(subject, Prototype) else subject
+    limit = _limit(family, box, most)
+    refuted, point = _least_refuted(family, box, limit, within / 4)
+    proved, verdict, above = fmpq(0), None, limit if refuted is None else refuted
+    factor = limit if refuted is None else _short(refuted * (1 - exact(within)))
+    for _ in range(_TRIES):
+        if not above * (1 - exact(1.001 * within)) > proved or factor <= 0:
+            break
+        found = certify_box(family, box.scaled(factor), budget, volumes=False)
+        if found.stable:
+            proved, verdict = factor, found
+        else:
+            above = factor
+            if found.stable is False:
+                refuted, point = factor, found.unstable_point
+        if proved == limit:
+            break
+        factor = _short((proved + above) / 2)
+    known = None if refuted is None else nearest(refuted)
+    reason = _bracket(proved, above, refuted, limit)
+    return Scaling(nearest(proved), known, nearest(limit), verdict, point, reason)
+
+
+def _limit(family: Family, box: Box, most: float) -> fmpq:
+    """The largest factor to try: beyond it a figure that is positive would reach zero."""
+    limit = exact(most)
+    for name, low, middle in zip(box.names, box.low, box.nominal, strict=True):
+        if name in family.positive and name not in box.rigid and low < middle and middle > 0:
+            limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
+    return _short(limit)
+
+
+def _least_refuted(
+    family: Family, box: Box, limit: fmpq, within: float
+) -> tuple[fmpq | None, Mapping[str, fmpq] | None]:
+    """The least factor, about, at which a member is found that is not stable, and that member."""
+
+    def found(factor: fmpq) -> Mapping[str, fmpq] | None:
+        return unstable_member(family.over(box.scaled(factor).ranges))
+
+    low, high, point = fmpq(0), limit, found(limit)
+    if point is None:
+        return None, None
+    while high - low > exact(within) * high and high > limit / 1000:
+        middle = _short((low + high) / 2)
+        if (nearer := found(middle)) is not None:
+            high, point = middle, nearer
+        else:
+            low = middle
+    return high, point
+
+
+def _short(factor: fmpq) -> fmpq:
+    """A factor rounded down to six digits."""
+    return shortened(factor, 6) if factor > 0 else factor
+
+
+def _bracket(proved: fmpq, above: fmpq, refuted: fmpq | None, limit: fmpq) -> str:
+    low, high = f"{nearest(proved):.4g}", f"{nearest(above):.4g}"
+    if proved == limit:
+        return f"proved up to {low}, the largest factor that was tried"
+    start = f"proved up to {low}" if proved > 0 else "no factor was proved"
+    if refuted is None:
+        return f"{start}, undecided at {high}; no member was found that is not stable"
+    if above < refuted:
+        return f"{start}, undecided at {high}, refuted at {nearest(refuted):.4g}"
+    return f"{start}, refuted at {high}"
+
+
+# Between the ends of effects' frozen figures, which linear members stand at.
+
+
+BUDGET = 4000
+
+
+def between(prototype: Prototype, low_kg: float, high_kg: float) -> BoxVerdict | None:
+    """Prove or refute stability for every value of every frozen figure, factor on the gain and outer end mass at once.
+
+    None where there is no frozen figure, so that the members leave nothing open.
+
+    Raises:
+        InputError: for effects for which no linear loop stands.
+        ValueError: without a controller.
+    """
+    found = family(prototype, high_kg)
+    if not any(span.low < span.high for span in found.spans.values()):
+        return None
+    box = tolerance_box(prototype, 0.0, None, (low_kg, high_kg))
+    return certify_box(prototype, box, BUDGET, volumes=False)
+
+
+def in_words(verdict: BoxVerdict | None) -> str:
+    """What is known between the ends of the frozen figures; empty where there are none."""
+    if verdict is None:
+        return ""
+    if verdict.stable:
+        return "stable at every value between the ends of the frozen figures too, all of them and the masses at once"
+    if verdict.stable is None:
+        return f"between the ends of the frozen figures stability is undecided: {verdict.reason}"
+    return f"between the ends of the frozen figures {verdict.reason}"

@@ -1,0 +1,248 @@
+"""Hulls of the value set p(jw, q) over many pieces at once, in floats: the search that comes before the proof.
+
+Same construction as in `zero_exclusion`, which proves in ball arithmetic what is found here; nothing here is a proof.
+Arrays of points are (2, B, C, V): both ends of a frequency interval, B pieces, C control points of what is bound and V
+points whose convex hull holds the value.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from flint import fmpq
+
+from beamdesign.proofs.box_statement import Node, Statement, Term
+from beamdesign.proofs.zero_exclusion import ARC_PARTS
+from beamdesign.rational import nearest
+
+_TURN = (1.0, 1j, -1.0, -1j)
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Sub-boxes and frequency intervals.
+
+    Attributes:
+        low, high: (B, k), values of the varying variables as they enter.
+        w: (2, B), ends of the frequency intervals, rad/s.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    w: np.ndarray
+
+    def stray(self, bend: np.ndarray) -> np.ndarray:
+        """How far a curve with this bound of its second derivative strays from its chord at most."""
+        return bend * (self.w[1] - self.w[0]) ** 2 / 8
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Points (2, B, C, V), and bounds (B,) of size, first and second derivative in w over the interval."""
+
+    points: np.ndarray
+    size: np.ndarray
+    slope: np.ndarray
+    bend: np.ndarray
+
+
+def pieces(statement: Statement, start: np.ndarray, end: np.ndarray, w: np.ndarray) -> Pieces:
+    """Pieces from shares (B, k) of the ranges and frequencies (2, B)."""
+    ends = [statement.inner[name] for name in statement.varying]
+    low = np.array([nearest(a) for a, _ in ends])
+    width = np.array([nearest(b - a) for a, b in ends])
+    return Pieces(low + width * start, low + width * end, w)
+
+
+def hulls(statement: Statement, where: Pieces) -> list[Hull]:
+    """Hulls of the summands of p; their Minkowski sum, control point by control point, holds p."""
+    bound: dict[str, Hull] = {}
+    for pack in statement.bound:
+        new = _bind(statement, pack, where)
+        count = next(iter(new.values())).points.shape[2]
+        before = next(iter(bound.values())).points.shape[2] if bound else 1
+        bound = {name: _with(hull, np.repeat(hull.points, count, axis=2)) for name, hull in bound.items()}
+        bound |= {name: _with(hull, np.tile(hull.points, (1, 1, before, 1))) for name, hull in new.items()}
+    body = statement.body
+    return [_hull(statement, node, where, bound) for node in (body.parts if body.kind == "sum" else (body,))]
+
+
+def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
+    """Least real part of conj(u) p over each hull: (2, B, M) for unit directions u (B, M)."""
+    u = np.stack([directions.real, directions.imag], axis=-2)
+    total: np.ndarray | float = 0.0
+    for hull in summands:
+        _, count, controls, points = hull.points.shape
+        xy = np.ascontiguousarray(hull.points).view(float).reshape(2, count, controls * points, 2)
+        total = total + (xy @ u).reshape(2, count, controls, points, -1).min(axis=3)
+    return np.asarray(total).min(axis=2)
+
+
+def values(statement: Statement, shares: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Plain and delayed part of p, each (B, N), of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
+    where = pieces(statement, shares, shares, np.zeros((2, len(shares))))
+
+    def at(node: Node) -> tuple[np.ndarray, np.ndarray]:
+        none = np.zeros((len(shares), s.shape[1]), dtype=complex)
+        if node.kind == "delay":
+            return none, none + 1
+        if node.kind == "leaf":
+            total = none
+            for _, _, terms in statement.components[node.name]:
+                for term in terms:
+                    total = total + _size(statement, term, where.low)[:, None] * s**term.degree
+            return total, none
+        plain, late = at(node.parts[0])
+        for part in node.parts[1:]:
+            more, later = at(part)
+            if node.kind == "sum":
+                plain, late = plain + more, late + later
+            else:
+                plain, late = plain * more, plain * later + late * more
+        return plain, late
+
+    return at(statement.body)
+
+
+def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:
+    """The delay (B,) of members at shares (B, k) of the ranges; 0 where p has none."""
+    name = statement.delay
+    if name is None:
+        return np.zeros(len(shares))
+    low, high = (nearest(end) for end in statement.inner[name])
+    if name not in statement.varying:
+        return np.full(len(shares), low)
+    return low + (high - low) * shares[:, statement.varying.index(name)]
+
+
+def _bind(statement: Statement, pack: Sequence[str], where: Pieces) -> dict[str, Hull]:
+    if len(pack) == 1:
+        points = _points(statement, pack[0], where)
+        return {pack[0]: _leaf_hull(statement, pack[0], where, np.swapaxes(points, 2, 3))}
+    degrees = statement.pack_degrees(pack)
+    count = int(np.prod([degree + 1 for degree in degrees.values()]))
+    found = {}
+    for name in pack:
+        grid = _grid(statement, statement.leaves[name], degrees, where)
+        points = np.broadcast_to(grid, (*grid.shape[:2], count))[..., None]
+        found[name] = _leaf_hull(statement, name, where, points)
+    return found
+
+
+def _with(hull: Hull, points: np.ndarray) -> Hull:
+    return Hull(points, hull.size, hull.slope, hull.bend)
+
+
+def _hull(statement: Statement, node: Node, where: Pieces, bound: Mapping[str, Hull]) -> Hull:
+    if node.kind == "delay":
+        return _arc(statement, node.name, where)
+    if node.kind == "leaf":
+        if node.name in bound:
+            return bound[node.name]
+        return _leaf_hull(statement, node.name, where, _points(statement, node.name, where))
+    parts = [_hull(statement, part, where, bound) for part in node.parts]
+    total = parts[0]
+    for part in parts[1:]:
+        left, right = total.points[..., :, None], part.points[..., None, :]
+        if node.kind == "sum":
+            points = _flat(left + right)
+            slope, bend = total.slope + part.slope, total.bend + part.bend
+            size = np.abs(points).max(axis=(0, 2, 3)) + where.stray(bend)
+        else:
+            points, size = _flat(left * right), total.size * part.size
+            slope = total.slope * part.size + total.size * part.slope
+            bend = total.bend * part.size + 2 * total.slope * part.slope + total.size * part.bend
+        total = Hull(points, size, slope, bend)
+    return total
+
+
+def _flat(points: np.ndarray) -> np.ndarray:
+    return points.reshape(*points.shape[:-2], -1)
+
+
+def _leaf_hull(statement: Statement, name: str, where: Pieces, points: np.ndarray) -> Hull:
+    most = np.maximum(np.abs(where.low), np.abs(where.high))
+    top, slope, bend = where.w[1], np.zeros(len(most)), np.zeros(len(most))
+    for term in statement.leaves[name]:
+        size, n = np.abs(_size(statement, term, most)), term.degree
+        slope += size * n * top ** max(n - 1, 0)
+        bend += size * n * (n - 1) * top ** max(n - 2, 0)
+    return Hull(points, np.abs(points).max(axis=(0, 2, 3)) + where.stray(bend), slope, bend)
+
+
+def _size(statement: Statement, term: Term, at: np.ndarray) -> np.ndarray:
+    """Coefficient (B,) of a term at values (B, k) of the varying variables."""
+    value, powers = _fixed(statement, term)
+    size = np.full(len(at), value)
+    for name, power in powers.items():
+        size = size * at[:, statement.varying.index(name)] ** power
+    return size
+
+
+def _fixed(statement: Statement, term: Term) -> tuple[float, dict[str, int]]:
+    """Fold in what does not vary; the powers of what does, as it enters."""
+    value: fmpq = term.coefficient
+    powers = {}
+    for name, power in term.powers.items():
+        if name in statement.varying:
+            powers[name] = abs(power)
+        else:
+            value = value * statement.inner[name][0] ** abs(power)
+    return nearest(value), powers
+
+
+def _control_values(low: np.ndarray, high: np.ndarray, power: int, degree: int) -> np.ndarray:
+    """Bernstein coefficients (B, degree + 1) of x^power on [low, high], raised to the given degree."""
+    columns = [
+        sum(comb(i, j) * comb(degree - i, power - j) * high**j * low ** (power - j) for j in range(power + 1))
+        / comb(degree, power)
+        for i in range(degree + 1)
+    ]
+    return np.stack([np.broadcast_to(column, low.shape) for column in columns], axis=-1)
+
+
+def _grid(statement: Statement, terms: Sequence[Term], degrees: Mapping[str, int], where: Pieces) -> np.ndarray:
+    """Control points (2, B, N) of some terms."""
+    total: np.ndarray | float = 0.0
+    for term in terms:
+        value, powers = _fixed(statement, term)
+        tensor = np.full((len(where.low), 1), value)
+        for name, degree in degrees.items():
+            column = statement.varying.index(name)
+            along = _control_values(where.low[:, column], where.high[:, column], powers.get(name, 0), degree)
+            tensor = (tensor[:, :, None] * along[:, None, :]).reshape(len(tensor), -1)
+        total = total + (_TURN[term.degree % 4] * where.w**term.degree)[:, :, None] * tensor
+    return np.asarray(total)
+
+
+def _points(statement: Statement, name: str, where: Pieces) -> np.ndarray:
+    """Points (2, B, 1, V) of a leaf: an interval along either axis, and control points of what lies along neither."""
+    points = np.zeros((*where.w.shape, 1), dtype=complex)
+    edges: dict[int, np.ndarray] = {}
+    for axis, degrees, terms in statement.components[name]:
+        grid = _grid(statement, terms, degrees, where)
+        if axis == 2 or not degrees:
+            points = _flat(points[..., :, None] + grid[..., None, :])
+        else:
+            along = grid.imag if axis else grid.real
+            ends = np.stack([along.min(axis=-1), along.max(axis=-1)], axis=-1)
+            edges[axis] = edges.get(axis, 0.0) + ends
+    for axis, ends in edges.items():
+        points = _flat(points[..., :, None] + (1j if axis else 1.0) * ends[..., None, :])
+    return points[:, :, None, :]
+
+
+def _arc(statement: Statement, name: str, where: Pieces) -> Hull:
+    """The arc exp(-jwT): its ends and the corners of tangents around it."""
+    least, most = (np.full(where.w.shape[1], nearest(end)) for end in statement.inner[name])
+    marks = [(0.0, 1.0)]
+    sweep = np.zeros_like(where.w)
+    if name in statement.varying:
+        column = statement.varying.index(name)
+        least, most = where.low[:, column], where.high[:, column]
+        sweep = np.minimum(where.w * (most - least), 2 * np.pi)
+        shrink = np.cos(sweep / (2 * ARC_PARTS))
+        marks += [((i + 0.5) / ARC_PARTS, shrink) for i in range(ARC_PARTS)] + [(1.0, 1.0)]
+    points = np.stack([np.exp(-1j * (where.w * least + share * sweep)) / shrink for share, shrink in marks], axis=-1)
+    return Hull(points[:, :, None, :], np.ones_like(most), most, most**2)

@@ -1,0 +1,295 @@
+"""The text of every certificate: TOML that a person can read and `beamdesign.checker` proves again.
+
+It states the rig that it is about as tables of texts: parameters, controller, effects, payload, goal, arm.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from math import pi
+from types import MappingProxyType
+from typing import Any
+
+import tomli_w
+from flint import fmpq, fmpq_poly
+
+from beamdesign.parameters import PARAMETERS
+from beamdesign.plant.effect import Elements, Span
+from beamdesign.plant.effects import library
+from beamdesign.plant.members import LinearFamily, family
+from beamdesign.plant.parameters import effect_parameters_of
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Beam, Prototype
+from beamdesign.rational import text
+from beamdesign.records import InputError, Record
+from beamdesign.spelling import one_line
+from beamdesign.structure.lumped import figures
+from beamdesign.structure.materials import material
+
+# The rig.
+
+
+Tables = dict[str, Any]
+_WHOLE = ("payload", "goal", "arm", "compliance")
+"""Tables of a prototype that a certificate repeats."""
+
+
+def rig_tables(
+    prototype: Prototype,
+    largest_outer_end_mass: float | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
+) -> Tables:
+    """Tables from which a checker builds the loop, numbers as exact decimals in quotes.
+
+    Args:
+        prototype: with a controller of one law, or of several stages that take turns, or with none.
+        largest_outer_end_mass: kg, whose weight is the load where an effect depends on it; else that of the payload.
+        varying: ranges of figures of which the elements of effects are to be stated as functions, not at their values.
+
+    Raises:
+        InputError: for effects for which no linear loop stands, or whose elements are not affine in what varies.
+    """
+    tables: Tables = {"rig": _rig(prototype)}
+    if prototype.controller is not None:
+        tables["controller"] = controller_table(prototype)
+    if prototype.effects:
+        tables["effect"] = effect_tables(prototype, family(prototype, largest_outer_end_mass), varying)
+    for name in _WHOLE:
+        if (record := getattr(prototype, name)) is not None:
+            tables[name] = stated(plain(record))
+    return tables | ({"material": alloys} if (alloys := _alloys(prototype)) else {})
+
+
+def plain(record: Record) -> Tables:
+    """A record as a parsed table would be, every default filled in and what is absent left out."""
+    found: Tables = record.model_dump(mode="json", exclude_none=True)
+    return found
+
+
+def prototype_table(
+    prototype: Prototype,
+    largest_outer_end_mass: float | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
+) -> Tables:
+    """A prototype as the checker compares it: every default filled in, and with what it stands on.
+
+    That is, as a certificate states them, what stands for its effects, and the figures of its beams' alloys. The other
+    arguments are those of `rig_tables`.
+    """
+    found = plain(prototype) | {"effects": effect_parameters_of(prototype), "material": _alloys(prototype)}
+    return found | {"effect": effect_tables(prototype, family(prototype, largest_outer_end_mass), varying)}
+
+
+def stated(value: Any) -> Any:
+    """Numbers of a nested table as exact texts."""
+    if isinstance(value, Mapping):
+        return {key: stated(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [stated(item) for item in value]
+    return text(exact(value)) if isinstance(value, float | int) and not isinstance(value, bool) else value
+
+
+def texts(values: Sequence[fmpq]) -> list[str]:
+    """Rationals, or the coefficients of s^0, s^1, ... of a polynomial, as texts."""
+    return [text(value) for value in values]
+
+
+def coefficients(polynomial: fmpq_poly) -> list[str]:
+    """Those of s^0, s^1, ... as texts."""
+    return texts(polynomial.coeffs())
+
+
+def _rig(prototype: Prototype) -> Tables:
+    """The lumped figures, end masses not included; damping is that of fixed dashpots."""
+    filtered = prototype.sensor.filter_Hz
+    lumped = {name: value for name, value in figures(prototype).items() if filtered or name != "filter_frequency"}
+    table = {"kind": prototype.kind} | {PARAMETERS[name].key: text(exact(value)) for name, value in lumped.items()}
+    table["valve_frequency_Hz"] = text(exact(prototype.servovalve.natural_frequency_Hz))
+    if filtered is not None:
+        table["filter_frequency_Hz"] = text(exact(filtered))
+    return table | {"inner_end_mass_kg": text(exact(prototype.payload.inner_end_mass_kg))}
+
+
+def controller_table(prototype: Prototype) -> Tables:
+    """The controller's own figures, and its law: a numerator for each sensor and their denominator.
+
+    Of one with several stages the figures of each, and every break in rad/s as well, instead of polynomials.
+    """
+    controller = prototype.controller
+    assert controller is not None  # there is a loop
+    if controller.schedule is not None:
+        table = plain(controller)
+        return stated(table | {"stage": [_with_radians(stage) for stage in table["stage"]]})
+    law = controller.sensed_law()
+    polynomials = {
+        "sensors": list(law.sensors),
+        "numerators": [coefficients(one) for one in law.numerators],
+        "denominator": coefficients(law.denominator),
+    }
+    return stated(plain(controller)) | {"law": polynomials}
+
+
+def _with_radians(table: Tables) -> Tables:
+    """A stage, or a section of one, with the floats of 2 pi f of its frequencies."""
+    found = {key: [_with_radians(one) for one in value] if key == "section" else value for key, value in table.items()}
+    hertz = {key: value for key, value in table.items() if key.endswith("_Hz")}
+    return found | {key.replace("_Hz", "_rad_per_s"): 2 * pi * value for key, value in hertz.items()}
+
+
+def _alloys(prototype: Prototype) -> Tables:
+    """Moduli and density of what the beams are of where figures follow from their geometry; of an arm, torsion's do."""
+    found, outer = {}, prototype.outer_beam
+    twisted = [outer] if prototype.arm is not None and outer.has_geometry else []
+    for beam in (*(beam for beam in (outer, prototype.inner_beam) if _from_geometry(beam)), *twisted):
+        alloy = material(str(beam.material))
+        keys = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
+        found[alloy.name] = stated({key: getattr(alloy, key) for key in keys})
+    return found
+
+
+def _from_geometry(beam: Beam) -> bool:
+    return beam.stiffness_N_per_m is None or beam.effective_mass_kg is None
+
+
+# Effects.
+
+
+def effect_tables(
+    prototype: Prototype, found: LinearFamily, varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({})
+) -> list[Tables]:
+    """Each effect with its parameters, its spans, its factors on the gain, and its elements, affine in its spans."""
+    tables = []
+    for name, own in effect_parameters_of(prototype).items():
+        spans = {key.partition(".")[2]: span for key, span in found.spans.items() if key.partition(".")[0] == name}
+        table: Tables = {"name": name, "parameters": stated(own)}
+        if (gain := found.gains.get(name)) is not None:
+            table |= {"gain": _pair(gain.low, gain.high), "performing_gain": _pair(*gain.performing)}
+        if spans:
+            table["span"] = {
+                key: {"ends": _pair(span.low, span.high), "performing": _pair(*span.performing)}
+                for key, span in spans.items()
+            }
+        tables.append(table | {"elements": _elements(prototype, name, own, spans, varying)})
+    return tables
+
+
+def _pair(low: float, high: float) -> list[str]:
+    return [text(exact(low)), text(exact(high))]
+
+
+def _elements(
+    prototype: Prototype,
+    name: str,
+    own: Mapping[str, float],
+    spans: Mapping[str, Span],
+    varying: Mapping[str, tuple[fmpq, fmpq]],
+) -> Tables:
+    """Elements of an effect whose numbers are sums of numbers and of numbers times spans or figures.
+
+    They are taken where all of these are at their low ends, and where one at a time is at its high end; that they are
+    affine is seen where all are.
+    """
+    linear = library()[name].linear
+    assert linear is not None  # it has members
+    figure = {key: exact(value) for key, value in figures(prototype).items()}
+    parameters = {key: exact(value) for key, value in own.items()}
+    low = {key: exact(span.low) for key, span in spans.items()}
+    high = {key: exact(span.high) for key, span in spans.items()}
+    for key in figure.keys() & varying.keys():
+        low[key], high[key] = varying[key]
+    width = {key: high[key] - low[key] for key in low if low[key] < high[key]}
+
+    def at(*raised: str) -> Tables:
+        values = low | {key: high[key] for key in raised}
+        return _nested(linear.elements(parameters | values, figure | values))
+
+    base, steps = at(), {key: at(key) for key in width}
+
+    def number(first: fmpq, others: Mapping[str, fmpq], last: fmpq) -> str:
+        slopes = {key: (value - first) / width[key] for key, value in others.items()}
+        if first + sum((slope * width[key] for key, slope in slopes.items()), fmpq(0)) != last:
+            words = "its elements are not affine in what it lets vary, so that no certificate states them"
+            raise InputError(prototype.name, [(f"effects.{name}", words)])
+        constant = first - sum((slope * low[key] for key, slope in slopes.items()), fmpq(0))
+        terms = [f"{text(slope)}*{key}" for key, slope in slopes.items() if slope != 0]
+        return " + ".join([text(constant)] * (constant != 0 or not terms) + terms)
+
+    def merged(first: Any, others: Mapping[str, Any], last: Any) -> Any:
+        if isinstance(first, dict):
+            return {k: merged(v, {key: one[k] for key, one in others.items()}, last[k]) for k, v in first.items()}
+        if isinstance(first, list):
+            return [merged(v, {key: one[k] for key, one in others.items()}, last[k]) for k, v in enumerate(first)]
+        return number(first, others, last)
+
+    found: Tables = merged(base, steps, at(*width))
+    return found
+
+
+def _nested(elements: Elements) -> Tables:
+    """Elements as tables and lists of rationals, what says nothing left out."""
+    found: Tables = {
+        "oil": elements.oil,
+        "spool": elements.spool,
+        "asymmetry": elements.asymmetry,
+        "points": {point: dict(weights) for point, weights in elements.points.items()},
+        "impedance": [{"motion": dict(motion), "resists": list(resists)} for motion, resists in elements.impedances],
+        "volts": [{"numerator": list(above), "denominator": list(below)} for above, below in elements.volts],
+    }
+    return {key: value for key, value in found.items() if value != {} and value != []}
+
+
+# The text.
+
+
+VERSION = 2
+_NOTES = {
+    "rig": "The lumped figures of the model, end masses not included; damping is that of fixed dashpots. SI.",
+    "controller": "From error volts to current; numerators and denominator list the coefficients of s^0, s^1, ...",
+    "effect": "What stands for an effect: springs, dashpots, masses, filters; numbers may be times a span.",
+    "loop": "The closed loop p0 + m p1 over the end mass m, in kg, at every combination of the ends of spans.",
+    "stability": "Over the outer end mass. Roots cross the imaginary axis at the crossings and nowhere else.",
+}
+
+
+def certificate(
+    kind: str,
+    subject: Prototype | str,
+    body: Mapping[str, Any],
+    summary: str,
+    largest_outer_end_mass: float | None = None,
+    notes: Mapping[str, str] | None = None,
+    varying: Mapping[str, tuple[fmpq, fmpq]] = MappingProxyType({}),
+) -> str:
+    """Write a certificate.
+
+    Args:
+        kind: of `beamdesign.checker.KINDS`.
+        subject: the rig that it is about, or the name of what is no rig.
+        body: what it states of it: nested tables, with every number as text or a whole number.
+        summary: the result in words, put on top as a comment.
+        largest_outer_end_mass: kg, as `rig_tables` takes it.
+        notes: what to say above a table, by its name.
+        varying: figures that are not at their values, as `rig_tables` takes them.
+    """
+    head = [
+        *(f"# {one_line(line)}".rstrip() for line in summary.splitlines()),
+        "#",
+        "# To prove it again, with python-flint alone: python -m beamdesign.checker THIS-FILE [PROTOTYPE]",
+        "# Lines that begin with # explain and prove nothing. All numbers are exact: decimals or quotients, as text.",
+        "# The checksum is of the text without its own line.",
+        "",
+        f'kind = "{kind}"',
+        f"version = {VERSION}",
+        "",
+    ]
+    tables: dict[str, Any] = {"name": subject if isinstance(subject, str) else subject.name}
+    if not isinstance(subject, str):
+        tables |= rig_tables(subject, largest_outer_end_mass, varying)
+    tables |= body
+    lines = tomli_w.dumps(tables).splitlines(keepends=True)
+    words = {**_NOTES, **(notes or {})}
+    for name, note in words.items():
+        heads = [k for k, line in enumerate(lines) if line.startswith((f"[{name}]", f"[[{name}]]", f"{name} = "))]
+        if heads:
+            lines[heads[0]] = f"# {note}\n{lines[heads[0]]}"
+    above, below = "\n".join(head), "".join(lines)
+    return f'{above}sha256 = "{hashlib.sha256((above + below).encode()).hexdigest()}"\n{below}'

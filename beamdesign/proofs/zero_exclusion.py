@@ -1,0 +1,334 @@
+"""No root on the imaginary axis for any member of a box: zero exclusion on the pieces of a tree, in ball arithmetic.
+
+Stability of the whole box follows from
+
+1. the member is stable: exact Routh test or, with a delay, a count of its unstable roots by the argument principle;
+2. on every piece [w1, w2] x Q of the tree some line through the origin keeps p(jw, q) on one side. At w1 and w2 the
+   value lies in the convex hull of control points (corners where p is affine in a parameter, the mapping theorem;
+   Bernstein coefficients where it is not); in between it strays from the chord by at most max |p''| (w2 - w1)^2 / 8;
+3. on every piece [w1, infinity) x Q the leading coefficient outweighs all others, so that no degree is lost either.
+
+Then no root can cross the imaginary axis anywhere in the box. The tree is in prefix order, each cut followed by its
+lower and its upper side, so that the pieces fill the box by construction. A variable is cut in the middle of its range,
+or of its reciprocal's where it enters by that. All values are exact rationals or balls.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import product
+from math import comb
+from typing import NamedTuple
+
+from flint import acb, arb, fmpq
+
+from beamdesign.proofs.box_statement import Interval, Node, Statement, Term
+
+PRECISION_BITS = 96
+ARC_PARTS = 6
+"""Tangents around the arc of exp(-jwT)."""
+
+
+class Cell:
+    """A sub-box: of each varying variable the share [start, end] of its range."""
+
+    def __init__(self, statement: Statement, shares: Mapping[str, Interval]):
+        self.statement, self.shares = statement, dict(shares)
+        self.values = dict(statement.inner)
+        for name, (start, end) in self.shares.items():
+            low, high = statement.inner[name]
+            self.values[name] = (low + (high - low) * start, low + (high - low) * end)
+        self._grids: dict[tuple[str, int], list[dict[int, arb]]] = {}
+        self._frames: dict[fmpq, Frame] = {}
+
+    def half(self, name: str, upper: bool) -> "Cell":
+        """The lower or the upper half in one variable."""
+        start, end = self.shares[name]
+        middle = (start + end) / 2
+        return Cell(self.statement, self.shares | {name: (middle, end) if upper else (start, middle)})
+
+    def grid(self, key: tuple[str, int], terms: Sequence[Term], degrees: Mapping[str, int]) -> list[dict[int, arb]]:
+        """Control points of some terms: for each the coefficients by power of s."""
+        if key not in self._grids:
+            self._grids[key] = []
+            for index in product(*(range(degree + 1) for degree in degrees.values())):
+                corner = dict(zip(degrees, index, strict=True))
+                total: dict[int, fmpq] = {}
+                for c, degree, powers in terms:
+                    for name, power in powers.items():
+                        c = c * _control_value(
+                            *self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0)
+                        )
+                    total[degree] = total.get(degree, fmpq(0)) + c
+                self._grids[key].append({degree: arb(c) for degree, c in total.items()})
+        return self._grids[key]
+
+    def frame(self, w: fmpq) -> "Frame":
+        """The hulls at one frequency; the last few are kept, since pieces share their ends."""
+        if w not in self._frames:
+            if len(self._frames) > 3:
+                self._frames.pop(next(iter(self._frames)))
+            self._frames[w] = Frame(self, w)
+        return self._frames[w]
+
+
+def _control_value(low: fmpq, high: fmpq, power: int, degree: int, i: int) -> fmpq:
+    """Bernstein coefficient i of x^power on [low, high], raised to a degree; x^power itself where that is 0."""
+    if degree == 0:
+        return low**power
+    terms = (comb(i, j) * comb(degree - i, power - j) * high**j * low ** (power - j) for j in range(power + 1))
+    return sum(terms, fmpq(0)) / comb(degree, power)
+
+
+class Frame:
+    """Points whose convex hull holds each part of p at one exact frequency, over one cell."""
+
+    def __init__(self, cell: Cell, w: fmpq):
+        self.cell, self.w = cell, w
+        self._powers = [arb(w**i) for i in range(max(*cell.statement.degree, 2) + 1)]
+        self._known: dict[tuple[int, int], list[acb]] = {}
+        packs = [self._pack(pack) for pack in cell.statement.bound]
+        self.controls = [{name: v for part in chosen for name, v in part.items()} for chosen in product(*packs)]
+
+    def _value(self, coefficients: Mapping[int, arb]) -> acb:
+        parts = [arb(0), arb(0)]
+        for degree, c in coefficients.items():
+            term = c * self._powers[degree]
+            parts[degree % 2] += -term if degree % 4 >= 2 else term
+        return acb(*parts)
+
+    def _leaf(self, name: str) -> list[acb]:
+        """An interval along either axis, and control points of what lies along neither."""
+        points, ends = [acb(0)], ([arb(0), arb(0)], [arb(0), arb(0)])
+        for i, (axis, degrees, terms) in enumerate(self.cell.statement.components[name]):
+            values = [self._value(c) for c in self.cell.grid((name, i), terms, degrees)]
+            if axis == 2 or len(values) == 1:
+                points = [a + b for a in points for b in values]
+                continue
+            numbers = [v.imag if axis else v.real for v in values]
+            low = high = numbers[0]
+            for number in numbers[1:]:
+                low, high = low.min(number), high.max(number)
+            ends[axis][0] += low
+            ends[axis][1] += high
+        for (low, high), turn in zip(ends, (acb(1), acb(0, 1)), strict=True):
+            steps = [turn * low] if low == 0 and high == 0 else [turn * low, turn * high]
+            points = [point + step for point in points for step in steps]
+        return points
+
+    def _pack(self, pack: Sequence[str]) -> list[dict[str, acb]]:
+        if len(pack) == 1:
+            return [{pack[0]: point} for point in self._leaf(pack[0])]
+        statement = self.cell.statement
+        degrees = statement.pack_degrees(pack)
+        columns = [
+            [self._value(c) for c in self.cell.grid((name, -1), statement.leaves[name], degrees)] for name in pack
+        ]
+        return [dict(zip(pack, values, strict=True)) for values in zip(*columns, strict=True)]
+
+    def points(self, node: Node, control: Mapping[str, acb]) -> list[acb]:
+        """Points whose hull holds a part of p, with what is bound at one of its control points."""
+        if node.kind == "leaf" and node.bound:
+            return [control[node.name]]
+        key = (id(node), id(control) if node.bound else 0)
+        if key in self._known:
+            return self._known[key]
+        if node.kind == "leaf":
+            found = self._leaf(node.name)
+        elif node.kind == "delay":
+            found = self._arc(*self.cell.values[node.name])
+        else:
+            found = self.points(node.parts[0], control)
+            for part in node.parts[1:]:
+                other = self.points(part, control)
+                found = [a + b if node.kind == "sum" else a * b for a in found for b in other]
+        self._known[key] = found
+        return found
+
+    def _arc(self, least: fmpq, most: fmpq) -> list[acb]:
+        """The ends of the arc exp(-jwT) and the corners of tangents around it."""
+        start, sweep, turn = arb(self.w * least), arb(self.w * (most - least)), 2 * arb.pi()
+        if least == most:
+            return [unit(start)]
+        sweep = sweep if sweep < turn else turn
+        shrink = (sweep / (2 * ARC_PARTS)).cos()
+        corners = [unit(start + sweep * (2 * i + 1) / (2 * ARC_PARTS)) / shrink for i in range(ARC_PARTS)]
+        return [unit(start), *corners, unit(start + sweep)]
+
+    def least(self, direction: tuple[int, int]) -> arb:
+        """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
+        u, nodes = acb(direction[0], -direction[1]), _summands(self.cell.statement)
+        common = sum((_least(u, self.points(node, {})) for node in nodes if not node.bound), arb(0))
+        least = arb.pos_inf()
+        for control in self.controls:
+            own = (_least(u, self.points(node, control)) for node in nodes if node.bound)
+            least = least.min(sum(own, common))
+        return least
+
+
+def _least(u: acb, points: Sequence[acb]) -> arb:
+    least = (u * points[0]).real
+    for point in points[1:]:
+        least = least.min((u * point).real)
+    return least
+
+
+def _summands(statement: Statement) -> tuple[Node, ...]:
+    return statement.body.parts if statement.body.kind == "sum" else (statement.body,)
+
+
+def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
+    """Bounds of |f|, |df/dw| and |d2f/dw2| of a part of p between two frequencies, over their cell."""
+    cell = frames[0].cell
+    statement = cell.statement
+    if node.kind == "delay":
+        most = arb(cell.values[node.name][1])
+        return arb(1), most, most * most
+    if node.kind == "product":
+        size, slope, bend = arb(1), arb(0), arb(0)
+        for part in node.parts:
+            f, df, ddf = growth(frames, part)
+            bend, slope, size = bend * f + 2 * slope * df + size * ddf, slope * f + size * df, size * f
+        return size, slope, bend
+    if node.kind == "leaf":
+        slope, bend = _steepness(cell, statement.leaves[node.name], frames[1].w)
+    else:
+        parts = [growth(frames, part) for part in node.parts]
+        slope, bend = sum((df for _, df, _ in parts), arb(0)), sum((ddf for _, _, ddf in parts), arb(0))
+    size = arb(0)
+    for frame in frames:
+        for control in frame.controls if node.bound else [{}]:
+            for point in frame.points(node, control):
+                size = size.max(abs(point))
+    return size + _stray(frames, bend), slope, bend
+
+
+def _stray(frames: tuple[Frame, Frame], bend: arb) -> arb:
+    """How far a curve strays from its chord at most."""
+    return bend * ((frames[1].w - frames[0].w) ** 2 / 8)
+
+
+def _steepness(cell: Cell, leaf: Sequence[Term], w: fmpq) -> tuple[arb, arb]:
+    slope = bend = fmpq(0)
+    for c, degree, powers in leaf:
+        most = abs(c)
+        for name, power in powers.items():
+            most *= _most(cell.values[name]) ** abs(power)
+        slope += most * degree * w ** max(degree - 1, 0)
+        bend += most * degree * (degree - 1) * w ** max(degree - 2, 0)
+    return arb(slope), arb(bend)
+
+
+def separated(cell: Cell, w1: fmpq, w2: fmpq, direction: tuple[int, int]) -> bool:
+    """Whether p(jw, q) stays on one side of the line across a direction, w1 <= w <= w2 and q in the cell."""
+    frames = cell.frame(w1), cell.frame(w2)
+    bend = sum((growth(frames, node)[2] for node in _summands(cell.statement)), arb(0))
+    stray = arb(direction[0] ** 2 + direction[1] ** 2).sqrt() * _stray(frames, bend)
+    return all(bool(frame.least(direction) > stray) for frame in frames)
+
+
+def dominated(cell: Cell, w: fmpq) -> bool:
+    """Whether the leading term outweighs all others from a frequency up, so that p vanishes nowhere there."""
+    n, _ = cell.statement.degree
+    if not w > 0:
+        return False
+    plain, late = coefficients(cell, cell.statement.body)
+    low, high = plain[n]
+    others = sum((_most(c) * w**i for part in (plain[:n], late) for i, c in enumerate(part)), fmpq(0))
+    return bool(others < max(low, -high) * w**n)
+
+
+def coefficients(cell: Cell, node: Node) -> tuple[list[Interval], list[Interval]]:
+    """Ranges of the coefficients without delay, and of the sizes of those that the delay multiplies."""
+    if node.kind == "delay":
+        return [], [(fmpq(0), fmpq(1))]
+    if node.kind == "leaf":
+        leaf = cell.statement.leaves[node.name]
+        found = [(fmpq(0), fmpq(0))] * (max((term.degree for term in leaf), default=0) + 1)
+        for c, degree, powers in leaf:
+            value = (c, c)
+            for name, power in powers.items():
+                for _ in range(abs(power)):
+                    value = _times(value, cell.values[name])
+            found[degree] = (found[degree][0] + value[0], found[degree][1] + value[1])
+        return found, []
+    parts = [coefficients(cell, part) for part in node.parts]
+    plain, late = parts[0]
+    for more, later in parts[1:]:
+        if node.kind == "sum":
+            plain, late = _add(plain, more), _add(late, later)
+        else:
+            sizes = [[(fmpq(0), _most(c)) for c in side] for side in (plain, more)]
+            late = _add(_convolve(sizes[0], later), _convolve(late, sizes[1]))
+            plain = _convolve(plain, more)
+    return plain, late
+
+
+def _most(interval: Interval) -> fmpq:
+    return max(abs(interval[0]), abs(interval[1]))
+
+
+def _times(a: Interval, b: Interval) -> Interval:
+    ends = [x * y for x in a for y in b]
+    return min(ends), max(ends)
+
+
+def _add(a: list[Interval], b: list[Interval]) -> list[Interval]:
+    longer, shorter = (a, b) if len(a) >= len(b) else (b, a)
+    zero = (fmpq(0), fmpq(0))
+    padded = shorter + [zero] * (len(longer) - len(shorter))
+    return [(x[0] + y[0], x[1] + y[1]) for x, y in zip(longer, padded, strict=True)]
+
+
+def _convolve(a: list[Interval], b: list[Interval]) -> list[Interval]:
+    total = [(fmpq(0), fmpq(0))] * (len(a) + len(b) - 1 if a and b else 0)
+    for (i, x), (j, y) in product(enumerate(a), enumerate(b)):
+        low, high = _times(x, y)
+        total[i + j] = (total[i + j][0] + low, total[i + j][1] + high)
+    return total
+
+
+class Piece(NamedTuple):
+    """One leaf of the tree: a cell and the frequencies from w1 to w2 (None: all above w1).
+
+    `direction` is that of the separating line, None where the leading term is to outweigh the others, or "?" where
+    nothing is claimed.
+    """
+
+    cell: Cell
+    w1: fmpq
+    w2: fmpq | None
+    direction: tuple[int, int] | str | None
+
+
+def pieces(statement: Statement, tree: Sequence[str]) -> Iterator[Piece]:
+    """Walk a tree of the marks NAME (cut in a variable), w=VALUE, X,Y (a line), "inf" and "?" of a search."""
+    whole = {name: (fmpq(0), fmpq(1)) for name in statement.varying}
+    open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(Cell(statement, whole), fmpq(0), None)]
+    for mark in tree:
+        cell, w1, w2 = open_pieces.pop()
+        if mark in cell.shares:
+            open_pieces += [(cell.half(mark, True), w1, w2), (cell.half(mark, False), w1, w2)]
+        elif mark.startswith("w="):
+            w = fmpq(*Fraction(mark[2:]).as_integer_ratio())
+            open_pieces += [(cell, w, w2), (cell, w1, w)]
+        elif mark == "?":
+            yield Piece(cell, w1, w2, "?")
+        elif mark == "inf":
+            yield Piece(cell, w1, w2, None)
+        else:
+            x, y = map(int, mark.split(","))
+            yield Piece(cell, w1, w2, (x, y))
+
+
+def holds(piece: Piece) -> bool:
+    """Whether p vanishes nowhere on a piece, by what the piece claims."""
+    if piece.direction is None:
+        return piece.w2 is None and dominated(piece.cell, piece.w1)
+    if isinstance(piece.direction, str) or piece.w2 is None:
+        return False
+    return separated(piece.cell, piece.w1, piece.w2, piece.direction)
+
+
+def unit(angle: arb) -> acb:
+    """exp(-j angle)."""
+    return acb(angle.cos(), -angle.sin())

@@ -1,0 +1,110 @@
+"""Lumped figures of a prototype: measured where they stand, from the geometry otherwise."""
+
+from dataclasses import dataclass
+
+from beamdesign.parameters import PARAMETERS
+from beamdesign.prototype import Actuator, Beam, Prototype, Sensor, Servovalve
+from beamdesign.structure import beam, section
+from beamdesign.structure.materials import Material, material
+from beamdesign.structure.section import Quantity
+
+
+@dataclass(frozen=True)
+class LumpedBeam:
+    """One cantilever as mass, spring and fixed dashpot.
+
+    Attributes:
+        stiffness: K, N/m.
+        mass: effective mass M of the bare beam, kg.
+        damping: b = 2 zeta sqrt(K M), N s/m; it stays when end mass is added.
+        notes: where a measured figure has replaced a computed one, in words.
+    """
+
+    stiffness: float
+    mass: float
+    damping: float
+    notes: tuple[str, ...] = ()
+
+
+def beam_figures(
+    alloy: Material, width: Quantity, wall: Quantity, corner_radius: Quantity, free_length: float, end_mass: Quantity
+) -> tuple[Quantity, Quantity]:
+    """Tip stiffness (N/m) and effective mass (kg) that a section's geometry gives; numbers and symbols alike.
+
+    Args:
+        alloy: material of the tube.
+        width: outside width, m.
+        wall: wall thickness, m.
+        corner_radius: outside corner radius, m.
+        free_length: from clamp to tip, m.
+        end_mass: M_end of equation (5), kg.
+    """
+    rigidity = section.flexural_rigidity(alloy.youngs_modulus_Pa, section.second_moment(width, wall, corner_radius))
+    per_length = section.mass_per_length(width, wall, alloy.density_kg_per_m3, corner_radius)
+    return beam.tip_stiffness(rigidity, free_length), beam.effective_mass(per_length, free_length, end_mass)
+
+
+def fixed_dashpot(damping_ratio: Quantity, stiffness: Quantity, mass: Quantity) -> Quantity:
+    """The damping b = 2 zeta sqrt(K M) of the bare beam, N s/m, which stays when end mass is added."""
+    return 2 * damping_ratio * (stiffness * mass) ** 0.5
+
+
+def lumped_beam(record: Beam, name: str = "beam") -> LumpedBeam:
+    """Lump one beam; a measured figure wins over the one its geometry gives."""
+    stiffness, mass = record.stiffness_N_per_m, record.effective_mass_kg
+    notes: list[str] = []
+    if (
+        record.width_m is not None
+        and record.wall_m is not None
+        and record.free_length_m is not None
+        and record.material
+    ):
+        tube = (record.width_m, record.wall_m, record.corner_radius_m, record.free_length_m, record.end_mass_kg)
+        computed_stiffness, computed_mass = map(float, beam_figures(material(record.material), *tube))
+        if stiffness is not None:
+            notes.append(
+                f"{name}: measured stiffness {stiffness:.6g} N/m used, geometry gives {computed_stiffness:.6g} N/m"
+            )
+        if mass is not None:
+            notes.append(f"{name}: measured effective mass {mass:.4g} kg used, geometry gives {computed_mass:.4g} kg")
+        stiffness = computed_stiffness if stiffness is None else stiffness
+        mass = computed_mass if mass is None else mass
+    if stiffness is None or mass is None:  # a Beam record is validated to have one or the other
+        raise ValueError(f"{name} has neither lumped figures nor geometry")
+    return LumpedBeam(stiffness, mass, fixed_dashpot(record.damping_ratio, stiffness, mass), tuple(notes))
+
+
+def hydraulic_figures(actuator: Actuator, valve: Servovalve, sensor: Sensor) -> dict[str, float]:
+    """Figures of everything but the beams, named and ordered as in `beamdesign.parameters.PARAMETERS`."""
+    records = {"actuator": actuator, "servovalve": valve, "sensor": sensor}
+    found = {}
+    for name, row in PARAMETERS.items():
+        table, key = row.place.split(".")
+        if table in records:
+            found[name] = row.factor * (getattr(records[table], key) or 0.0)
+    return found
+
+
+def figures(prototype: Prototype) -> dict[str, float]:
+    """Figures of the linear model, in the order of `beamdesign.parameters.PARAMETERS` less the end masses.
+
+    SI units: N/m, kg, N s/m, m2, m3/s/A, m3/s/Pa, rad/s, V/m. Without a sensor filter its frequency is 0 and unused.
+    """
+    outer = lumped_beam(prototype.outer_beam, "outer_beam")
+    inner = lumped_beam(prototype.inner_beam, "inner_beam")
+    beams = {
+        "outer_stiffness": outer.stiffness,
+        "outer_mass": outer.mass,
+        "outer_damping": outer.damping,
+        "inner_stiffness": inner.stiffness,
+        "inner_mass": inner.mass,
+        "inner_damping": inner.damping,
+    }
+    return beams | hydraulic_figures(prototype.actuator, prototype.servovalve, prototype.sensor)
+
+
+def notes(prototype: Prototype) -> tuple[str, ...]:
+    """Which measured figures have replaced computed ones, in words for a report."""
+    outer = lumped_beam(prototype.outer_beam, "outer_beam")
+    inner = lumped_beam(prototype.inner_beam, "inner_beam")
+    return outer.notes + inner.notes

@@ -1,1 +1,0 @@
-"""Studies: a design problem carried through sizing, tuning and certification."""

@@ -1,0 +1,290 @@
+"""One case of a sweep: its whole inputs, the code that it rests on, and the address under which its result is kept.
+
+The digest of code is of the source files that a task's function can reach by imports. Only those files count, so that a
+change of the command line or of a report leaves results valid. Imports inside functions count too, and so do the data
+files beside the modules (alloys, stock sizes).
+"""
+
+import ast
+import hashlib
+import json
+import time
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from beamdesign import records
+from beamdesign.json_text import finite
+from beamdesign.records import InputError, Problem, Record
+from beamdesign.sweep.tasks import TASKS, Answer, Task, of_all
+
+Status = Literal["done", "no", "refused", "failed"]
+"""The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
+
+_SHORT = 12
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case.
+
+    Attributes:
+        task: its name.
+        document: study or prototype as tables, the varied values put in.
+        options: of the task, likewise.
+        varied: the varied values by key, for tables and comparisons.
+        inputs_sha256: digest of task, document and options as the task reads them, defaults filled in.
+        code_sha256: digest of the code that the task reaches.
+        problems: with its inputs, as far as they are known without computing; such a case is refused.
+    """
+
+    task: str
+    document: dict[str, Any]
+    options: dict[str, Any]
+    varied: dict[str, Any]
+    inputs_sha256: str
+    code_sha256: str
+    problems: tuple[Problem, ...] = ()
+
+    @property
+    def address(self) -> str:
+        """Name of its result: a digest of inputs and code."""
+        return address_of(self.inputs_sha256, self.code_sha256)
+
+
+def address_of(inputs_sha256: str, code_sha256: str) -> str:
+    """Name of the result of inputs and code, by the digests of both."""
+    return hashlib.sha256(f"{inputs_sha256} {code_sha256}".encode()).hexdigest()
+
+
+def case(task: str, document: Mapping[str, Any], options: Mapping[str, Any], varied: Mapping[str, Any]) -> Case:
+    """A case; inputs that no record accepts have an address too, since their refusal is a result."""
+    document, options = dict(document), dict(options)
+    problems: tuple[Problem, ...] = ()
+    try:
+        read = [part.model_dump(mode="json") for part in parsed(task, document, options)]
+    except InputError as error:
+        read, problems = [finite(document), finite(options)], tuple(error.problems)
+    return Case(
+        task,
+        finite(document),
+        finite(options),
+        finite(varied),
+        _digest(task, *map(_text, read)),
+        code_digest(TASKS[task].place),
+        problems,
+    )
+
+
+def parsed(task: str, document: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[Record, Record]:
+    """The records that a task is given.
+
+    Raises:
+        InputError: with everything that is wrong with both, keys of the options under `options`.
+    """
+    asked, found, problems = TASKS[task], [], []
+    for table, record, before in ((document, asked.record, ""), (options, asked.options, "options.")):
+        try:
+            found.append(records.parse(record, dict(table), task))
+        except InputError as error:
+            problems += [Problem(before + key, reason) for key, reason in error.problems]
+    if not problems:
+        problems += asked.lacks(found[0])
+    if problems:
+        raise InputError(task, problems)
+    return found[0], found[1]
+
+
+def inputs_hold(task: str, document: Mapping[str, Any], options: Mapping[str, Any], inputs_sha256: str) -> bool:
+    """Whether a digest is that of a case's inputs, as its task reads them or, where it does not, as they stand."""
+    given = _text(document), _text(options)
+    read = _as_read(TASKS[task].record, given[0]), _as_read(TASKS[task].options, given[1])
+    return any(_digest(task, *texts) == inputs_sha256 for texts in (read, given))
+
+
+@lru_cache(maxsize=64)  # cases of a sweep over options share their document
+def _as_read(record: type[Record], text: str) -> str:
+    """Tables as a record has them, defaults filled in; nothing where it does not accept them."""
+    try:
+        return _text(records.parse(record, json.loads(text), "").model_dump(mode="json"))
+    except InputError:
+        return ""
+
+
+def _text(tables: Mapping[str, Any]) -> str:
+    return json.dumps(tables, sort_keys=True, ensure_ascii=False)
+
+
+def _digest(task: str, document: str, options: str) -> str:
+    return hashlib.sha256(f'["{task}", {document}, {options}]'.encode()).hexdigest()
+
+
+def compute(found: Case) -> dict[str, Any]:
+    """Put a case through its task; whatever happens is a result.
+
+    Returns:
+        the record that is kept: inputs, status, reason, outputs, details, and how long it took.
+    """
+    begun = time.perf_counter()
+    details: dict[str, Any] = {}
+    outputs: dict[str, Any] = {}
+    try:
+        if found.problems:
+            raise InputError(found.task, found.problems)
+        record, options = parsed(found.task, found.document, found.options)
+        answer = _answer(TASKS[found.task], record, options)
+        outputs, details, reason = answer.outputs, answer.details, answer.reason
+        status = "no" if reason else "done"
+    except InputError as error:
+        status, reason = "refused", in_words(error.problems)
+    except Exception as error:  # a crash is a row of its own: the others go on
+        status, reason = "failed", f"{type(error).__name__}: {error}"
+        details = {"traceback": traceback.format_exc()}
+    return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
+
+
+def _answer(task: Task, record: Any, options: Any) -> Answer:
+    """The answer of a task; of a controller with several laws that of the stage that governs, with all in the details.
+
+    That is the first whose answer is no, else the one of the least bandwidth.
+    """
+    module, _, name = task.place.partition(":")
+    compute = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
+    if "controller" not in task.needs or record.schedule is None:
+        return compute(record, options)
+    mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
+    stages = record.stages(record.outer_end_mass_kg if mass is None else (mass, mass))
+    return of_all({stage.prototype.name: compute(stage.prototype, options) for stage in stages})
+
+
+def in_words(problems: Iterable[Problem]) -> str:
+    """Why a case is refused."""
+    return "; ".join(f"{key}: {reason}" for key, reason in problems)
+
+
+def kept(
+    found: Case, status: str, reason: str, outputs: dict[str, Any], details: dict[str, Any], seconds: float
+) -> dict[str, Any]:
+    """The record of a case as it is written to its file."""
+    return {
+        "address": found.address,
+        "inputs_sha256": found.inputs_sha256,
+        "code_sha256": found.code_sha256,
+        "task": found.task,
+        "varied": found.varied,
+        "status": status,
+        "reason": reason,
+        "outputs": outputs,
+        "details": details,
+        "document": found.document,
+        "options": found.options,
+        "seconds": round(seconds, 3),
+        "libraries": libraries(),
+    }
+
+
+def short(address: str) -> str:
+    """As much of an address as people are shown."""
+    return address[:_SHORT]
+
+
+_PACKAGE = "beamdesign"
+_ROOT = Path(__file__).parents[1]
+_LIBRARIES = ("casadi", "cvxpy", "numpy", "python-flint", "scipy")
+
+
+@cache
+def code_digest(place: str) -> str:
+    """SHA-256 over the package's source files that a function reaches, in the order of their names.
+
+    Args:
+        place: MODULE:FUNCTION, inside the package.
+    """
+    digest = hashlib.sha256()
+    files = reached(place)
+    data = sorted({path for folder in {file.parent for file in files} for path in folder.glob("*.toml")})
+    for path in (*files, *data):
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0")
+        digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def reached(place: str) -> list[Path]:
+    """Source files that a function reaches by imports inside the package, its own included, sorted.
+
+    Imports of other functions in its own file do not count. The package's own `__init__` only passes names on and is
+    left out.
+    """
+    module = place.partition(":")[0]
+    found: set[Path] = set()
+    waiting = [module, *engines(place)]
+    while waiting:
+        name = waiting.pop()
+        path = _file_of(name)
+        if path is None or path in found or path == _ROOT / "__init__.py":
+            continue
+        found.add(path)
+        waiting += _imported(path, _tree(path)) if name != module else []
+        while "." in (name := name.rpartition(".")[0]):  # a package's __init__ runs before its modules
+            waiting.append(name)
+    return sorted(found)
+
+
+def engines(place: str) -> list[str]:
+    """Modules that a function needs: what its file imports for all, and what itself does."""
+    module, _, function = place.partition(":")
+    path = _file_of(module)
+    assert path is not None
+    body = _tree(path).body
+    own = [node for node in body if isinstance(node, ast.FunctionDef) and node.name == function]
+    top = [node for node in body if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [name for name in _imported(path, ast.Module([*top, *own], [])) if _file_of(name) is not None]
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_bytes())
+
+
+def _file_of(name: str) -> Path | None:
+    """The file of a module of this package; None for a name inside a module and for other packages."""
+    head, *steps = name.split(".")
+    if head != _PACKAGE:
+        return None
+    path = _ROOT.joinpath(*steps)
+    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _imported(path: Path, tree: ast.Module) -> list[str]:
+    """Names that a tree of a file's statements imports when it runs, for types alone not among them."""
+    tests = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
+    left_out = {inside for node in tests if ast.unparse(node.test) == "TYPE_CHECKING" for inside in ast.walk(node)}
+    names: list[str] = []
+    for node in set(ast.walk(tree)) - left_out:
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    if "importlib" in names:  # modules named at run time, such as the effects: any of those beside it
+        folder = ".".join((_PACKAGE, *path.parent.relative_to(_ROOT).parts))
+        names += [f"{folder}.{other.stem}" for other in path.parent.glob("*.py")]
+    return names
+
+
+@cache
+def libraries() -> dict[str, str]:
+    """Versions of the libraries that do the arithmetic; told with each result, not part of its address."""
+    found = {}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,267 @@
+"""Methods beyond grids and samples: tolerances, worst case, sensitivity, optimisation.
+
+What spreads are the keys of a prototype's file for which its [tolerance] has a standard deviation.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, log2
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beamdesign import records
+from beamdesign.parameters import PARAMETERS
+from beamdesign.prototype import Prototype
+from beamdesign.records import InputError, Problem
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.sweep.case import Case
+from beamdesign.sweep.sampling import Plan, case_at, merged, scaled
+from beamdesign.sweep.sweep_file import Sweep
+
+CUT_SIGMAS = 4.0
+"""Draws are of a normal distribution cut off here; 6 in 100 000 would lie beyond."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure that spreads.
+
+    Attributes:
+        key: where it stands in a prototype file.
+        value: nominal; a pair for the payload range, whose ends spread together.
+        deviation: relative standard deviation.
+    """
+
+    key: str
+    value: float | tuple[float, float]
+    deviation: float
+
+    def at(self, sigmas: float) -> Any:
+        """Its value so many standard deviations off."""
+        factor = 1 + sigmas * self.deviation
+        if isinstance(self.value, tuple):
+            return [_rounded(part * factor) for part in self.value]
+        return _rounded(self.value * factor)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.12g}")
+
+
+def spreading(prototype: Prototype, instead: Mapping[str, float], sigmas: float = CUT_SIGMAS) -> tuple[Figure, ...]:
+    """The figures of a prototype that have a tolerance, each beam's own.
+
+    Lumped figures of beams that come from a geometry are spread as if measured: a measured figure wins.
+
+    Args:
+        prototype: the nominal one.
+        instead: relative standard deviations by name of [tolerance] that replace its own.
+        sigmas: largest number of deviations that will be asked for.
+
+    Raises:
+        InputError: where no figure has a tolerance, a name is unknown, or a figure would reach zero.
+    """
+    names = type(prototype.tolerance).model_fields
+    unknown = [
+        Problem(f"spread.tolerance.{n}", f"unknown; there are {', '.join(names)}") for n in instead if n not in names
+    ]
+    if unknown:
+        raise InputError(prototype.name, unknown)
+    deviation = prototype.tolerance.model_dump() | dict(instead)
+    found: list[Figure] = []
+    lumped = {name: lumped_beam(getattr(prototype, name)) for name in ("outer_beam", "inner_beam")}
+    for row in PARAMETERS.values():
+        beam = lumped.get(row.place.split(".")[0])
+        measured = {} if beam is None else {"stiffness": beam.stiffness, "effective_mass": beam.mass}
+        if (value := measured.get(row.tolerance, row.stated(prototype))) is not None:
+            found.append(Figure(row.place, value, deviation[row.tolerance]))
+    found = [figure for figure in found if figure.deviation > 0 and figure.value not in (0.0, (0.0, 0.0))]
+    if not found:
+        raise InputError(prototype.name, [Problem("tolerance", "states no standard deviation, so nothing spreads")])
+    if wide := [figure for figure in found if figure.deviation * sigmas >= 1]:
+        reason = "{:g} standard deviations of {:g} reach zero"
+        raise InputError(prototype.name, [Problem(f.key, reason.format(sigmas, f.deviation)) for f in wide])
+    return tuple(found)
+
+
+def varied_at(figures: Sequence[Figure], sigmas: np.ndarray) -> dict[str, Any]:
+    """Values by key, each figure so many standard deviations off; (n,)."""
+    return {figure.key: figure.at(float(z)) for figure, z in zip(figures, sigmas, strict=True)}
+
+
+def drawn(figures: Sequence[Figure], count: int, seed: int) -> np.ndarray:
+    """(count, n) independent draws in standard deviations, for shares of which binomial bounds hold."""
+    return from_unit(np.random.default_rng(seed).random((count, len(figures))))
+
+
+def from_unit(unit: np.ndarray) -> np.ndarray:
+    """Standard deviations of the cut normal distribution from shares between 0 and 1."""
+    from scipy.stats import truncnorm
+
+    return np.asarray(truncnorm.ppf(unit, -CUT_SIGMAS, CUT_SIGMAS))
+
+
+Evaluate = Callable[[Sequence[Case]], list[dict[str, Any]]]
+
+_DIFFERENCE = 0.05
+"""Step of a difference quotient, in standard deviations."""
+
+
+def figures_of(sweep: Sweep, base: Mapping[str, Any], path: Path) -> tuple[Figure, ...]:
+    """The figures that a sweep over tolerances spreads.
+
+    Raises:
+        InputError: where the base is no prototype or states no tolerance.
+    """
+    source = path.parent / sweep.study.base
+    prototype = records.parse(Prototype, dict(base), source)
+    worst = sweep.study.method == "worst_case"
+    try:
+        return spreading(prototype, sweep.spread.tolerance, *((sweep.spread.sigmas,) if worst else ()))
+    except InputError as error:
+        raise InputError(source, error.problems) from None
+
+
+def laid_out(sweep: Sweep, base: Mapping[str, Any], path: Path, limit: int | None) -> tuple[tuple[Case, ...], int]:
+    """Cases that are known beforehand, and how many there will be at most.
+
+    Raises:
+        InputError: where the base has nothing that spreads, or SALib is not installed and is needed.
+    """
+    if sweep.study.method == "optimise":
+        assert sweep.optimise is not None
+        return (), _generations(sweep, limit) * sweep.optimise.population
+    figures = figures_of(sweep, base, path)
+    if sweep.study.method == "worst_case":
+        return (), limit or (1 + len(figures)) * sweep.spread.rounds
+    if sweep.study.method == "tolerance":
+        sigmas = drawn(figures, limit or sweep.study.cases, sweep.study.seed)
+    else:
+        try:
+            sigmas = saltelli(len(figures), limit or sweep.study.cases, sweep.study.seed)
+        except ModuleNotFoundError:
+            words = "SALib is not installed: pip install 'beamdesign[sensitivity]'"
+            raise InputError(path, [("study.method", words)]) from None
+    cases = tuple(case_at(sweep, base, varied_at(figures, row)) for row in sigmas)
+    return cases, len(cases)
+
+
+def saltelli(dimensions: int, cases: int, seed: int) -> np.ndarray:
+    """(k, dimensions) samples in standard deviations from which SALib works out Sobol indices; k at most `cases`.
+
+    Saltelli's scheme takes N (D + 2) samples for first-order and total indices, N a power of two of at least 2.
+    """
+    from SALib.sample import sobol
+
+    power = max(1, floor(log2(max(2, cases // (dimensions + 2)))))
+    problem = {"num_vars": dimensions, "names": [str(k) for k in range(dimensions)], "bounds": [[0, 1]] * dimensions}
+    return from_unit(np.clip(sobol.sample(problem, 2**power, calc_second_order=False, seed=seed), 1e-9, 1 - 1e-9))
+
+
+def adapt(laid: Plan, evaluate: Evaluate) -> None:
+    """Carry out a method whose cases follow from earlier ones; it is deterministic, and so resumes from the store."""
+    if laid.sweep.study.method == "optimise":
+        _optimise(laid, evaluate)
+    else:
+        _worst_case(laid, evaluate)
+
+
+def _generations(sweep: Sweep, limit: int | None) -> int:
+    assert sweep.optimise is not None
+    most = sweep.optimise.generations + 1  # the first is the initial population
+    return most if limit is None else max(1, min(most, limit // sweep.optimise.population))
+
+
+def _optimise(laid: Plan, evaluate: Evaluate) -> None:
+    """Differential evolution (Storn and Price, 1997), one generation at a time so that workers share it."""
+    from scipy.optimize import differential_evolution
+    from scipy.stats import qmc
+
+    sweep, asked = laid.sweep, laid.sweep.optimise
+    assert asked is not None
+
+    def costs(unit: np.ndarray) -> np.ndarray:
+        rows = evaluate([case_at(sweep, laid.base, varied_in(sweep, row)) for row in unit])
+        return np.array([cost(row, asked.output, asked.goal == "maximise") for row in rows])
+
+    dimensions, generations = len(sweep.vary), _generations(sweep, laid.limit)
+    start = qmc.LatinHypercube(dimensions, rng=sweep.study.seed).random(asked.population)
+    if generations == 1:
+        costs(start)
+        return
+    differential_evolution(
+        lambda columns: costs(np.atleast_2d(columns.T)),
+        [(0.0, 1.0)] * dimensions,
+        init=start,
+        maxiter=generations - 1,
+        rng=sweep.study.seed,
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        tol=1e-6,
+    )
+
+
+def varied_in(sweep: Sweep, shares: Sequence[float]) -> dict[str, Any]:
+    """Varied values at shares, 0 to 1, of the axes of a sweep."""
+    return merged([scaled(vary, float(share)) for vary, share in zip(sweep.vary, shares, strict=True)])
+
+
+NO_RESULT = 1e30
+"""Cost of a case without a result: finite, so that means over a population stay numbers."""
+
+
+def cost(row: Mapping[str, Any], output: str, largest: bool) -> float:
+    """What an optimiser minimises: the output of a case that is done, turned round where the largest is sought."""
+    value = row["outputs"].get(output)
+    if row["status"] != "done" or value is None:
+        return NO_RESULT
+    return -float(value) if largest else float(value)
+
+
+def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
+    """Search the corners of the tolerance box for the worst value: along difference quotients, then corner by corner.
+
+    An answer of no, such as a loop that is not stable, is the worst there can be and ends the search.
+    """
+    sweep, most = laid.sweep, laid.budget
+    figures = figures_of(sweep, laid.base, laid.path)
+    output, reach = sweep.spread.output or "", sweep.spread.sigmas
+    spent = 0
+
+    def badness(points: np.ndarray) -> np.ndarray:
+        nonlocal spent
+        points = points[: max(0, most - spent)]
+        spent += len(points)
+        rows = evaluate([case_at(sweep, laid.base, varied_at(figures, point)) for point in points])
+        return np.array([_badness(row, output, sweep.spread.worst == "least") for row in rows])
+
+    count = len(figures)
+    point, worst, best = np.zeros(count), np.zeros(count), -np.inf
+    for _ in range(sweep.spread.rounds):
+        steps = np.where(point > 0, -_DIFFERENCE, _DIFFERENCE)
+        found = badness(np.vstack([point, point + np.diag(steps)]))
+        if len(found) and found[0] > best:
+            worst, best = point, found[0]
+        if len(found) < count + 1 or found.max() >= NO_RESULT:
+            return
+        corner = np.where((found[1:] - found[0]) / steps >= 0, reach, -reach)
+        if np.array_equal(corner, point) or found[0] < best:
+            break
+        point = corner
+    while spent < most:  # the slopes at a corner may mislead: try its neighbours
+        flipped = np.tile(worst, (count, 1))
+        flipped[np.arange(count), np.arange(count)] *= -1
+        found = badness(flipped)
+        if not len(found) or found.max() >= NO_RESULT or found.max() <= best:
+            return
+        worst, best = flipped[int(found.argmax())], found.max()
+
+
+def _badness(row: Mapping[str, Any], output: str, least: bool) -> float:
+    """How bad a case is: worst where its answer is no; one that failed tells nothing, and is passed over."""
+    if row["status"] in ("failed", "refused"):
+        return -NO_RESULT
+    return cost(row, output, least)

@@ -1,0 +1,339 @@
+"""Pictures of a finished sweep, as its file asks for them: readable in grey, with units and limits.
+
+Stable bands over a varied figure come from the columns of a sweep's table that list their lower and upper ends.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beamdesign.report.canvas import STYLES, new_figure, save
+from beamdesign.spelling import in_plot
+from beamdesign.sweep.sweep_file import PICTURES, Picture, Sweep, value_at
+
+Row = Mapping[str, Any]
+
+
+def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Draw every picture that a sweep asks for into a folder, as PNG and SVG; one without data says so."""
+    written: list[Path] = []
+    for number, asked in enumerate(sweep.picture):
+        names = _columns(asked, *PICTURES[asked.kind][0])
+        lacking = [name for name in names if all(value_of(row, name) is None for row in records)]
+        figure = _empty(asked, lacking) if lacking else _KINDS[asked.kind](asked, records)
+        written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
+    if conclusion.get("sensitivity"):
+        written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
+    return written
+
+
+def value_of(row: Row, name: str) -> Any:
+    """A column of a row: an output, a varied key, an option, or any key of its document."""
+    if name in row["outputs"]:
+        return row["outputs"][name]
+    if name in row["varied"]:
+        return row["varied"][name]
+    return value_at({**row["document"], "options": row["options"]}, name)
+
+
+def _columns(asked: Picture, *roles: str) -> list[str]:
+    """Names of the columns of a picture, which a checked sweep has."""
+    return [getattr(asked, role) for role in roles]
+
+
+def _number(row: Row, name: str) -> Any:
+    """A column of a row where it is a number, None where it is none: a refused case may have anything there."""
+    value = value_of(row, name)
+    return value if isinstance(value, int | float) else None
+
+
+def _placed(records: Sequence[Row], *names: str) -> list[Row]:
+    """Rows that have their places along axes: numbers, or texts where no row has a number."""
+    found = list(records)
+    for name in names:
+        kind: Any = int | float if any(_number(row, name) is not None for row in found) else str
+        found = [row for row in found if isinstance(value_of(row, name), kind)]
+    return found
+
+
+def _empty(asked: Picture, lacking: Sequence[str]) -> Figure:
+    figure = new_figure(height_mm=60)
+    axes = figure.add_subplot()
+    axes.set_axis_off()
+    axes.set_title(asked.title)
+    axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
+    return figure
+
+
+def _finish(axes: Axes, asked: Picture, x: str, y: str) -> None:
+    axes.set_xlabel(in_plot(asked.x_label or words(x)))
+    axes.set_ylabel(in_plot(asked.y_label or words(y)))
+    axes.set_title(in_plot(asked.title))
+    axes.grid(True, color="0.9")
+
+
+_UNIT = re.compile(
+    r"(?P<stem>.+)_(?P<unit>(kg|Hz|mm|m[23]?|N|Pa|V|A|s|W|deg)(_per_(kg|Hz|mm|m[23]?|N|Pa|V|A|s|percent))*)"
+)
+
+
+def words(name: str) -> str:
+    """A column's name as a label: words, a comma, the unit."""
+    last = name.rpartition(".")[2].partition("[")[0]
+    parts = _UNIT.fullmatch(last)
+    if parts is None:
+        return last.replace("_", " ")
+    return f"{parts['stem'].replace('_', ' ')}, {parts['unit'].replace('_per_', '/')}"
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows by the value of the series' column, in order of first appearance."""
+    found: dict[str, list[Row]] = {}
+    for row in records:
+        label = asked.series_label or words(asked.series or "")
+        name = "" if asked.series is None else f"{label}: {_text(value_of(row, asked.series))}"
+        found.setdefault(in_plot(name), []).append(row)
+    return found
+
+
+def _lines(asked: Picture, records: Sequence[Row]) -> Figure:
+    x, y = _columns(asked, "x", "y")
+    records = _placed(records, x)
+    figure = new_figure()
+    axes = figure.add_subplot()
+    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+        there = [(value_of(row, x), _number(row, y)) for row in rows if _number(row, y) is not None]
+        style: dict[str, Any] = STYLES[k % len(STYLES)]
+        axes.plot(
+            *zip(*sorted(there), strict=True) if there else ((), ()), marker="o", ms=4, label=name or None, **style
+        )
+    missing = [value_of(row, x) for row in records if _number(row, y) is None]
+    if missing:
+        axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
+    if asked.limit is not None:
+        axes.axhline(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=f"limit {asked.limit:g}")
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend()
+    _finish(axes, asked, x, y)
+    return figure
+
+
+def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
+    x, y = _columns(asked, "x", "y")
+    names = [in_plot(_text(value_of(row, x))) for row in records]
+    heights = [_number(row, y) or 0.0 for row in records]
+    figure = new_figure(height_mm=30 + 9 * len(names))
+    axes = figure.add_subplot()
+    bars = axes.barh(range(len(names)), heights, color="0.7", edgecolor="black")
+    labels = [f"{h:.4g}" if row["status"] == "done" else "no answer" for h, row in zip(heights, records, strict=True)]
+    axes.bar_label(bars, labels, padding=4)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlim(0, max([*heights, 1e-12]) * 1.2)
+    if asked.limit is not None:
+        axes.axvline(asked.limit, color="black", linestyle=(0, (1, 1)))
+    _finish(axes, asked, y, x)
+    axes.set_xlabel(in_plot(asked.x_label or words(y)))
+    axes.set_ylabel("")
+    axes.set_title("")
+    figure.suptitle(in_plot(asked.title))  # over the whole figure: names of the bars may leave little room
+    axes.grid(False, axis="y")
+    return figure
+
+
+def _map(asked: Picture, records: Sequence[Row]) -> Figure:
+    """Value of a column over two varied keys: `series` names the value here; a cross is a no."""
+    x, y, value = _columns(asked, "x", "y", "series")
+    records = _placed(records, x, y)
+    there = [row for row in records if _number(row, value) is not None]
+    figure = new_figure()
+    axes = figure.add_subplot()
+    shown = axes.scatter(
+        [value_of(row, x) for row in there],
+        [value_of(row, y) for row in there],
+        c=[float(value_of(row, value)) for row in there],
+        cmap="gray_r",
+        edgecolor="black",
+        marker="s",
+        s=60,
+    )
+    no = [row for row in records if row not in there]
+    axes.plot([value_of(row, x) for row in no], [value_of(row, y) for row in no], "x", color="0.4", label="no")
+    figure.colorbar(shown, label=in_plot(words(value)))
+    if no:
+        axes.legend()
+    _finish(axes, asked, x, y)
+    return figure
+
+
+_SHADES = ("0.9", "0.75", "0.6", "0.45", "0.3")
+
+
+def _stable(axes: Axes, rows: Sequence[Row], x: str, columns: tuple[str, str], name: str, number: int) -> None:
+    """What two columns of lower and upper ends say is stable over x."""
+    at = [float(value_of(row, x)) for row in rows]
+    low, high = ([value_of(row, end) for row in rows] for end in columns)
+    plot_stable_bands(axes, at, low, high, name, STYLES[number % len(STYLES)], _SHADES[number % len(_SHADES)])
+
+
+def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
+    """Stable zeros over the pole, per gain; every edge is exact at each pole, and joined by straight lines."""
+    (x,) = _columns(asked, "x")
+    records = _placed(records, x)
+    figure = new_figure()
+    axes = figure.add_subplot()
+    highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
+    for k, (name, rows) in enumerate(_groups(asked, records).items()):
+        _stable(axes, rows, x, ("stable_zero_from_Hz", "stable_zero_to_Hz"), name or "stable", k)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
+    axes.legend(loc="lower right")
+    _finish(axes, asked, x, "zero frequency, Hz")
+    axes.set_ylabel(in_plot(asked.y_label or "zero frequency, Hz"))
+    return figure
+
+
+def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
+    """Stable outer masses over the inner one, and the frequencies at which the loop oscillates at the edges."""
+    (x,) = _columns(asked, "x")
+    records = _placed(records, x)
+    figure = new_figure(height_mm=150)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
+    for row in records:
+        masses, frequencies = row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ())
+        for mass, frequency in zip(masses, frequencies, strict=True):
+            if frequency is not None:
+                lower.plot(
+                    value_of(row, x), frequency, marker="o" if mass < 5 else "s", ms=4, color="black", mfc="white"
+                )
+    lower.plot([], [], "o", color="black", mfc="white", label="crossing below 5 kg on the outer tip")
+    lower.plot([], [], "s", color="black", mfc="white", label="crossing at 5 kg and more")
+    lower.legend()
+    if asked.limit is not None:
+        upper.axhline(asked.limit, color="black", linestyle="--", label=f"largest payload, {asked.limit:g} kg")
+        upper.legend()
+    _finish(upper, asked, "", "")
+    upper.set_xlabel("")
+    upper.set_ylabel(in_plot(asked.y_label or "mass on the outer tip, kg"))
+    lower.set_xlabel(in_plot(asked.x_label or words(x)))
+    lower.set_ylabel("frequency, Hz")
+    lower.grid(True, color="0.9")
+    return figure
+
+
+def _histogram(asked: Picture, records: Sequence[Row]) -> Figure:
+    (x,) = _columns(asked, "x")
+    values = [_number(row, x) for row in records if _number(row, x) is not None]
+    figure = new_figure(height_mm=90)
+    axes = figure.add_subplot()
+    axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
+    if asked.limit is not None:
+        axes.axvline(asked.limit, color="black", linestyle="--", label=f"limit {asked.limit:g}")
+        axes.legend()
+    _finish(axes, asked, x, "samples")
+    return figure
+
+
+def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
+    """First-order and total indices of each output, with their half-widths of 95 %."""
+    outputs = list(dict.fromkeys(row["output"] for row in found if "total" in row))
+    figures = list(dict.fromkeys(row["figure"] for row in found))
+    figure = new_figure(height_mm=40 + 8 * len(figures) * max(1, len(outputs)))
+    for number, output in enumerate(outputs):
+        axes = figure.add_subplot(max(1, len(outputs)), 1, number + 1)
+        rows = [row for row in found if row["output"] == output]
+        for shift, name, colour in ((-0.2, "first_order", "0.8"), (0.2, "total", "0.4")):
+            axes.barh(
+                [k + shift for k in range(len(rows))],
+                [row[name] for row in rows],
+                0.38,
+                xerr=[row[f"{name}_half_width"] for row in rows],
+                color=colour,
+                edgecolor="black",
+                label=name.replace("_", "-"),
+            )
+        axes.set_yticks(range(len(rows)), [row["figure"] for row in rows], fontsize=7)
+        axes.invert_yaxis()
+        axes.set_xlabel(f"share of the variance of: {words(output)} (sampled, bars of 95 %)")
+        axes.axvline(0, color="black", linewidth=0.8)
+        axes.legend()
+    return figure
+
+
+_KINDS: dict[str, Callable[[Picture, Sequence[Row]], Figure]] = {
+    "lines": _lines,
+    "bars": _bars,
+    "map": _map,
+    "lag_breaks": _lag_breaks,
+    "end_masses": _end_masses,
+    "histogram": _histogram,
+}
+
+
+Cell = str | Sequence[float] | None
+"""What a column says of one row: "0; 2.5" in a table, a list in a record; nothing or empty where no band is stable."""
+
+
+def ends(cell: Cell) -> tuple[float, ...]:
+    """The figures that a cell lists.
+
+    Raises:
+        ValueError: for text that is no list of numbers.
+    """
+    if isinstance(cell, str):
+        return tuple(float(part) for part in cell.split(";") if part.strip())
+    # A missing cell is None in a record, and a float that is not a number in some tables.
+    return () if cell is None or isinstance(cell, float) else tuple(float(value) for value in cell)
+
+
+def plot_stable_bands(
+    axes: Axes,
+    x: Sequence[float],
+    low: Sequence[Cell],
+    high: Sequence[Cell],
+    label: str,
+    style: dict[str, Any],
+    shade: str = "0.85",
+) -> Axes:
+    """Fill what is stable over x; ends are exact at each x and joined by straight lines between neighbours.
+
+    Args:
+        axes: drawn on.
+        x: the varied figure, one per row in any order.
+        low: lower ends of the bands at each x.
+        high: upper ends, as many.
+        label: in the legend.
+        style: colour and line style of the edges, such as one of `canvas.STYLES`.
+        shade: of the filling.
+
+    Raises:
+        ValueError: where a row has not as many upper ends as lower ones.
+    """
+    rows = sorted(
+        (float(at), list(zip(ends(below), ends(above), strict=True)))
+        for at, below, above in zip(x, low, high, strict=True)
+    )
+    for count, run in groupby(rows, key=lambda row: len(row[1])):
+        # Bands are joined only between neighbours that have equally many: elsewhere one begins or ends in between.
+        at, bands = zip(*run, strict=True)
+        for k in range(count):
+            bottom, top = zip(*(found[k] for found in bands), strict=True)
+            axes.fill_between(at, bottom, top, color=shade, linewidth=0)
+            if len(at) == 1:  # no width to fill: a line from end to end shows it
+                axes.plot(at * 2, bottom + top, **style)
+                continue
+            axes.plot(at, bottom, **style)
+            axes.plot(at, top, **style)
+    axes.fill_between([], [], color=shade, edgecolor=style.get("color"), label=label, linestyle=style.get("linestyle"))
+    return axes

@@ -1,0 +1,334 @@
+"""The file of a sweep: what is computed, from which base, over which values of which keys."""
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field, FiniteFloat
+
+from beamdesign import records
+from beamdesign.prototype import Prototype
+from beamdesign.quantities import RelativeStd
+from beamdesign.records import FileName, InputError, Positive, Problem, Record, nested_records
+from beamdesign.sweep.tasks import TASKS, Kind, Task
+
+SAMPLED = ("latin_hypercube", "sobol")
+Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "worst_case", "sensitivity"]
+
+
+class Work(Record):
+    """What every case is put through."""
+
+    task: Annotated[str, Field(description="what is computed per case, one of beamdesign.sweep.tasks")]
+    base: Annotated[FileName, Field(min_length=1, description="study or prototype file, from this file's folder")]
+    method: Annotated[Method, Field(description="how the cases are chosen")] = "grid"
+    cases: Annotated[int, Field(ge=1, le=1_000_000, description="how many samples; of grids every point is taken")] = 64
+    seed: Annotated[int, Field(ge=0, description="of the samples and of the optimiser")] = 0
+
+
+class Along(Record):
+    """Values of a key that goes along with the varied one."""
+
+    values: Annotated[tuple[Any, ...] | None, Field(description="as many as the varied key has")] = None
+    times: Annotated[FiniteFloat | None, Field(description="factor on the varied key's value")] = None
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """One of the two."""
+        if (table.get("values") is None) == (table.get("times") is None):
+            yield Problem("", "give either values or times")
+
+
+class Vary(Record):
+    """One axis: values of a key, and of those that go along with it."""
+
+    key: Annotated[str, Field(min_length=1, description="dotted key, such as payload.outer_end_mass_kg[1]")]
+    values: Annotated[tuple[Any, ...] | None, Field(min_length=1, description="every value")] = None
+    low: Annotated[FiniteFloat | None, Field(description="least value")] = None
+    high: Annotated[FiniteFloat | None, Field(description="largest value")] = None
+    count: Annotated[int, Field(ge=2, le=100_000, description="how many from low to high, in a grid")] = 5
+    spacing: Annotated[Literal["linear", "logarithmic"], Field(description="of the values from low to high")] = "linear"
+    along: Annotated[dict[str, Along], Field(description="keys that change together with this one")] = Field(
+        default_factory=dict
+    )
+
+    @classmethod
+    def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
+        """Values or a range; as many values along as there are here."""
+        ends = table.get("low"), table.get("high")
+        if table.get("values") is None:
+            if None in ends:
+                yield Problem("", "give values, or low and high")
+            elif (pair := records.numbers(table, "low", "high")) and pair[0] >= pair[1]:
+                yield Problem("low", f"{pair[0]:g} is not below high, {pair[1]:g}")
+            elif pair and table.get("spacing") == "logarithmic" and pair[0] <= 0:
+                yield Problem("low", f"must be greater than 0 where the spacing is logarithmic, is {pair[0]:g}")
+        elif ends != (None, None):
+            yield Problem("", "give either values, or low and high")
+        own, along = table.get("values"), table.get("along")
+        for name, other in along.items() if isinstance(along, Mapping) else ():
+            listed = other.get("values") if isinstance(other, Mapping) else None
+            if isinstance(listed, tuple) and (not isinstance(own, tuple) or len(own) != len(listed)):
+                wanted = f"{len(own)} values" if isinstance(own, tuple) else "times: there are no values to go along"
+                yield Problem(f"along.{name}", f"holds {len(listed)} values, expected {wanted}")
+
+
+class Optimise(Record):
+    """What the method `optimise` is after; cases are found by differential evolution over the varied ranges."""
+
+    output: Annotated[str, Field(min_length=1, description="column of the table")]
+    goal: Annotated[Literal["minimise", "maximise"], Field(description="which way")] = "minimise"
+    generations: Annotated[int, Field(ge=1, le=10_000, description="how often the population is renewed")] = 20
+    population: Annotated[int, Field(ge=5, le=10_000, description="cases per generation")] = 16
+
+
+class Demand(Record):
+    """A limit of an output column: together they are the specification whose yield is told."""
+
+    at_least: Annotated[FiniteFloat | None, Field(description="least value of the column that meets it")] = None
+    at_most: Annotated[FiniteFloat | None, Field(description="largest value of the column that meets it")] = None
+    equals: Annotated[bool | str | None, Field(description="value of the column that meets it")] = None
+
+
+class Spread(Record):
+    """How figures spread about those of the base: its [tolerance], as standard deviations."""
+
+    sigmas: Annotated[Positive, Field(le=10, description="half-width of the box of a worst case")] = 3.0
+    confidence: Annotated[Positive, Field(lt=1, description="of the bounds on the yield")] = 0.95
+    output: Annotated[str | None, Field(description="column whose worst case is sought")] = None
+    worst: Annotated[Literal["least", "largest"], Field(description="which end of it is the bad one")] = "least"
+    rounds: Annotated[int, Field(ge=1, le=100, description="of the search for the worst case")] = 8
+    outputs: Annotated[tuple[str, ...], Field(description="columns whose sensitivity is told")] = ()
+    tolerance: Annotated[
+        dict[str, RelativeStd], Field(description="relative standard deviations in place of the base's")
+    ] = Field(default_factory=dict)
+
+
+_FIGURES: tuple[Kind, ...] = ("numbers", "yes or no")
+_ANY: tuple[Kind, ...] = (*_FIGURES, "text")
+
+PICTURES: dict[str, tuple[dict[str, tuple[Kind, ...]], tuple[str, ...]]] = {
+    "lines": ({"x": _ANY, "y": _FIGURES}, ()),
+    "bars": ({"x": _ANY, "y": _FIGURES}, ()),
+    "map": ({"x": _ANY, "y": _ANY, "series": _FIGURES}, ()),
+    "lag_breaks": ({"x": ("numbers",)}, ("stable_zero_from_Hz", "stable_zero_to_Hz")),
+    "end_masses": (
+        {"x": ("numbers",)},
+        ("stable_from_kg", "stable_to_kg", "crossings_kg", "crossing_frequencies_Hz"),
+    ),
+    "histogram": ({"x": _FIGURES}, ()),
+}
+"""Of each kind of picture: the columns that it is told, with what they may hold, and the lists that it draws."""
+
+
+class Picture(Record):
+    """What is drawn of the finished table."""
+
+    kind: Annotated[
+        Literal["lines", "bars", "map", "lag_breaks", "end_masses", "histogram"], Field(description="what it shows")
+    ]
+    x: Annotated[str | None, Field(description="column along the horizontal axis")] = None
+    y: Annotated[str | None, Field(description="column along the vertical axis")] = None
+    series: Annotated[str | None, Field(description="column whose values get a curve each")] = None
+    title: Annotated[str, Field(description="above the picture")] = ""
+    x_label: Annotated[str, Field(description="of the horizontal axis; none: the column's name")] = ""
+    y_label: Annotated[str, Field(description="of the vertical axis; none: the column's name")] = ""
+    series_label: Annotated[str, Field(description="before the value in the legend")] = ""
+    limit: Annotated[FiniteFloat | None, Field(description="value of y at which a line is drawn")] = None
+
+
+class Sweep(Record):
+    """A whole sweep file."""
+
+    name: Annotated[
+        str, Field(min_length=1, pattern=r"^[^/\\]+$", description="what the sweep is called; also of its files")
+    ]
+    study: Work
+    vary: tuple[Vary, ...] = ()
+    options: dict[str, Any] = Field(default_factory=dict, description="options of the task")
+    optimise: Optimise | None = None
+    spread: Spread = Spread()
+    specification: dict[str, Demand] = Field(default_factory=dict)
+    picture: tuple[Picture, ...] = ()
+
+
+def read_sweep(path: str | Path) -> Sweep:
+    """Read a sweep file and check task, method and every key that it varies.
+
+    Raises:
+        InputError: naming file, key and reason of everything wrong with it.
+    """
+    sweep = records.parse(Sweep, records.read_table(path), path)
+    if problems := list(_problems(sweep)):
+        raise InputError(path, problems)
+    return sweep
+
+
+def task_of(sweep: Sweep) -> Task:
+    """The task that a checked sweep names."""
+    return TASKS[sweep.study.task]
+
+
+def _problems(sweep: Sweep) -> Iterator[Problem]:
+    task, method = TASKS.get(sweep.study.task), sweep.study.method
+    if task is None:
+        yield Problem("study.task", f"unknown task {sweep.study.task!r}; there are {', '.join(TASKS)}")
+        return
+    known = known_keys(task.record) | {f"options.{key}": size for key, size in known_keys(task.options).items()}
+    seen: set[str] = set()
+    for number, vary in enumerate(sweep.vary, 1):
+        for key in (vary.key, *vary.along):
+            where = f"vary {number}: {key}"
+            if reason := wrong_key(key, known):
+                yield Problem(where, reason)
+            elif key in seen:
+                yield Problem(where, "is varied twice")
+            seen.add(key)
+        if method == "optimise" and vary.values is not None:
+            yield Problem(f"vary {number}: {vary.key}", "an optimiser needs low and high, not values")
+    for name in sweep.options:
+        if reason := wrong_key(f"options.{name}", known):
+            yield Problem(f"options.{name}", reason.replace("options.", ""))
+    yield from _column_problems(sweep, task, known)
+    if method == "optimise" and (sweep.optimise is None or not sweep.vary):
+        yield Problem("optimise", "missing: which output to minimise or maximise, and at least one [[vary]]")
+    if method in ("tolerance", "worst_case", "sensitivity"):
+        if task.record is not Prototype:
+            yield Problem("study.method", f"{method} needs a task on prototypes, {sweep.study.task} works on studies")
+        if sweep.vary:
+            yield Problem("vary", f"{method} varies the figures of [tolerance]; leave [[vary]] out")
+    elif not sweep.vary and method in SAMPLED:
+        yield Problem("vary", f"missing: {method} needs at least one key to vary")
+    if method == "worst_case" and sweep.spread.output is None:
+        yield Problem("spread.output", "missing: the column whose worst case is sought")
+    if method == "sensitivity" and not sweep.spread.outputs:
+        yield Problem("spread.outputs", "missing: the columns whose sensitivity is told")
+
+
+def _column_problems(sweep: Sweep, task: Task, known: Mapping[str, int]) -> Iterator[Problem]:
+    """What is wrong with the columns that a sweep names, by what its task gives."""
+    of_numbers = [("spread.outputs", name) for name in sweep.spread.outputs]
+    of_numbers += [("spread.output", sweep.spread.output)] if sweep.spread.output is not None else []
+    of_numbers += [("optimise.output", sweep.optimise.output)] if sweep.optimise is not None else []
+    for key, name in of_numbers:
+        yield from _no_column(key, name, task, ("numbers",))
+    for name, demand in sweep.specification.items():
+        limits = demand.at_least is not None or demand.at_most is not None
+        kinds = _ANY if demand.equals is None else ("text",) if isinstance(demand.equals, str) else ("yes or no",)
+        yield from _no_column("specification", name, task, ("numbers",) if limits else kinds)
+    for number, picture in enumerate(sweep.picture, 1):
+        roles, lists = PICTURES[picture.kind]
+        for role in ("x", "y", "series"):
+            name, key = getattr(picture, role), f"picture {number}: {role}"
+            if name is None and role in roles:
+                yield Problem(key, f"missing: a picture of kind {picture.kind!r} needs it")
+            elif name is not None and (name in task.columns or wrong_key(name, known)):
+                yield from _no_column(key, name, task, roles.get(role, _ANY))
+        for name in lists:
+            yield from _no_column(f"picture {number}: kind {picture.kind!r}", name, task, ("lists",))
+
+
+def _no_column(key: str, name: str, task: Task, kinds: tuple[Kind, ...]) -> Iterator[Problem]:
+    """Why a name is no column that holds what is asked for."""
+    there = [column for column, kind in task.columns.items() if kind in kinds]
+    if name not in there:
+        holds = f"holds {task.columns[name]}" if name in task.columns else "is no output"
+        choice = f"outputs that hold {' or '.join(kinds)} are {', '.join(there)}" if there else "there is none such"
+        yield Problem(key, f"{name} {holds}; {choice}")
+
+
+_STEP = re.compile(r"(?P<key>[^\[\]]+)(?:\[(?P<entry>\d+)\])?\Z")
+
+
+def known_keys(record: type[Record]) -> dict[str, int]:
+    """Every dotted key of a record type, tables included, with how many entries its list has (0 for no list).
+
+    The keys of effects are those of the effect library.
+    """
+    found = dict(_walk(record, ""))
+    if "effects" in record.model_fields:
+        from beamdesign.plant.effects import library
+
+        for name, effect in library().items():
+            found[f"effects.{name}"] = 0
+            found |= {f"effects.{name}.{parameter.name}": 0 for parameter in effect.parameters}
+    return found
+
+
+def _walk(record: type[Record], before: str) -> Iterator[tuple[str, int]]:
+    for name, field in record.model_fields.items():
+        yield before + name, _entries(field.annotation)
+        for nested in nested_records(field.annotation):
+            yield from _walk(nested, f"{before}{name}.")
+
+
+def _entries(annotation: Any) -> int:
+    """Entries of a tuple of fixed length somewhere in an annotation; 0 where there is none."""
+    if getattr(annotation, "__origin__", None) is tuple:
+        return len(get_args(annotation))
+    return max((_entries(part) for part in get_args(annotation)), default=0)
+
+
+def wrong_key(key: str, known: Mapping[str, int]) -> str:
+    """Why a key cannot be varied, with the nearest that can; empty where it can."""
+    parts = _STEP.match(key)
+    if parts is None:
+        return "not a key; write table.key, or table.key[0] for one entry of a list"
+    name, entry = parts["key"], parts["entry"]
+    if name not in known:
+        ends: dict[str, list[str]] = {}
+        for there in known:
+            ends.setdefault(there.rpartition(".")[2], []).append(there)
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+        last = difflib.get_close_matches(name.rpartition(".")[2], ends, n=2, cutoff=0.75)
+        near = list(dict.fromkeys([*near, *(there for end in last for there in ends[end])]))[:4]
+        return "unknown key; " + (f"nearest are {', '.join(near)}" if near else "none is near it")
+    if entry is not None and int(entry) >= known[name]:
+        return f"{name} has {known[name]} entries, counted from 0" if known[name] else f"{name} is not a list"
+    return ""
+
+
+def with_value(document: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """A document with one value put under a dotted key; tables on the way are made where they are missing.
+
+    The document itself stays as it is; what is not on the way is shared with it.
+
+    Raises:
+        ValueError: where an entry of a list is meant and there is no such list yet, or no table on the way.
+    """
+    changed = dict(document)
+    parts = _STEP.match(key)
+    assert parts is not None  # checked by `wrong_key`
+    *way, last = parts["key"].split(".")
+    table = changed
+    for step in way:
+        below = table.get(step, {})
+        if not isinstance(below, Mapping):
+            raise ValueError(f"{key}: {step} is not a table")
+        table[step] = dict(below)
+        table = table[step]
+    if parts["entry"] is None:
+        table[last] = value
+        return changed
+    listed = table.get(last)
+    if not isinstance(listed, list | tuple) or len(listed) <= int(parts["entry"]):
+        raise ValueError(f"{key}: there is no list to change one entry of; give the whole list")
+    entries = list(listed)
+    entries[int(parts["entry"])] = value
+    table[last] = entries
+    return changed
+
+
+def value_at(document: Mapping[str, Any], key: str) -> Any:
+    """The value under a dotted key, None where there is none."""
+    parts = _STEP.match(key)
+    assert parts is not None
+    value: Any = document
+    for step in parts["key"].split("."):
+        value = value.get(step) if isinstance(value, Mapping) else None
+    if parts["entry"] is not None:
+        entry = int(parts["entry"])
+        value = value[entry] if isinstance(value, list | tuple) and entry < len(value) else None
+    return value

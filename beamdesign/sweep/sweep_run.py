@@ -1,0 +1,338 @@
+"""A sweep carried out: what is kept is read, the rest computed and kept at once, so that nothing is computed twice.
+
+Everything that can be checked is checked before anything is written; the table and what goes with it change together.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from beamdesign import records
+from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
+from beamdesign.json_text import json_text
+from beamdesign.records import InputError, Problem
+from beamdesign.sweep import store, workers
+from beamdesign.sweep.case import Case, code_digest, in_words
+from beamdesign.sweep.conclusion import write_tables
+from beamdesign.sweep.sampling import Plan, case_at, points
+from beamdesign.sweep.sweep_file import Sweep, read_sweep, task_of
+
+Progress = Callable[[float, str], None]
+
+Draw = Callable[[Sweep, Sequence[dict[str, Any]], Mapping[str, Any], Path], list[Path]]
+"""Draws the pictures of a finished sweep from its rows and its conclusion into a folder; gives the files."""
+
+CONCLUSION = "conclusion.json"
+
+_SET = (store.INDEX, "table.*", "sensitivity.*", CONCLUSION, "picture.*", "picture_[0-9]*.*")
+"""Files that a run writes together, so that they are of one sweep."""
+
+ADAPTIVE = ("optimise", "worst_case")
+"""Methods whose cases follow from the results of earlier ones."""
+
+
+@dataclass
+class Progression:
+    """Evaluates cases: from the store where it has them, by workers otherwise; rows in the order of first asking.
+
+    Attributes:
+        laid: the sweep as planned.
+        folder: of the store.
+        compute: the workers.
+        told: progress.
+        again: whether rows that failed are computed again.
+        records: of the rows so far, by address, in order.
+        counts: of these by status.
+        computed: how many were computed rather than read.
+        unsound: kept results that do not hold, and are computed again.
+    """
+
+    laid: Plan
+    folder: Path
+    compute: workers.Workers
+    told: Progress
+    again: bool = False
+    records: dict[str, dict[str, Any]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    computed: int = 0
+    unsound: list[InputError] = field(default_factory=list)
+
+    def evaluate(self, cases: Sequence[Case]) -> list[dict[str, Any]]:
+        """Records of cases, in their order.
+
+        Raises:
+            InputError: where none of the cases so far has inputs that are accepted; nothing is written then.
+        """
+        if not self.records and all(one.problems for one in cases):
+            raise refusal(self.laid, cases)
+        missing: dict[str, Case] = {}
+        for found in cases:
+            if found.address in self.records or found.address in missing:
+                continue
+            record = self._kept(found)
+            if record is None or (self.again and record["status"] == "failed"):
+                missing[found.address] = found
+                continue
+            # The same inputs may have been reached by other varied keys.
+            self._have(found, record | {"varied": found.varied})
+        waiting = list(missing.values())
+        self._tell()
+        for place, record in self.compute(waiting) if waiting else ():
+            store.keep(self.folder, record)
+            self.computed += 1
+            self._have(waiting[place], record)
+            self._tell()
+        for found in cases:  # finished in any order, they stand in that of asking
+            self.records[found.address] = self.records.pop(found.address)
+        return [self.records[found.address] for found in cases]
+
+    def _kept(self, found: Case) -> dict[str, Any] | None:
+        try:
+            return store.kept(self.folder, found.address, found)
+        except InputError as error:
+            if not Path(error.source).is_file():  # a folder or a pipe, which no result can replace
+                raise
+            self.unsound.append(error)
+            return None
+
+    def _have(self, found: Case, record: dict[str, Any]) -> None:
+        self.records[found.address] = record
+        self.counts[record["status"]] += 1
+
+    def _tell(self) -> None:
+        words = ", ".join(f"{count} {status}" for status, count in self.counts.items() if status != "done")
+        done, budget = len(self.records), self.laid.budget
+        self.told(min(1.0, done / max(1, budget)), f"{done} of {budget}{': ' + words if words else ''}")
+
+
+@dataclass(frozen=True)
+class SweepRun:
+    """What a run gave.
+
+    Attributes:
+        folder: with everything in it.
+        records: one per row.
+        computed: how many were computed in this run; the others were kept from earlier ones.
+        complete: whether the sweep is finished; an interrupted one is not.
+        tables: files of the table.
+        files: all files of the set, the index left out.
+        conclusion: what the rows come to; of an interrupted run nothing.
+        unsound: kept results that did not hold, and were computed again.
+    """
+
+    folder: Path
+    records: tuple[dict[str, Any], ...]
+    computed: int
+    complete: bool
+    tables: tuple[Path, ...]
+    files: tuple[Path, ...]
+    conclusion: dict[str, Any]
+    unsound: tuple[InputError, ...] = ()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Rows by status."""
+        return dict(Counter(record["status"] for record in self.records))
+
+
+def plan(path: Path, limit: int | None = None) -> Plan:
+    """Read a sweep file and lay out its cases.
+
+    Args:
+        path: of the file.
+        limit: no more cases than so many.
+
+    Raises:
+        InputError: for what is wrong with the file or its base; also where no case has a base that can be read.
+    """
+    sweep = read_sweep(path)
+    base = records.read_table(path.parent / sweep.study.base)
+    if sweep.study.method in ADAPTIVE or sweep.study.method in ("tolerance", "sensitivity"):
+        from beamdesign.sweep.methods import laid_out
+
+        cases, budget = laid_out(sweep, base, path, limit)
+    else:
+        cases = _cases(sweep, base, points(sweep, limit), path)
+        budget = len(cases)
+    return Plan(path, sweep, base, cases, budget, limit)
+
+
+def _cases(sweep: Sweep, base: Mapping[str, Any], varied: Sequence[Mapping[str, Any]], path: Path) -> tuple[Case, ...]:
+    try:
+        found = tuple(case_at(sweep, base, values) for values in varied)
+    except ValueError as error:
+        raise InputError(path, [Problem("vary", str(error))]) from None
+    return tuple({one.address: one for one in found}.values())
+
+
+def default_folder(path: Path) -> Path:
+    """Where the results of a sweep file go if nothing else is said: NAME.study in the current folder."""
+    return Path(f"{path.stem}.study")
+
+
+def run_sweep(
+    laid: Plan,
+    folder: Path,
+    compute: workers.Workers = workers.here,
+    told: Progress | None = None,
+    again: bool = False,
+    draw: Draw | None = None,
+) -> SweepRun:
+    """Carry out a sweep; what an interruption leaves is a folder from which the same call goes on.
+
+    Args:
+        laid: as planned.
+        folder: of the results; made if need be.
+        compute: where the cases are computed.
+        told: progress.
+        again: compute rows again that failed.
+        draw: the pictures; none are drawn without.
+
+    Raises:
+        InputError: where every case is refused, or results that are there cannot be read; the table, if there is one,
+            stays that of the earlier run.
+        KeyboardInterrupt: after the finished rows have been written.
+    """
+    store.addresses(folder)
+    for path in (found for pattern in _SET for found in folder.glob(pattern)):
+        refuse_irreplaceable(path)
+    progression = Progression(laid, folder, compute, told or (lambda share, words: None), again)
+    try:
+        if laid.sweep.study.method in ADAPTIVE:
+            from beamdesign.sweep.methods import adapt
+
+            adapt(laid, progression.evaluate)
+        else:
+            progression.evaluate(laid.cases)
+    except KeyboardInterrupt:
+        if progression.records:
+            _written(progression, False, None)
+        raise
+    if set(progression.counts) == {"refused"}:
+        reasons = dict.fromkeys(row["reason"] for row in progression.records.values())
+        raise InputError(laid.path, _first(Problem(*reason.split(": ", 1)) for reason in reasons))
+    return _written(progression, True, draw)
+
+
+def _written(progression: Progression, complete: bool, draw: Draw | None) -> SweepRun:
+    """Write the set of files of a run, in place of that of an earlier one."""
+    laid, rows, folder = progression.laid, progression.records, progression.folder
+    order = [one.address for one in laid.cases] or list(rows)
+    found = [rows[address] for address in order if address in rows]
+    conclusion: dict[str, Any] = {}
+    if complete:
+        from beamdesign.sweep.conclusion import conclude, write_sensitivity
+
+        conclusion = conclude(laid, found)
+    with fresh_folder(folder, _SET) as fresh:
+        store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
+        tables = write_tables(fresh, found)
+        files = list(tables)
+        if conclusion:
+            files += write_sensitivity(fresh, conclusion)
+        if draw is not None:
+            files += draw(laid.sweep, found, conclusion, fresh)
+        if conclusion:
+            files.append(fresh / CONCLUSION)
+            write_whole(files[-1], json_text(conclusion))
+    return SweepRun(
+        folder,
+        tuple(found),
+        progression.computed,
+        complete,
+        tuple(settled(tables, fresh, folder)),
+        tuple(settled(files, fresh, folder)),
+        conclusion,
+        tuple(progression.unsound),
+    )
+
+
+_SHOWN = 5
+
+
+def refusal(laid: Plan, cases: Sequence[Case]) -> InputError:
+    """That none of some cases is accepted, and why; of the sweep's file where that says it, of the base otherwise."""
+    reasons = _first(problem for one in cases for problem in one.problems)
+    own = {"options", *(key for one in cases for key in one.varied)}
+    said_here = any(key in own or key.startswith("options.") for key, _ in reasons)
+    return InputError(laid.path if said_here else laid.path.parent / laid.sweep.study.base, reasons)
+
+
+def _first(problems: Iterable[Problem]) -> list[Problem]:
+    """The first few of some problems, each once, and how many more there are."""
+    each = list(dict.fromkeys(problems))
+    more = [Problem("further", f"{len(each) - _SHOWN} reasons of the same cases")] if len(each) > _SHOWN else []
+    return each[:_SHOWN] + more
+
+
+@dataclass(frozen=True)
+class SweepStatus:
+    """Where a sweep stands.
+
+    Attributes:
+        counts: finished rows by status.
+        remaining: rows to go; None where the method finds its cases as it goes and is not through.
+        seconds_left: computing time of those, from the mean of the finished ones; None where that is not known.
+        reasons: status, reason and number of the rows without a result, the most frequent first.
+        stale: results in the folder of another version of the code.
+        foreign: results of this version that are no rows of this sweep.
+        unsound: words on results that do not hold; they are not used.
+        impossible: whether no case of the sweep has inputs that are accepted.
+    """
+
+    counts: dict[str, int]
+    remaining: int | None
+    seconds_left: float | None
+    reasons: tuple[tuple[str, str, int], ...]
+    stale: int
+    foreign: int
+    unsound: tuple[str, ...]
+    impossible: bool
+
+
+def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
+    """Compare a plan with what is kept in a folder, which need not exist.
+
+    Cases whose inputs are known to be refused count as finished.
+
+    Raises:
+        InputError: where what is in the folder cannot be read.
+    """
+    cases = {one.address: one for one in laid.cases}
+    everything = store.gathered(folder, store.addresses(folder), cases)
+    code = code_digest(task_of(laid.sweep).place)
+    current = {record["address"]: record for record in everything.records if record["code_sha256"] == code}
+    addresses, complete = list(cases), True
+    if laid.sweep.study.method in ADAPTIVE:
+        index = store.read_index(folder) if everything.records else {}
+        asked = index.get("rows", [])
+        addresses = [address for address in asked if address in current]
+        complete = index.get("complete", False) and len(addresses) == len(asked)
+    rows = [current[address] for address in addresses if address in current]
+    refused = [one for address, one in cases.items() if one.problems and address not in current]
+    remaining = len(addresses) - len(rows) - len(refused) if complete else None
+    seconds = [record["seconds"] for record in rows]
+    left = remaining * sum(seconds) / len(seconds) if remaining and seconds else None
+    results = [(row["status"], row["reason"]) for row in rows] + [
+        ("refused", in_words(one.problems)) for one in refused
+    ]
+    amiss = Counter(result for result in results if result[0] != "done")
+    return SweepStatus(
+        dict(Counter(status for status, _ in results)),
+        remaining,
+        left,
+        tuple((status, reason, count) for (status, reason), count in amiss.most_common()),
+        len(everything.records) - len(current),
+        len(set(current) - set(addresses)),
+        tuple(store.in_words(everything.unsound)),
+        bool(cases) and all(one.problems for one in cases.values()),
+    )
+
+
+def finished(laid: Plan, folder: Path) -> int:
+    """How many cases of a sweep have a file in a folder; none is opened."""
+    there = store.addresses(folder)
+    rows = {one.address for one in laid.cases} or set(store.read_index(folder)["rows"] if there else ())
+    return len(rows.intersection(there))

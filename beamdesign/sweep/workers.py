@@ -1,0 +1,263 @@
+"""Where cases are computed: in this process, in others, or on a Dask cluster; what dies is tried again."""
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from math import inf
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection, wait
+from types import FrameType
+from typing import Any
+
+from beamdesign.sweep.case import Case, code_digest, compute, engines, kept
+from beamdesign.sweep.tasks import TASKS
+
+Outcome = tuple[int, dict[str, Any]]
+"""Place of a case in what was asked, and its record."""
+
+Workers = Callable[[Sequence[Case]], Iterator[Outcome]]
+"""Computes cases in any order and yields each as it is finished."""
+
+TRIES = 3
+"""How often a case is begun whose process dies, before that is its result."""
+
+CASE_SECONDS = 3600.0
+"""After which a case is given up, if nothing else is said."""
+
+_PR_SET_PDEATHSIG = 1
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def here(cases: Sequence[Case]) -> Iterator[Outcome]:
+    """Compute in this process, one after another."""
+    for place, found in enumerate(cases):
+        with _heeded():
+            record = compute(found)
+        yield place, record
+
+
+@contextmanager
+def _heeded() -> Iterator[None]:
+    """See to it that Ctrl-C ends the block: a solver may swallow it, and give what it has for a result."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        heard.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if heard:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Workers]:
+    """Compute in so many processes of this machine, which end with this one however it ends.
+
+    Args:
+        count: of processes; each is begun when there is a case for it.
+        case_seconds: after which a case is given up, and its process ended.
+    """
+    for name in _THREADS:  # one process per core is enough
+        os.environ.setdefault(name, "1")
+    free: list[_Process] = []
+    busy: list[_Process] = []
+
+    def run(cases: Sequence[Case]) -> Iterator[Outcome]:
+        waiting = deque(range(len(cases)))
+        deaths: Counter[int] = Counter()
+        while waiting or busy:
+            while waiting and len(busy) < count:
+                busy.append(free.pop() if free else _Process())
+                busy[-1].begin(waiting[0], cases[waiting.popleft()])
+            ready = _first_of(busy, case_seconds)
+            for process in list(busy):
+                place, record, lost = process.place, None, False
+                try:
+                    if process.pipe in ready:
+                        record = process.hear()
+                    elif lost := process.seconds > case_seconds:
+                        record = endless(cases[place], case_seconds)
+                except (EOFError, OSError):
+                    lost, deaths[place] = True, deaths[place] + 1
+                    if deaths[place] < TRIES:
+                        waiting.appendleft(place)
+                    else:
+                        record = dead(cases[place], TRIES)
+                if lost or record is not None:
+                    busy.remove(process)
+                    process.end() if lost else free.append(process)
+                if record is not None:
+                    yield place, record
+
+    try:
+        yield run
+    finally:
+        for process in (*free, *busy):
+            process.end()
+
+
+class _Process:
+    """A process that computes one case after another.
+
+    Attributes:
+        pipe: to it.
+        place: of the case that it is given.
+        begun: when it began that, by the monotonic clock; infinite until it has.
+    """
+
+    def __init__(self) -> None:
+        context = get_context("spawn")
+        self.pipe, its_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(its_end,), daemon=True)
+        with _deaf():
+            self._process.start()
+        its_end.close()
+
+    def begin(self, place: int, found: Case) -> None:
+        """Give it a case."""
+        self.place, self.begun = place, inf
+        with suppress(OSError):  # it has died, which shows when it is heard
+            self.pipe.send(found)
+
+    @property
+    def seconds(self) -> float:
+        """For how long it has computed its case."""
+        return time.monotonic() - self.begun
+
+    def hear(self) -> dict[str, Any] | None:
+        """The record of its case; None where it says that it begins.
+
+        Raises:
+            EOFError, OSError: where it has died.
+        """
+        record: dict[str, Any] | None = self.pipe.recv()
+        if record is None:
+            self.begun = time.monotonic()
+        return record
+
+    def end(self) -> None:
+        """End it at once, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.pipe.close()
+
+
+def _first_of(busy: Sequence[_Process], case_seconds: float) -> list[Any]:
+    """Pipes of the processes that are the first to say something; none where the time of one is over before."""
+    left = case_seconds - max(process.seconds for process in busy)
+    return wait([process.pipe for process in busy], None if left == inf else max(0.0, left))
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Begin a process that never hears of Ctrl-C, not even before its own code runs; this one hears a little later."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # else the first process begins it, which undoes the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def dead(found: Case, tried: int) -> dict[str, Any]:
+    """The record of a case whose process died each time."""
+    return kept(found, "failed", f"the process that computed it died, {tried} times", {}, {}, 0.0)
+
+
+def endless(found: Case, case_seconds: float) -> dict[str, Any]:
+    """The record of a case that took too long."""
+    reason = f"not finished after {case_seconds:g} s, the limit of --case-seconds; --again tries it once more"
+    return kept(found, "failed", reason, {}, {}, case_seconds)
+
+
+def _serve(pipe: Connection) -> None:
+    """In a process of its own: compute cases, each begun with a word, until the parent ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if sys.platform == "linux":  # the thread above waits for a solver that lets nothing else run
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    while True:
+        found: Case = pipe.recv()
+        for engine in engines(TASKS[found.task].place):  # loading them is no part of a case's time
+            with suppress(Exception):  # as told by `compute`
+                import_module(engine)
+        pipe.send(None)
+        pipe.send(compute(found))
+
+
+def _end_with_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _compute_there(found: Case) -> dict[str, Any]:
+    """In a worker of a cluster: its results count only if it has the code that they are kept under."""
+    if code_digest(TASKS[found.task].place) != found.code_sha256:
+        raise RuntimeError("another version of beamdesign is installed there than here")
+    return compute(found)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Workers]:
+    """Compute on an existing Dask cluster; results come back here and are kept here.
+
+    Args:
+        address: of its scheduler, such as tcp://host:8786.
+
+    Raises:
+        InputError: where dask.distributed is not installed, or no scheduler answers.
+    """
+    from beamdesign.records import InputError
+
+    try:
+        from distributed import Client, KilledWorker, as_completed
+    except ModuleNotFoundError:
+        raise InputError(
+            "--scheduler", [(address, "dask.distributed is not installed: pip install 'beamdesign[cluster]'")]
+        ) from None
+    try:
+        client = Client(address, timeout="5s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError("--scheduler", [(address, f"no scheduler answers there: {error}")]) from None
+
+    def run(cases: Sequence[Case]) -> Iterator[Outcome]:
+        futures = {
+            client.submit(_compute_there, found, pure=False, key=f"{found.address}-{os.urandom(4).hex()}"): place
+            for place, found in enumerate(cases)
+        }
+        try:
+            for future in as_completed(futures, loop=client.loop):
+                place = futures[future]
+                if future.status == "finished":
+                    yield place, future.result()
+                elif isinstance(error := future.exception(), KilledWorker):  # tried as often as the cluster is set to
+                    yield place, dead(cases[place], TRIES)
+                else:
+                    raise InputError("--scheduler", [(address, f"its workers cannot compute this: {error}")])
+        finally:
+            client.cancel(list(futures))
+
+    try:
+        yield run
+    finally:
+        client.close()

@@ -1,0 +1,220 @@
+"""One design problem from a study file to a certified prototype; what a robust design keeps.
+
+Of a robust design the worst rigs have a certificate each, and rigs drawn at random are decided one by one.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from beamdesign.problem import DesignProblem
+from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
+from beamdesign.proofs.certifying import certify
+from beamdesign.proofs.lyapunov import describe, stages_certificate
+from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.rig_spread import RigSpread
+from beamdesign.synthesis.sizing import Sizing, size
+from beamdesign.synthesis.tuning import Tuning, limited, tune
+
+CERTIFICATE_NAME = "certificate.toml"
+
+
+@dataclass(frozen=True)
+class DesignRun:
+    """What each step gave; a step after a failed one is None.
+
+    Attributes:
+        problem: as read from the study file.
+        sizing: sections with their checks.
+        tuning: controller and end mass with what was proved.
+        certificate: the proof, as text.
+        prototype: the result, with its guarantee; None where a step failed.
+        reason: why there is no result, empty where there is one.
+        suffix: what tells its files from those of other laws; empty where there is one law.
+        laws: of a controller with several laws the run with each, over its own payloads; `tuning` and `certificate`
+            are then those of the law of the least bandwidth, and `prototype` is with all of them.
+        changes: certificate of changes between these.
+    """
+
+    problem: DesignProblem
+    sizing: Sizing
+    tuning: Tuning | None
+    certificate: Certificate | None
+    prototype: Prototype | None
+    reason: str = ""
+    suffix: str = ""
+    laws: "tuple[DesignRun, ...]" = ()
+    changes: str = ""
+
+    @property
+    def guarantees(self) -> tuple[Guarantee, ...]:
+        """What is proved with each law over its own payloads, that of the least bandwidth first."""
+        found = [one.prototype.guarantee for one in self.laws or (self,) if one.prototype is not None]
+        return tuple(sorted((one for one in found if one is not None), key=lambda one: one.bandwidth_Hz))
+
+
+def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | None = None) -> DesignRun:
+    """Size, tune and certify.
+
+    Args:
+        problem: the design problem.
+        progress: told the share done and what is being done.
+    """
+    told = progress or (lambda fraction, text: None)
+    told(0.0, "sizing the sections")
+    sizing = size(problem)
+    if not sizing.feasible:
+        return DesignRun(problem, sizing, None, None, None, sizing.reason)
+    outer, inner = sizing.outer, sizing.inner
+    rig = problem.prototype((outer.width_m, outer.wall_m), (inner.width_m, inner.wall_m))
+    masses = problem.payload.outer_end_mass_kg
+    assert masses is not None  # a DesignProblem is validated to have the range
+    sought = problem.controller
+    tuned = tune(
+        rig.but(goal=limited(rig.goal, sought.kind)),
+        masses,
+        sought.kind,
+        progress=lambda fraction, text: told(0.2 + 0.6 * fraction, text),
+        **sought.sought,
+    )
+    if tuned.reason:
+        return DesignRun(problem, sizing, tuned, None, None, tuned.reason)
+    told(0.9, "writing the proof")
+    prototype, each = certified_laws(tuned)
+    laws = tuple(
+        DesignRun(problem, sizing, law, certificate, rig, suffix=stage.suffix)
+        for stage, law, (certificate, rig) in zip(tuned.stages, tuned.each, each, strict=True)
+    )
+    changes = tuned.switching
+    if changes is None:
+        return laws[0]
+    words = "\n".join((f"{prototype.name}: changes between its laws", *describe(changes)))
+    whole = min(laws, key=lambda one: one.guarantees[0].bandwidth_Hz)
+    reason = "" if changes.stable else f"changes between its laws are not proved: {changes.reason}"
+    proof = stages_certificate(prototype, changes, words)
+    return replace(whole, prototype=None if reason else prototype, reason=reason, laws=laws, changes=proof)
+
+
+def certified_laws(found: Tuning) -> tuple[Prototype, tuple[tuple[Certificate, Prototype], ...]]:
+    """What was tuned, and each of its laws, proved once more: `certified` over the payloads that it is for.
+
+    The certificate of a law goes by the name `CERTIFICATE_NAME`, with the suffix of its stage. The prototype states the
+    guarantee where there is one law; of several no one certificate proves all.
+    """
+    stem, end = CERTIFICATE_NAME.split(".")
+    each = [
+        certified(stage.prototype, law.best, stage.outer_end_mass_kg, f"{stem}{stage.suffix}.{end}")
+        for stage, law in zip(found.stages, found.each, strict=True)
+        if law.best is not None
+    ]
+    return found.prototype if found.laws else each[0][1], tuple(each)
+
+
+def claims_of(prototype: Prototype, proved: Proved) -> tuple[Asked, ...]:
+    """What was found of a prototype, as claims of a certificate."""
+    return (
+        Asked("peak_sensitivity", proved.peak_sensitivity),
+        Asked("compliance", prototype.goal.compliance_m_per_N, proved.bandwidth_Hz),
+        *goal_claims(prototype.goal),
+    )
+
+
+def certified(
+    prototype: Prototype, proved: Proved, masses_kg: tuple[float, float], name: str | Path = CERTIFICATE_NAME
+) -> tuple[Certificate, Prototype]:
+    """Prove what was found once more as claims of a certificate, and state them in the prototype.
+
+    Args:
+        prototype: with controller and inner end mass.
+        proved: its guaranteed figures.
+        masses_kg: the range of outer end mass.
+        name: file name under which the certificate will stand beside the prototype.
+    """
+    certificate = certify(prototype, *masses_kg, claims_of(prototype, proved))
+    return certificate, stating(prototype, certificate, masses_kg, proved.bandwidth_Hz, proved.peak_sensitivity, name)
+
+
+def stating(
+    prototype: Prototype,
+    certificate: Certificate,
+    masses_kg: tuple[float, float],
+    bandwidth_Hz: float,
+    peak_sensitivity: float,
+    name: str | Path = CERTIFICATE_NAME,
+) -> Prototype:
+    """A prototype that states what a certificate, which will stand beside it under a name, guarantees of it."""
+    guarantee = Guarantee(
+        bandwidth_Hz=bandwidth_Hz,
+        peak_sensitivity=peak_sensitivity,
+        outer_end_mass_kg=masses_kg,
+        certificate=str(name),
+        certificate_sha256=hashlib.sha256(certificate.text.encode()).hexdigest(),
+    )
+    return prototype.but(guarantee=guarantee)
+
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How many of the rigs drawn at random keep what is claimed.
+
+    Attributes:
+        count: how many were drawn.
+        kept: how many keep every limit.
+        bandwidth_kept: how many are stable and keep the compliance up to the bandwidth, whatever else they miss.
+        missed: what each of the others misses, in words.
+    """
+
+    count: int
+    kept: int
+    bandwidth_kept: int
+    missed: tuple[str, ...]
+
+    @property
+    def least_share(self) -> float:
+        """Least share of all rigs that keep the bandwidth, by Clopper and Pearson (1934), one-sided."""
+        return least_share(self.bandwidth_kept, self.count)
+
+
+def least_share(kept: int, count: int) -> float:
+    """Lower end of the one-sided confidence interval of a share, of Clopper and Pearson (Biometrika 26, 1934)."""
+    from scipy.stats import binomtest
+
+    return float(binomtest(kept, count, alternative="greater").proportion_ci(CONFIDENCE, "exact").low)
+
+
+def prove_rigs(rigs: Sequence[Prototype], proved: Proved, masses_kg: tuple[float, float]) -> list[Certificate]:
+    """Certify every rig with what is claimed of the nominal one."""
+    return [certify(rig, *masses_kg, claims_of(rig, proved)) for rig in rigs]
+
+
+def draw_rigs(
+    spread: RigSpread,
+    proved: Proved,
+    masses_kg: tuple[float, float],
+    count: int,
+    seed: int = 1,
+    inside: bool = False,
+) -> Draws:
+    """Decide in exact arithmetic whether rigs drawn from the tolerances keep what is claimed, over all masses.
+
+    Args:
+        spread: of the tuned prototype; its deviations are those of the draws, normal, whatever its sigmas.
+        inside: draw from within its sigmas instead, each of these rigs as likely as the others.
+        proved: what is claimed.
+        masses_kg: range of outer end mass.
+        count: how many rigs.
+        seed: of the draws.
+    """
+    kept, wide, missed = 0, 0, []
+    for z in spread.drawn(count, seed, inside):
+        rig = spread.rig(z)
+        found = certify(rig, *masses_kg, claims_of(rig, proved))
+        kept += found.holds
+        wide += found.stable and all(claim.holds for claim in found.claims if claim.kind == "compliance")
+        missed += [] if found.holds else [found.reason]
+    return Draws(count, kept, wide, tuple(missed))

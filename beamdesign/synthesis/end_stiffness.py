@@ -1,0 +1,270 @@
+"""The law that gives the end of a link a stiffness: the servo's command moves by the force on the tip over it.
+
+What pushes the tip is what bends the outer beam less what the cylinder holds, F = K_m x - A p_L + (M s^2 + b_m s) x.
+The first two terms, measured and behind a low-pass H, are the estimate; beam and end mass keep their inertia, which the
+estimate would need to know. With C the servo's own law and F_s its sensor's gain,
+
+    current = K C(s) [command - sensor + (F_s / k_c) H(s) (K_m x - A p_L)].
+
+At rest the servo alone moves by G0 = 1 / (K_m + A (K_q / K_pq) K F_s) per newton and follows a command but for K_m G0
+of it, so that x / F = G0 + (1 - K_m G0) / k_c. k_c is chosen to make that 1 / k_d.
+
+What is proved of a link whose end has a commanded stiffness is tracking, passivity, contact, and what can be had.
+"""
+
+from dataclasses import dataclass
+from math import inf, pi
+from typing import Literal
+
+import numpy as np
+from flint import fmpq
+
+from beamdesign.controllers import Cascade, Observer, Sensed
+from beamdesign.loop import Tip, close_loop, tip
+from beamdesign.plant.linear import Plant
+from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import Affine, exact
+from beamdesign.proofs.contact import (
+    Bouncing,
+    Contact,
+    Wall,
+    bouncing,
+    guaranteed_command_band,
+    guaranteed_stiffness_band,
+    prove_contact,
+    stiffest_wall,
+)
+from beamdesign.proofs.passivity import Environment, Passivity, active_bands, passivity, troublemaker
+from beamdesign.proofs.performance import least_of
+from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
+from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest
+from beamdesign.structure.lumped import figures
+
+SENSORS: tuple[Sensed, ...] = ("displacement_m", "load_pressure_Pa")
+
+
+@dataclass(frozen=True)
+class CompliantLaw:
+    """What a compliant controller is made of.
+
+    Attributes:
+        servo: the law that holds the tip at its command.
+        end_stiffness_N_per_m: static stiffness of the end, F / x.
+        force_filter_Hz: break of the low-pass that the estimated force goes through.
+    """
+
+    servo: Cascade
+    end_stiffness_N_per_m: float
+    force_filter_Hz: float
+
+
+def servo_stiffness(prototype: Prototype, servo: Cascade) -> float:
+    """Static stiffness of the end under a servo alone, N/m: the most that it can be given; infinite without leakage."""
+    given = figures(prototype)
+    if given["leakage"] == 0:
+        return inf
+    pressure_gain = given["flow_gain"] / given["leakage"]
+    return given["outer_stiffness"] + given["piston_area"] * pressure_gain * servo.gain_A_per_V * given["sensor_gain"]
+
+
+def least_gain(prototype: Prototype, end_stiffness: float) -> float:
+    """The gain (A/V) at which a servo alone is as stiff as this (N/m); 0 where it need not be any."""
+    given = figures(prototype)
+    per_gain = given["piston_area"] * given["flow_gain"] * given["sensor_gain"]
+    return max(end_stiffness - given["outer_stiffness"], 0.0) * given["leakage"] / per_gain
+
+
+def commanded_compliance(prototype: Prototype, law: CompliantLaw) -> float:
+    """1 / k_c, m/N: by how much the command has to move per newton for the end to have its static stiffness.
+
+    Raises:
+        ValueError: where the servo alone is not as stiff as that, or nothing is.
+    """
+    alone = 1 / servo_stiffness(prototype, law.servo)
+    if law.end_stiffness_N_per_m <= 0:
+        raise ValueError(f"a stiffness must be greater than 0, is {law.end_stiffness_N_per_m:g} N/m")
+    if law.end_stiffness_N_per_m * alone > 1:
+        raise ValueError(f"the servo alone holds {1 / alone:.4g} N/m, less than {law.end_stiffness_N_per_m:.4g} N/m")
+    return (1 / law.end_stiffness_N_per_m - alone) / (1 - figures(prototype)["outer_stiffness"] * alone)
+
+
+def controller_of(prototype: Prototype, law: CompliantLaw) -> Observer:
+    """The controller of displacement, load pressure and command: states of the servo, then the estimated force in V.
+
+    Raises:
+        ValueError: where the servo alone is not as stiff as the end is to be.
+    """
+    given, servo = figures(prototype), law.servo
+    compliance = commanded_compliance(prototype, law)
+    cutoff = 2 * pi * law.force_filter_Hz
+    a, b, c, d, _ = servo.but(gain_A_per_V=1.0).state_space()
+    n = len(b)
+    # The sensor's volts are command - e_1, so that K_m x = K_m (command - e_1) / F_s.
+    spring = given["outer_stiffness"] * compliance
+    pressure = given["sensor_gain"] * given["piston_area"] * compliance
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n], whole[n, n] = a, b[:, 0], -cutoff
+    inputs = np.zeros((n + 1, 2))
+    inputs[:n, 0] = b[:, 0]
+    inputs[n] = -cutoff * spring, cutoff * pressure
+    commanded = np.zeros(n + 1)
+    commanded[n] = cutoff * spring
+    return Observer.of(servo.gain_A_per_V, SENSORS, whole, inputs, [*c, d[0]], [d[0], 0.0], commanded)
+
+
+Need = Literal["passive", "wall", "stable"]
+NEEDS: tuple[Need, ...] = ("passive", "wall", "stable")
+"""What contact has to be, the most first: passive at the tip; stable against every wall of the range; in the air."""
+
+SHARE = 0.1
+"""How far the apparent stiffness may be from the one commanded, as a share of it, within its band."""
+
+SOFTEST_N_PER_M = 1.0
+"""Stiffness below which nothing is looked at."""
+
+
+@dataclass(frozen=True)
+class EndStiffness:
+    """What is proved of a law for every end mass of a range.
+
+    Attributes:
+        law: what the controller stands for; None where it is judged as it is.
+        end_stiffness_N_per_m: that is commanded; of a controller that commands none, its own static one.
+        stable: whether every end mass is stable without a wall.
+        static_N_per_m: F / x at rest, from the exact polynomials.
+        servo_N_per_m: static stiffness of the servo alone, the most that can be commanded.
+        band_Hz: up to which the apparent stiffness is within `SHARE` of the commanded one; 0 where not even at rest.
+        command_at_rest: share of its command that the free end moves by at rest.
+        command_Hz: up to which the free end follows its command with 0.7071 of it or more; 0 where not stable.
+        peak_sensitivity: bound of max |1 / (1 + L)|, L broken at the current; infinite where not stable.
+        passivity: of the tip.
+        troublemaker: a passive environment that makes a loop grow which is stable, but not passive.
+        contact: with the walls asked about.
+        stiffest_wall_N_per_m: up to which every wall of the range is stable with every end mass.
+        bouncing: one-sided walls that it may touch and leave.
+    """
+
+    law: CompliantLaw | None
+    end_stiffness_N_per_m: float
+    stable: bool
+    static_N_per_m: float
+    servo_N_per_m: float
+    band_Hz: float
+    command_at_rest: float
+    command_Hz: float
+    peak_sensitivity: float
+    passivity: Passivity
+    troublemaker: Environment | None
+    contact: Contact
+    stiffest_wall_N_per_m: float
+    bouncing: Bouncing
+
+    def meets(self, need: Need) -> bool:
+        """Whether contact is proved to be as asked."""
+        return self.stable and {"passive": self.passivity.holds, "wall": self.contact.holds, "stable": True}[need]
+
+
+def sensed(prototype: Prototype) -> Plant:
+    """The plant of a prototype as a compliant law senses it.
+
+    Raises:
+        InputError: for a prototype with effects.
+    """
+    return paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, SENSORS)
+
+
+def in_contact(port: Tip, masses: tuple[fmpq, fmpq], wall: Wall, need: Need) -> bool:
+    """Whether contact is proved to be as asked of the tip of a closed loop with every end mass (kg)."""
+    if not is_stable_over(port.over_mass, *masses):
+        return False
+    if need == "passive":
+        return not active_bands(port)
+    return need != "wall" or prove_contact(port, masses, wall).holds
+
+
+def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float, float], wall: Wall) -> EndStiffness:
+    """Prove what can be said of the end of a prototype over a range of outer end masses (kg), against a range of walls.
+
+    Args:
+        prototype: the rig.
+        law: whose controller it has; None for the prototype's own as it is, whatever that is.
+        masses_kg: range of mass on the outer tip.
+        wall: range of walls.
+
+    Raises:
+        ValueError: where the servo alone is not as stiff as the end is to be; without a controller, or where the servo
+            integrates, so that no force moves the end at rest.
+        InputError: for a prototype with effects.
+    """
+    controller = prototype.controller if law is None else controller_of(prototype, law)
+    if controller is None:
+        raise ValueError("the prototype has no [controller]")
+    heard = controller.sensed_law().sensors
+    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg, heard)
+    closed = close_loop(plant, controller)
+    port, low, high = tip(closed), exact(masses_kg[0]), exact(masses_kg[1])
+    static = port.static_stiffness()
+    if static == inf:
+        raise ValueError("no force moves the end at rest: without leakage the servo integrates")
+    stable = is_stable_over(port.over_mass, low, high)
+    passive = passivity(port, low, high)
+    contact = prove_contact(port, (low, high), wall)
+    commanded = plant.displaced * controller.command_numerator() * exact(prototype.sensor.gain_V_per_m)
+    stiffness = static if law is None else law.end_stiffness_N_per_m
+    alone = static if law is None else servo_stiffness(prototype, law.servo)
+    return EndStiffness(
+        law,
+        stiffness,
+        stable,
+        static,
+        alone,
+        guaranteed_stiffness_band(port, exact(stiffness), exact(SHARE), low, high),
+        nearest(commanded(fmpq(0)) / port.bare(fmpq(0))),
+        guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
+        least_of("peak_sensitivity", closed, (low, high)) if stable else inf,
+        passive,
+        troublemaker(port, passive.bands, low) if stable else None,
+        contact,
+        nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(port, (low, high), wall),
+        bouncing(port, (low, high), wall.stiffness[1]),
+    )
+
+
+def stable_compliances(prototype: Prototype, servo: Cascade, force_filter_Hz: float, mass_kg: float) -> StabilityMap:
+    """All ranges of 1 / k_c (m/N), from none to `SOFTEST_N_PER_M`, that are stable or not at one outer end mass.
+
+    The characteristic polynomial is affine in 1 / k_c, so that all crossings are exact.
+
+    Raises:
+        InputError: for a prototype with effects.
+    """
+    family = over_compliance(prototype, servo, force_filter_Hz, exact(mass_kg))
+    return stable_ranges(family, fmpq(0), exact(1 / SOFTEST_N_PER_M))
+
+
+def over_compliance(prototype: Prototype, servo: Cascade, force_filter_Hz: float, mass: fmpq) -> Affine:
+    """The characteristic polynomial at one outer end mass (kg), affine in 1 / k_c."""
+    stiffness = min(servo_stiffness(prototype, servo) / 2, 1e6)
+    law = CompliantLaw(servo, stiffness, force_filter_Hz)
+    plant, controller = sensed(prototype), controller_of(prototype, law)
+    deaf = controller.but(b=(*controller.b[:-1], (0.0,) * len(SENSORS)))  # it hears of no force
+    with_force, without = (tip(close_loop(plant, one)).against(mass) for one in (controller, deaf))
+    return Affine(without, (with_force - without) / exact(commanded_compliance(prototype, law)))
+
+
+def softest_N_per_m(
+    prototype: Prototype, servo: Cascade, force_filter_Hz: float, masses_kg: tuple[float, float]
+) -> float:
+    """Static stiffness from which up to the servo's own every one is stable, at either end of the payload.
+
+    Between the ends of the payload nothing is proved. Infinite where the servo alone is not stable.
+    """
+    outer, found = paper_model(prototype).figures["outer_stiffness"], 0.0
+    alone = 1 / servo_stiffness(prototype, servo)
+    for mass in masses_kg:
+        first = stable_compliances(prototype, servo, force_filter_Hz, mass).ranges[0]
+        if not first.stable or first.opens_at is not None:
+            return inf
+        found = max(found, 1 / (alone + (1 - outer * alone) * nearest(first.high)))
+    return found

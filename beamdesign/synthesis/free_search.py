@@ -1,0 +1,364 @@
+"""Least beam mass over continuous widths and walls: a smooth program, IPOPT from several starts, checked without it.
+
+Variables: the four sizes, and the four local buckling factors (flange and web of each tube), which are bounded by 1
+and by their curve instead of being computed as the kinked minimum of both. As the resistance grows with each factor,
+the two forms have the same solutions, and the program is smooth where the class limit of EN 1999-1-1 has its kink.
+
+Where nothing fits, the pair of tubes that misses least: every check may be missed, and the sum of relative misses is
+made small.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.problem import DesignProblem
+from beamdesign.structure.section import SquareTube, buckling_curve, clearance, relative_slenderness
+from beamdesign.synthesis.checks import (
+    REQUIREMENTS,
+    CheckedPair,
+    Requirements,
+    beam_mass,
+    check_sections,
+    checks,
+    materials,
+    requirements,
+)
+from beamdesign.synthesis.interruption import interruption_waits
+
+SIZE_UNITS = np.array([0.1, 0.001, 0.1, 0.001])
+"""Widths count in tenths of a metre and walls in millimetres, so that all variables are near 1."""
+
+THICKEST_SHARE = 0.49
+"""Largest wall over width: a tube stays a tube."""
+
+LEAST_WIDTH_M, LEAST_WALL_M = 0.005, 0.00005
+"""Smallest tube that is looked at, unless more is asked."""
+
+_WIDEST_START_M = 2.0
+_ACTIVE = 1e-6
+_IPOPT: dict[str, Any] = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "print_time": False,
+    "show_eval_warnings": False,
+    "ipopt.tol": 1e-11,
+    "ipopt.constr_viol_tol": 1e-11,
+    "ipopt.compl_inf_tol": 1e-11,
+    "ipopt.bound_relax_factor": 0.0,
+    "ipopt.max_iter": 250,
+}
+
+
+@dataclass(frozen=True)
+class Program:
+    """Symbols of the sizing problem; every constraint reads g <= 0 and is relative to what is needed.
+
+    Attributes:
+        variables: sizes in `SIZE_UNITS`, then the four local buckling factors, (8, 1).
+        asked: symbols of the requirements in use, (r, 1).
+        names: their field names in `Requirements`.
+        figures: their values in the problem, (r,).
+        mass: beam mass, kg.
+        constraints: g, (c, 1).
+        labels: what each constraint is; a check's name for the first ones.
+        check_count: how many of the constraints are checks.
+    """
+
+    variables: Any
+    asked: Any
+    names: tuple[str, ...]
+    figures: np.ndarray
+    mass: Any
+    constraints: Any
+    labels: tuple[str, ...]
+    check_count: int
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """First-order conditions at a point, evaluated without the solver that found it.
+
+    Attributes:
+        residual: largest of the stationarity residual (relative to the gradient of the mass), the worst violation of a
+            constraint (relative to its limit), and complementarity (relative to the mass).
+        multipliers: of each constraint, kg per unit of relative violation, (c,), from non-negative least squares on
+            the gradients of the active constraints.
+        violation: the worst violation alone.
+    """
+
+    residual: float
+    multipliers: np.ndarray
+    violation: float
+
+
+def sizing_program(problem: DesignProblem) -> Program:
+    """State the least-mass problem with the requirements as parameters."""
+    sizes, factors = ca.SX.sym("sizes", 4), ca.SX.sym("factors", 4)
+    outer: tuple[Any, Any] = (float(SIZE_UNITS[0]) * sizes[0], float(SIZE_UNITS[1]) * sizes[1])
+    inner: tuple[Any, Any] = (float(SIZE_UNITS[2]) * sizes[2], float(SIZE_UNITS[3]) * sizes[3])
+    nominal = requirements(problem)
+    names = tuple(name for name, figure in nominal._asdict().items() if figure is not None)
+    asked = ca.SX.sym("asked", len(names))
+    symbols = Requirements(**nominal._asdict() | {name: asked[i] for i, name in enumerate(names)})
+
+    pairs = ((factors[0], factors[1]), (factors[2], factors[3]))
+    found = checks(problem, *outer, *inner, asked=symbols, factors=pairs)
+    # What must be at least its limit is taken over that limit, which no size enters (so any pair gives it), but over
+    # 1 mm at least, for gaps may be asked to be zero. The rest is 1 - limit / value: resistances over demands, which
+    # are polynomial in the sizes where their inverses are not.
+    limits = [float(check.limit) for check in checks(problem, 0.1, 0.01, 0.05, 0.005)]
+    constraints = [
+        (check.limit - check.value) / max(limit, 1e-3) if check.at_least else 1 - check.limit / check.value
+        for check, limit in zip(found, limits, strict=True)
+    ]
+    labels = [check.name for check in found]
+
+    named = zip(("outer", "inner"), (outer, inner), materials(problem), pairs, strict=True)
+    for beam_name, (width, wall), alloy, pair in named:
+        slenderness = relative_slenderness(width, wall, alloy.proof_strength_Pa)
+        for part, factor, value in zip(("flange", "web"), pair, slenderness, strict=True):
+            constraints += [factor - 1, factor - buckling_curve(value, alloy.buckling_class)]
+            labels += [f"{beam_name} {part} whole", f"{beam_name} {part} buckling curve"]
+        constraints += [wall / width - THICKEST_SHARE, 1 - width / LEAST_WIDTH_M, 1 - wall / LEAST_WALL_M]
+        labels += [f"{beam_name} wall below half the width", f"{beam_name} domain: width", f"{beam_name} domain: wall"]
+    constraints.append(-clearance(*outer, inner[0]) / 0.01)
+    labels.append("inner tube enters the outer one")
+    return Program(
+        variables=ca.vertcat(sizes, factors),
+        asked=asked,
+        names=names,
+        figures=np.array([float(getattr(nominal, name)) for name in names]),
+        mass=beam_mass(problem, *outer, *inner),
+        constraints=ca.vertcat(*constraints),
+        labels=tuple(labels),
+        check_count=len(found),
+    )
+
+
+def start_points(problem: DesignProblem, pairs: Sequence[tuple[SquareTube, SquareTube]] = ()) -> list[np.ndarray]:
+    """Sizes in m to start from, each (4,): a coarse grid over the allowed widths, and the pairs given."""
+    widest, least = min(problem.sections.largest_width_m, _WIDEST_START_M), problem.sections.least_wall_m
+    grid = [
+        np.array([share * widest, wall(share * widest), ratio * share * widest, wall(ratio * share * widest)])
+        for share in (0.9, 0.6, 0.35, 0.12)
+        for ratio in (0.5, 0.75)
+        for wall in (lambda width: min(1.2 * least, width / 5), lambda width: max(width / 25, least))
+    ]
+    return [np.array([*outer, *inner]) for outer, inner in pairs] + grid
+
+
+def start_variables(problem: DesignProblem, sizes: np.ndarray) -> np.ndarray:
+    """Program variables for sizes in m, (4,), with the local buckling factors that belong to them, (8,)."""
+    factors = []
+    for which, alloy in enumerate(materials(problem)):
+        width, wall = float(sizes[2 * which]), float(sizes[2 * which + 1])
+        factors += [
+            min(1.0, float(buckling_curve(value, alloy.buckling_class)))
+            for value in relative_slenderness(width, wall, alloy.proof_strength_Pa)
+        ]
+    return np.concatenate([sizes / SIZE_UNITS, factors])
+
+
+def solver(program: Program, objective: Any, constraints: Any, extra: Any = None) -> Any:
+    """An IPOPT solver with exact first and second derivatives, for the program's variables and some more."""
+    variables = program.variables if extra is None else ca.vertcat(program.variables, extra)
+    statement: dict[str, Any] = {"x": variables, "p": program.asked, "f": objective, "g": constraints}
+    return ca.nlpsol("sizing", "ipopt", statement, _IPOPT)
+
+
+def solve(
+    ready: Any, start: np.ndarray, figures: np.ndarray, extra_bounds: Sequence[tuple[float, float]] = ()
+) -> np.ndarray:
+    """Run a `solver` and give back where it ended, whatever it says of that point."""
+    # These only keep the iterates where the formulas have a meaning; the constraints lie inside them.
+    least = np.array([LEAST_WIDTH_M, LEAST_WALL_M, LEAST_WIDTH_M, LEAST_WALL_M]) / SIZE_UNITS / 2
+    lower = [*least, *[1e-4] * 4, *(low for low, _ in extra_bounds)]
+    upper = [*[np.inf] * 4, *[2.0] * 4, *(high for _, high in extra_bounds)]
+    with interruption_waits():
+        found = ready(x0=start, p=figures, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
+    return np.asarray(found["x"].full()).ravel()
+
+
+class Conditions:
+    """Evaluates optimality and shadow prices of a program anywhere; compiled once."""
+
+    def __init__(self, program: Program):
+        mass, constraints = program.mass, program.constraints
+        outputs = [
+            mass,
+            ca.gradient(mass, program.variables),
+            constraints,
+            ca.jacobian(constraints, program.variables),
+            ca.jacobian(constraints, program.asked),
+        ]
+        self._evaluate = ca.Function("conditions", [program.variables, program.asked], outputs)
+
+    def _at(self, variables: np.ndarray, figures: np.ndarray) -> list[np.ndarray]:
+        return [np.asarray(output.full()) for output in self._evaluate(variables, figures)]
+
+    def mass(self, variables: np.ndarray, figures: np.ndarray) -> float:
+        """Beam mass, kg."""
+        return float(self._at(variables, figures)[0].item())
+
+    def constraints(self, variables: np.ndarray, figures: np.ndarray) -> np.ndarray:
+        """Every constraint g, relative to its limit, (c,); positive where it is violated."""
+        return self._at(variables, figures)[2].ravel()
+
+    def violation(self, variables: np.ndarray, figures: np.ndarray) -> float:
+        """Worst violation of a constraint, relative to its limit; 0 where all hold."""
+        worst = float(np.max(self.constraints(variables, figures)))
+        return max(worst, 0.0) if np.isfinite(worst) else float("inf")
+
+    def optimality(self, variables: np.ndarray, figures: np.ndarray) -> Optimality:
+        """First-order conditions with multipliers fitted to the gradients themselves."""
+        from scipy.optimize import nnls
+
+        mass, gradient, constraints, jacobian, _ = self._at(variables, figures)
+        values = constraints.ravel()
+        active = np.flatnonzero(values > -_ACTIVE)
+        multipliers = np.zeros(values.size)
+        scale = float(np.linalg.norm(gradient))
+        misfit = scale
+        if active.size:
+            multipliers[active], misfit = nnls(jacobian[active].T, -gradient.ravel())
+        violation = max(float(values.max()), 0.0)
+        complementarity = float(np.max(np.abs(multipliers * values))) / float(mass.item())
+        return Optimality(max(misfit / scale, violation, complementarity), multipliers, violation)
+
+    def mass_per_figure(self, variables: np.ndarray, figures: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Derivative of the least mass with respect to each requirement, kg per its unit, (r,) (envelope theorem)."""
+        return np.asarray(multipliers @ self._at(variables, figures)[4])
+
+
+_MOST = 1e3
+
+
+class Elastic:
+    """Minimises the sum of what the checks are missed by; compiled once, solved for any requirements."""
+
+    def __init__(self, problem: DesignProblem, program: Program, conditions: Conditions):
+        self._problem, self._count, self._conditions = problem, program.check_count, conditions
+        excess = ca.SX.sym("excess", self._count)
+        others = ca.SX.zeros(len(program.labels) - self._count)
+        self._ready = solver(program, ca.sum1(excess), program.constraints - ca.vertcat(excess, others), excess)
+
+    def nearest(self, figures: np.ndarray, points: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+        """Search from several points.
+
+        Args:
+            figures: values of the requirements, (r,).
+            points: sizes in m, (4,) each; at least one.
+
+        Returns:
+            Program variables (8,) with the least sum of violations of any constraint, and that sum, which is evaluated
+            at the point and not taken from the solver.
+        """
+        found: list[tuple[float, np.ndarray]] = []
+        for sizes in points:
+            start = start_variables(self._problem, sizes)
+            missed = np.clip(self._conditions.constraints(start, figures)[: self._count], 0.0, _MOST) + 0.1
+            end = solve(self._ready, np.concatenate([start, missed]), figures, [(0.0, _MOST)] * self._count)[:8]
+            total = float(np.clip(self._conditions.constraints(end, figures), 0.0, None).sum())
+            found.append((total if np.isfinite(total) else float("inf"), end))
+        total, variables = min(found, key=lambda item: item[0])
+        return variables, total
+
+
+FEASIBLE = 1e-9
+"""Largest relative violation of a constraint in a point that counts as feasible."""
+
+_SAME_MASS = 1e-6
+
+
+@dataclass(frozen=True)
+class FreeOptimum:
+    """The lightest pair of tubes of any size.
+
+    Attributes:
+        pair: the tubes, their mass and its checks.
+        governing: the active check whose relaxation by one per cent would save most mass.
+        active: names of all active checks.
+        kkt_residual: see `Optimality.residual`; from the gradients, not from the solver.
+        shadow_prices: change of the least mass per unit of each requirement, kg per the unit in the name; negative for
+            requirements that ease as they grow (largest width, width to wall).
+        starts: how many starts there were.
+        starts_agreeing: how many of them ended feasible at the same mass.
+    """
+
+    pair: CheckedPair
+    governing: str
+    active: tuple[str, ...]
+    kkt_residual: float
+    shadow_prices: dict[str, float]
+    starts: int
+    starts_agreeing: int
+
+
+def tubes(variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
+    """Outer and inner tube of program variables."""
+    outer_width, outer_wall, inner_width, inner_wall = (float(size) for size in variables[:4] * SIZE_UNITS)
+    return SquareTube(outer_width, outer_wall), SquareTube(inner_width, inner_wall)
+
+
+def free_optimum(
+    problem: DesignProblem, known: Sequence[tuple[SquareTube, SquareTube]] = (), grid: bool = True
+) -> FreeOptimum | None:
+    """Search the lightest pair of tubes of free sizes.
+
+    IPOPT with exact derivatives from a grid of starts and from pairs already known. It is a local method: that no
+    lighter pair exists is borne out by the starts agreeing, not proved; nor is it proved that none exists where none is
+    found. Unless a known pair passes, the pair that misses least is sought first, and the answer is no if it misses.
+
+    Args:
+        problem: what is asked.
+        known: pairs to start from as well, such as the best stock pair.
+        grid: whether to start from the grid at all; without it, the optimum is one beside the known pairs.
+
+    Returns:
+        The optimum, or None where no feasible pair was found.
+    """
+    program = sizing_program(problem)
+    conditions, points = Conditions(program), start_points(problem, known)[: None if grid else len(known)]
+    if not any(check_sections(problem, *pair).feasible for pair in known):
+        nearest, missed = Elastic(problem, program, conditions).nearest(program.figures, points[::3])
+        if missed > FEASIBLE:
+            return None
+        points.append(nearest[:4] * SIZE_UNITS)
+    ready = solver(program, program.mass, program.constraints)
+    ends = [solve(ready, start_variables(problem, sizes), program.figures) for sizes in points]
+    feasible = [end for end in ends if conditions.violation(end, program.figures) <= FEASIBLE]
+    if not feasible:
+        return None
+    masses = [conditions.mass(end, program.figures) for end in feasible]
+    best = feasible[int(np.argmin(masses))]
+    agreeing = sum(mass <= min(masses) * (1 + _SAME_MASS) for mass in masses)
+
+    optimality = conditions.optimality(best, program.figures)
+    multipliers = optimality.multipliers[: program.check_count]
+    active = [i for i in np.argsort(-multipliers) if multipliers[i] > 0]
+    found = check_sections(problem, *tubes(best))
+    return FreeOptimum(
+        pair=found,
+        governing=program.labels[active[0]] if active else found.governing,
+        active=tuple(program.labels[i] for i in active),
+        kkt_residual=optimality.residual,
+        shadow_prices=_prices(program, conditions, best, optimality.multipliers),
+        starts=len(ends),
+        starts_agreeing=agreeing,
+    )
+
+
+def _prices(
+    program: Program, conditions: Conditions, variables: np.ndarray, multipliers: np.ndarray
+) -> dict[str, float]:
+    per_figure = conditions.mass_per_figure(variables, program.figures, multipliers)
+    prices = {}
+    for name, figure, price in zip(program.names, program.figures, per_figure, strict=True):
+        asked = REQUIREMENTS[name]
+        unit = 0.001 if asked.share is None else asked.share * float(figure)
+        prices[asked.price] = float(price) * unit + 0.0
+    return prices

@@ -1,0 +1,221 @@
+"""The limits of a goal: what the loops that one controller has to serve keep of them, proved, and as expressions.
+
+The loops are those of all linear members of a rig.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, reduce
+from math import inf, log, pi
+from typing import Any
+
+import casadi as ca
+
+from beamdesign.controllers import Controller
+from beamdesign.controllers.form import UNIT, Form
+from beamdesign.loop import Loop, rig_loop
+from beamdesign.plant.beams_rig import FIGURES
+from beamdesign.plant.linear import UNUSED, LinearModel
+from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
+from beamdesign.plant.members import Member
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
+from beamdesign.proofs.performance import bandwidth, least_limit, prove
+from beamdesign.proofs.rectangle import Rectangle, scaled
+from beamdesign.prototype import Goal
+
+LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "controller_effort")
+"""What a goal limits, in the order of everything that is listed by limit."""
+
+
+def goal_limits(goal: Goal) -> dict[Kind, float]:
+    """The limits that a goal sets, in this order."""
+    given = (goal.peak_sensitivity, goal.compliance_m_per_N, goal.loop_gain, goal.controller_effort_A_per_V)
+    return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
+
+
+LOOSER_PEAK = 3.0
+"""An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
+
+
+def ends(members: Sequence[Member]) -> list[tuple[LinearModel, float, bool]]:
+    """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
+    found = []
+    for member in members:
+        inside = member.performance
+        asked = member.gain if inside is None else inside
+        found += [(member.rig, factor, inside is not None) for factor in sorted({asked.low, asked.high}) if factor > 0]
+    return found
+
+
+@dataclass(frozen=True)
+class LoopSet:
+    """All loops of one controller and inner end mass over a range of outer end masses.
+
+    Attributes:
+        stable: by number of the member, rectangles of masses and gains that are to be stable.
+        performing: likewise, those that are to perform.
+    """
+
+    stable: Mapping[int, Rectangle]
+    performing: Mapping[int, Rectangle]
+
+    def unstable(self) -> list[int]:
+        """Numbers of the members that are not stable throughout: exact."""
+        return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
+
+    def refuted_peak(self, limit: float) -> tuple[Claim, int] | None:
+        """A claim that this limit of the sensitivity is kept, refuted with mass and frequency, and the member.
+
+        None where it holds.
+        """
+        for k, rectangle in self.performing.items():
+            claim = prove(rectangle, Asked("peak_sensitivity", limit))
+            if not claim.holds:
+                return claim, k
+        return None
+
+    def refuted(self, goal: Goal) -> list[tuple[Claim, int]]:
+        """The goal's limits of sensitivity, loop gain and effort that are refuted, each with a member's number."""
+        peak = self.refuted_peak(goal.peak_sensitivity)
+        found = [] if peak is None else [peak]
+        for asked in goal_claims(goal):
+            for k, rectangle in self.performing.items():
+                claim = prove(rectangle, asked)
+                if not claim.holds:
+                    found.append((claim, k))
+                    break
+        return found
+
+    def excess(self, goal: Goal) -> float:
+        """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
+        performing = list(self.performing.values())
+        asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in asked)
+        return log(most) if most < inf else inf
+
+    def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
+        """Proved of each member that is to perform, Hz."""
+        return {k: bandwidth([rectangle], limit_m_per_N) for k, rectangle in self.performing.items()}
+
+    def peak_sensitivity(self) -> float:
+        """Proved for every loop that is to perform."""
+        return least_limit(list(self.performing.values()), "peak_sensitivity")
+
+    def ends(self) -> list[Loop]:
+        """The loops over the mass at the ends of the gains, those that are to perform."""
+        return [
+            scaled(rectangle.loop, factor)
+            for rectangle in self.performing.values()
+            for factor in sorted({rectangle.least, rectangle.most})
+        ]
+
+
+def loop_set(
+    members: Sequence[Member], controller: Controller, inner_end_mass: float, masses_kg: tuple[float, float]
+) -> LoopSet:
+    """Close the loops of all members of a rig."""
+    low, high = (exact(mass) for mass in masses_kg)
+    stable, performing = {}, {}
+    for k, member in enumerate(members):
+        loop = rig_loop(member.rig, inner_end_mass, controller)
+        stable[k] = Rectangle(loop, low, high, exact(member.gain.low), exact(member.gain.high))
+        if (inside := member.performance) is not None:
+            performing[k] = Rectangle(loop, low, high, exact(inside.low), exact(inside.high))
+    return LoopSet(stable, performing)
+
+
+Pair = tuple[ca.SX, ca.SX]
+"""Real and imaginary part."""
+
+_NOTHING: Pair = (ca.SX(0), ca.SX(0))
+
+
+def on_axis(coefficients: Sequence[Any], w: ca.SX) -> Pair:
+    """A polynomial, its coefficients ascending, at j w."""
+    parts, power = [ca.SX(0), ca.SX(0)], ca.SX(1)
+    for k, coefficient in enumerate(coefficients):
+        term = coefficient * power
+        parts[k % 2] += -term if k % 4 >= 2 else term
+        power = power * w
+    return parts[0], parts[1]
+
+
+def product(left: Pair, right: Pair) -> Pair:
+    """Of two complex numbers."""
+    return left[0] * right[0] - left[1] * right[1], left[0] * right[1] + left[1] * right[0]
+
+
+def _sum(first: Pair, *others: Pair) -> Pair:
+    return reduce(lambda one, two: (one[0] + two[0], one[1] + two[1]), others, first)
+
+
+def _log_size(value: Pair) -> ca.SX:
+    return ca.log(value[0] ** 2 + value[1] ** 2) / 2
+
+
+def slack_of(
+    kind: Kind,
+    law: tuple[Sequence[Pair], Pair],
+    plant: Pair,
+    control: Sequence[Pair],
+    disturbance: Pair = _NOTHING,
+    crossed: Sequence[Pair] = (),
+) -> ca.SX:
+    """Logarithm of 1 / |S|, |F_d / x|, 1 / |L| or 1 / |C S| at one frequency, to which that of the limit is added.
+
+    Args:
+        kind: of the limit.
+        law: numerators of the law, one per sensor, and their denominator.
+        plant: the plant's denominator.
+        control: its numerators, as of `beamdesign.plant.linear.Plant`, one per sensor.
+        disturbance: likewise; of the compliance alone.
+        crossed: likewise.
+    """
+    above, below = law
+    opened = product(plant, below)
+    returned = _sum(*map(product, above, control))
+    match kind:
+        case "loop_gain":
+            return _log_size(opened) - _log_size(returned)
+        case "peak_sensitivity":
+            over = _log_size(opened)
+        case "compliance":
+            over = _log_size(_sum(product(disturbance, below), *map(product, above, crossed)))
+        case _:
+            over = _log_size(plant) + _log_size(above[0])
+    return _log_size(_sum(opened, returned)) - over
+
+
+@cache
+def loop_slack(form: Form, filtered: bool, kind: Kind) -> ca.Function:
+    """The slack of a limit at one frequency and one pair of end masses, see `slack_of`, of a rig without effects.
+
+    Inputs: figures (16, as `FIGURES`, end masses included), variables of the form, frequency in Hz.
+    """
+    figures, polynomials = _without_effects(filtered)
+    variables, frequency = ca.SX.sym("controller", form.size), ca.SX.sym("frequency")
+    above, below = form.polynomials(ca.vertsplit(variables))
+    w = 2 * pi * frequency
+    plant, control, disturbance = (on_axis(p, w) for p in polynomials)
+    law = [on_axis(p, w / UNIT) for p in above], on_axis(below, w / UNIT)
+    slack = slack_of(kind, law, plant, [control], disturbance)
+    return ca.Function("loop_slack", [figures, variables, frequency], [slack])
+
+
+def _without_effects(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
+    """Symbols of `FIGURES`, and the plant's denominator, control and disturbance polynomials in terms of them."""
+    figures = ca.SX.sym("figures", len(FIGURES))
+    given = UNUSED | dict(zip(FIGURES, ca.vertsplit(figures), strict=True))
+    values = ca.vertcat(*(given[name] for name in linear_assembly(filtered, ()).parameters))
+    found = [ca.vertsplit(part) for part in transfer_polynomials(filtered, (), ((), ((1, 1),), ((0, 0),)))(values)]
+    outer, inner = given["outer_end_mass"], given["inner_end_mass"]
+    weights = (1, inner, outer, outer * inner)
+    return figures, [added_up(zip(weights, found[k : k + 4], strict=True)) for k in (0, 4, 8)]
+
+
+def added_up(terms: Iterable[tuple[Any, Sequence[Any]]]) -> list[ca.SX]:
+    """Coefficients of a sum of weighted polynomials, each given by its own."""
+    listed = list(terms)
+    length = max(len(polynomial) for _, polynomial in listed)
+    return [sum((weight * p[k] for weight, p in listed if k < len(p)), ca.SX(0)) for k in range(length)]

@@ -1,0 +1,289 @@
+"""Loops sampled over frequency and end mass, and what a law leaves of every limit there: what a search works on.
+
+The variables are those of a law's form, then the inner end mass in kg. Everything here is sampled and only proposes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import reduce
+from math import pi
+
+import numpy as np
+from flint import fmpq_poly
+
+from beamdesign.controllers import SENSED, Sensed
+from beamdesign.controllers.form import Form
+from beamdesign.plant.linear import BilinearPlant, PairOver
+from beamdesign.plant.members import Member
+from beamdesign.prototype import Goal
+from beamdesign.rational import nearest
+from beamdesign.synthesis.loop_limits import LIMITED, LOOSER_PEAK, ends, goal_limits
+
+COARSE_HZ = np.concatenate(
+    [np.geomspace(0.05, 5, 25), np.geomspace(5.3, 150, 130), np.geomspace(155, 1e3, 25), [3e3, 1e4, 1e5]]
+)
+FINE_HZ = np.concatenate(
+    [
+        np.geomspace(0.01, 0.98, 20),
+        np.geomspace(1, 4.9, 80),
+        np.geomspace(5, 60, 250),
+        np.geomspace(61, 150, 60),
+        np.geomspace(153, 1200, 60),
+        np.geomspace(1300, 1e5, 10),
+    ]
+)
+"""Fine where peaks may be sharp; far above everything, the law's effort still grows."""
+
+MODES_HZ = np.geomspace(155.0, 700.0, 100)
+"""Further samples of rigs with effects, among which may be a second mode."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Responses at n points, each divided by the plant's denominator without inner end mass there.
+
+    [0] is without inner end mass, [1] what a kilogram of it adds. With K_k the law from each of p sensors,
+    L = sum K_k control_k / plant, and x / F_d = (disturbance + sum K_k crossed_k) / plant / (1 + L), where
+    plant = 1 + inner end mass times denominator.
+
+    Attributes:
+        frequency_Hz: (n,).
+        row: (n,) number of the row of neighbouring frequencies, of one plant at one outer end mass, a point is on.
+        denominator: (n,) what a kilogram inside adds to the denominator.
+        control: (p, 2, n) current to what is sensed.
+        disturbance: (2, n) force to displacement.
+        crossed: (p, 2, n) what feedback of a sensor adds to that, see `beamdesign.plant.linear.Plant`.
+        looser: (n,) factor on the limit of sensitivity; where it is above one, nothing else is limited.
+    """
+
+    frequency_Hz: np.ndarray
+    row: np.ndarray
+    denominator: np.ndarray
+    control: np.ndarray
+    disturbance: np.ndarray
+    crossed: np.ndarray
+    looser: np.ndarray
+
+    def joined(self, other: "Samples") -> "Samples":
+        """With the points of another, in rows of their own."""
+        names = [each.name for each in fields(Samples)]
+        whole = {name: np.concatenate([getattr(self, name), getattr(other, name)], axis=-1) for name in names}
+        return replace(self, **whole | {"row": np.append(self.row, other.row + self.row.max() + 1)})
+
+    def worst(self, goal: Goal, form: Form, variables: np.ndarray) -> tuple["Samples", ...]:
+        """The samples on which each limit is held, as of `Slacks.held_on`: these, where the rig's figures stand."""
+        return (self,) * 4
+
+    def at(self, inner: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Plant (n,), then control (p, n), disturbance (n,) and crossed (p, n) over it, with a mass inside (kg)."""
+        plant = 1 + inner * self.denominator
+        control = (self.control[:, 0] + inner * self.control[:, 1]) / plant
+        crossed = (self.crossed[:, 0] + inner * self.crossed[:, 1]) / plant
+        return plant, control, (self.disturbance[0] + inner * self.disturbance[1]) / plant, crossed
+
+
+def samples(
+    plant: BilinearPlant,
+    frequency_Hz: np.ndarray,
+    outer_end_masses: Sequence[float],
+    factor: float = 1.0,
+    looser: float = 1.0,
+) -> Samples:
+    """A grid of frequencies at each of some outer end masses (kg), with the plant's gain times a factor."""
+    masses, s = np.asarray(outer_end_masses, dtype=float)[:, None], 2j * pi * frequency_Hz
+
+    def on_axis(polynomial: fmpq_poly) -> np.ndarray:
+        return np.asarray(np.polyval([nearest(c) for c in reversed(polynomial.coeffs())] or [0.0], s))
+
+    def rows(pair: tuple[PairOver, PairOver]) -> list[np.ndarray]:
+        """(masses, f) without and per kilogram of inner end mass."""
+        (own, inner), (outer, both) = (map(on_axis, row) for row in pair)
+        return [own + masses * outer, inner + masses * both]
+
+    bare, added = rows(plant.denominator)
+
+    def over(parts: Sequence[np.ndarray]) -> np.ndarray:
+        return np.array([(part / bare).ravel() for part in parts])
+
+    free = [[np.tile(on_axis(p), (len(masses), 1)) for p in pair] for pair in (plant.disturbance, *plant.crossed)]
+    count = len(frequency_Hz)
+    return Samples(
+        np.tile(frequency_Hz, len(masses)),
+        np.repeat(np.arange(len(masses)), count),
+        (added / bare).ravel(),
+        factor * np.array([over(rows(one)) for one in plant.control]),
+        over(free[0]),
+        factor * np.array([over(one) for one in free[1:]]),
+        np.full(count * len(masses), looser),
+    )
+
+
+def rig_samples(
+    members: Sequence[Member],
+    frequency_Hz: np.ndarray,
+    outer_end_masses: Sequence[float],
+    sensors: tuple[Sensed, ...] = SENSED[:1],
+    looser: float = 1.0,
+) -> Samples:
+    """Samples of all members of a rig at the ends of their gains.
+
+    Args:
+        members: linear members of the rig.
+        frequency_Hz: (f,) ascending.
+        outer_end_masses: kg.
+        sensors: of `beamdesign.controllers.SENSED`.
+        looser: factor on the limit of sensitivity of members that are to perform.
+    """
+    parts = [
+        samples(rig.polynomials(sensors), frequency_Hz, outer_end_masses, factor, looser if performs else LOOSER_PEAK)
+        for rig, factor, performs in ends(members)
+    ]
+    return reduce(Samples.joined, parts)
+
+
+@dataclass(frozen=True)
+class Slacks:
+    """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
+
+    Attributes:
+        values: (4, n) log of limit over |S|, |x / F_d|, |L| and |C S|, C from the displacement sensor's volts, as
+            `LIMITED` lists them; infinite where a limit does not count.
+        slopes: (4, n, v); none where none were asked for.
+        settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell.
+        held_on: for each of these limits the samples that it was held against.
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+    settled: bool
+    held_on: tuple[Samples, ...] = ()
+
+    @property
+    def sensitivity(self) -> np.ndarray:
+        """(n,) log of limit over |S|."""
+        return np.asarray(self.values[0])
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """(n,) log of limit over |x / F_d|."""
+        return np.asarray(self.values[1])
+
+    @property
+    def loop_gain(self) -> np.ndarray:
+        """(n,) log of limit over |L|."""
+        return np.asarray(self.values[2])
+
+    @property
+    def effort(self) -> np.ndarray:
+        """(n,) log of limit over |C S|."""
+        return np.asarray(self.values[3])
+
+    @property
+    def violation(self) -> float:
+        """By how much the limits other than the compliance are missed at worst."""
+        return self.violation_inside(0.0)
+
+    def violation_inside(self, inside: float) -> float:
+        """The same for limits that are to be kept with so much to spare."""
+        return max(0.0, inside - float(self.values[OTHERS].min()))
+
+
+COMPLIANCE, OTHERS = 1, [0, 2, 3]
+"""Places in `LIMITED`."""
+
+
+def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True) -> Slacks:
+    """What a law leaves of every limit at every point.
+
+    Args:
+        points: of the loops.
+        goal: its limits; those that are None are kept by an infinite slack.
+        form: of the law.
+        variables: (v,) those of the form, then the mass inside, kg.
+        slopes: whether to work out derivatives.
+    """
+    s, inner = 2j * pi * points.frequency_Hz, float(variables[-1])
+    own = form.responses(variables[:-1], s)
+    of_own = form.slopes(variables[:-1], s) if slopes else None
+    held_on = points.worst(goal, form, variables)
+    distinct = {id(one): one for one in (points, *held_on)}
+    found = {key: slacks_of(one, goal, own, inner, of_own) for key, one in distinct.items()}
+    each = [found[id(one)] for one in held_on]
+    return Slacks(
+        np.array([one.values[k] for k, one in enumerate(each)]),
+        np.array([one.slopes[k] for k, one in enumerate(each)]) if slopes else NONE,
+        found[id(points)].settled,
+        held_on,
+    )
+
+
+NONE = np.empty(0)
+
+
+def counting(points: Samples, goal: Goal) -> np.ndarray:
+    """(4, n) at which points each limit counts."""
+    performs = points.looser == 1.0
+    far = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
+    where = np.array([np.full(len(performs), True), performs, far, performs])
+    return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
+
+
+def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
+    """The same of a law whose responses are known.
+
+    Args:
+        points: of the loops.
+        goal: its limits.
+        own: (p, n) the law at the points.
+        inner: mass inside, kg.
+        of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
+    """
+    plant, control, disturbance, crossed = points.at(inner)
+    moved = disturbance + (own * crossed).sum(axis=0)
+    loop = (own * control).sum(axis=0)
+    closed = np.log(np.abs(1 + loop))
+    limits = goal_limits(goal)
+    logarithms = np.log([limits.get(kind, 1.0) for kind in LIMITED])[:, None]
+    with np.errstate(divide="ignore"):
+        left = np.array(
+            [closed, closed - np.log(np.abs(moved)), -np.log(np.abs(loop)), closed - np.log(np.abs(own[0]))]
+        )
+    left = np.where(counting(points, goal), left + logarithms, np.inf)
+    left[0] += np.log(points.looser)
+    steps = np.diff(np.angle(1 + loop))
+    steps = (steps + pi) % (2 * pi) - pi
+    same = np.diff(points.row) == 0
+    settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
+    if of_own is None:
+        return Slacks(left, NONE, settled)
+    shrinks = points.denominator / plant
+    of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
+    by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
+    of_loop = np.column_stack([of_loop, by_mass])
+    by_mass = (points.disturbance[1] + (own * points.crossed[:, 1]).sum(axis=0)) / plant - moved * shrinks
+    of_moved = np.column_stack([of_moved, by_mass])
+    of_closed = (of_loop / (1 + loop)[:, None]).real
+    of_effort = of_closed.copy()
+    of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
+    of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
+    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort]), settled)
+
+
+def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
+    """Least frequency (Hz), interpolated, from which some row misses the compliance; 0 where one misses it at once."""
+    reached = np.inf
+    for row in np.unique(points.row):
+        on = points.row == row
+        frequency, slack = points.frequency_Hz[on], compliance[on]
+        reached = min(reached, first_miss(frequency, slack))
+    return float(min(reached, points.frequency_Hz.max()))
+
+
+def first_miss(frequency_Hz: np.ndarray, slack: np.ndarray) -> float:
+    """From where a slack is negative, interpolated, Hz; 0 where it is at once, infinite where it never is."""
+    over = np.nonzero(slack < 0)[0]
+    if not len(over) or over[0] == 0:
+        return 0.0 if len(over) else np.inf
+    k = int(over[0])
+    share = slack[k - 1] / (slack[k - 1] - slack[k])
+    return float(frequency_Hz[k - 1] * (frequency_Hz[k] / frequency_Hz[k - 1]) ** share)

@@ -1,0 +1,386 @@
+"""Sizing: the lightest pair of square tubes that carries the load and keeps its clearance, and what that costs.
+
+Where no pair of tubes fits, which requirement to relax: each alone, as little as possible.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil, floor, log10
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
+from beamdesign.prototype import Beam, Payload, Prototype
+from beamdesign.records import InputError, Problem
+from beamdesign.structure.section import SquareTube
+from beamdesign.structure.stock import stock_tubes
+from beamdesign.synthesis.checks import (
+    REQUIREMENTS,
+    Check,
+    CheckedPair,
+    Requirements,
+    StockOptimum,
+    check_sections,
+    feasible_pairs,
+    lightest,
+    nearest_pair,
+    requirements,
+    stock_optimum,
+)
+from beamdesign.synthesis.free_search import (
+    FEASIBLE,
+    SIZE_UNITS,
+    Conditions,
+    Elastic,
+    FreeOptimum,
+    Program,
+    free_optimum,
+    sizing_program,
+    solve,
+    solver,
+    start_points,
+    start_variables,
+    tubes,
+)
+
+_DIGITS = 4
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A change of one requirement that is enough, all others staying as they are.
+
+    Attributes:
+        key: where the requirement stands in a study file.
+        asked: its figure there.
+        enough: a figure with which tubes were found, rounded to the easier side.
+        outer: outer tube that does then.
+        inner: inner tube that does then.
+    """
+
+    key: str
+    asked: float
+    enough: float
+    outer: SquareTube
+    inner: SquareTube
+
+    def __str__(self) -> str:
+        """In words, as in "load.tip_force_N from 2000 to 1500"."""
+        return f"{self.key} from {self.asked:g} to {self.enough:g}"
+
+    @property
+    def share(self) -> float:
+        """Size of the change relative to what was asked."""
+        return abs(self.enough - self.asked) / self.asked
+
+
+def _eased(asked: Requirements, name: str, share: float) -> float:
+    """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
+    figure = float(getattr(asked, name))
+    return figure + share * (REQUIREMENTS[name].easiest - figure)
+
+
+def _rounded(figure: float, easiest: float) -> float:
+    """Round to a few digits in the direction of the easiest figure, and not beyond it."""
+    if figure == 0 or figure == easiest:
+        return easiest
+    step = 10.0 ** (floor(log10(abs(figure))) - _DIGITS + 1)
+    steps = figure / step
+    # Steps are counted from rounded text, so that 1500 stays 1500 and does not become 1500.0000000000002.
+    whole = ceil(steps - 1e-9) if easiest > figure else floor(steps + 1e-9)
+    value = float(f"{whole * step:.{_DIGITS}g}")
+    return min(value, easiest) if easiest > figure else max(value, easiest)
+
+
+def _relaxable(asked: Requirements) -> list[str]:
+    """Names of those that can be eased."""
+    figures = zip(REQUIREMENTS.items(), asked, strict=True)
+    return [name for (name, one), figure in figures if figure is not None and float(figure) != one.easiest]
+
+
+def _confirmed(
+    problem: DesignProblem, name: str, enough: float, pair: tuple[SquareTube, SquareTube]
+) -> Relaxation | None:
+    """The relaxation, if the pair really passes with the rounded figure."""
+    asked = requirements(problem)
+    if not check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible:
+        return None
+    return Relaxation(REQUIREMENTS[name].key, float(getattr(asked, name)), enough, *pair)
+
+
+def _in_order(found: Sequence[Relaxation | None]) -> tuple[Relaxation, ...]:
+    return tuple(sorted((item for item in found if item is not None), key=lambda item: item.share))
+
+
+def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For tubes of free sizes: the requirements that could be eased alone, and the pair that misses least.
+
+    Each is found by IPOPT from several starts with the requirement as a further variable; the reported figure is
+    confirmed by the checks themselves. A requirement that is not listed was not found to help alone.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
+    """
+    program = sizing_program(problem)
+    conditions = Conditions(program)
+    elastic = Elastic(problem, program, conditions)
+    points = start_points(problem)[::3]
+    nearest, _ = elastic.nearest(program.figures, points)
+    points.insert(0, nearest[:4] * SIZE_UNITS)
+    found = [
+        _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
+    ]
+    return _in_order(found), check_sections(problem, *tubes(nearest))
+
+
+def _ease_one(
+    problem: DesignProblem,
+    program: Program,
+    conditions: Conditions,
+    elastic: Elastic,
+    name: str,
+    points: Sequence[np.ndarray],
+) -> Relaxation | None:
+    """The smallest change of one requirement that makes room, or None if none was found."""
+    place, easiest = program.names.index(name), REQUIREMENTS[name].easiest
+    figure = float(program.figures[place])
+
+    def figures(share: float) -> np.ndarray:
+        eased = program.figures.copy()
+        eased[place] = figure + share * (easiest - figure)
+        return eased
+
+    with_room, missed = elastic.nearest(figures(1.0), points)
+    if missed > FEASIBLE:
+        return None
+    share = ca.SX.sym("share")
+    eased = ca.SX(program.asked)
+    eased[place] = figure + share * (easiest - figure)
+    constraints = ca.substitute(program.constraints, program.asked, eased)
+    ready = solver(program, share, constraints, share)
+    least, best = 1.0, with_room
+    for sizes in (with_room[:4] * SIZE_UNITS, points[0]):
+        end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
+        if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
+            least, best = float(end[8]), end[:8]
+    enough = _rounded(float(figures(least)[place]), easiest)
+    return _confirmed(problem, name, enough, tubes(best))
+
+
+def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tuple[Relaxation, ...], CheckedPair]:
+    """For stock tubes: the requirements that could be eased alone, each by bisection over all pairs.
+
+    More pairs pass as a requirement is eased, so that the bisection finds the least change over the whole list.
+
+    Returns:
+        The relaxations, the relatively smallest first; and the pair that misses least.
+    """
+    asked = requirements(problem)
+
+    def pairs(name: str, figure: float) -> np.ndarray:
+        return feasible_pairs(problem, stock, asked._replace(**{name: figure}))
+
+    found = []
+    for name in _relaxable(asked):
+        if not pairs(name, REQUIREMENTS[name].easiest).any():
+            continue
+        hard, easy = 0.0, 1.0
+        for _ in range(40):
+            middle = (hard + easy) / 2
+            hard, easy = (hard, middle) if pairs(name, _eased(asked, name, middle)).any() else (middle, easy)
+        enough = _rounded(_eased(asked, name, easy), REQUIREMENTS[name].easiest)
+        found.append(_confirmed(problem, name, enough, lightest(problem, stock, pairs(name, enough))))
+    return _in_order(found), nearest_pair(problem, stock)
+
+
+Progress = Callable[[float, str], object]
+"""Called with the share of the work done, 0 to 1, and a word on what is being done."""
+
+_GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
+
+
+@dataclass(frozen=True)
+class Sizing:
+    """What sizing found.
+
+    Attributes:
+        choose: how the sections were to be chosen.
+        feasible: whether the chosen sections exist and pass every check.
+        reason: why, in words; where the answer is no, what to relax.
+        chosen: the chosen pair; where nothing fits, the pair that misses least.
+        governing: the check that decides the chosen pair.
+        free: the optimum over free sizes, or None where none was found.
+        stock: the optimum over stock sizes, or None where no pair passes.
+        given: the pair given in the problem (such as the published one), checked; None where none is given.
+        price_of_rounding_kg: mass of the stock optimum less that of the free one; None unless there are both.
+        relaxations: where nothing fits, requirements each of which could be eased alone, the smallest change first.
+    """
+
+    choose: Literal["free", "stock", "fixed"]
+    feasible: bool
+    reason: str
+    chosen: CheckedPair
+    governing: str
+    free: FreeOptimum | None
+    stock: StockOptimum | None
+    given: CheckedPair | None
+    price_of_rounding_kg: float | None
+    relaxations: tuple[Relaxation, ...] = ()
+
+    @property
+    def outer(self) -> SquareTube:
+        """Outer tube of the chosen pair."""
+        return self.chosen.outer
+
+    @property
+    def inner(self) -> SquareTube:
+        """Inner tube of the chosen pair."""
+        return self.chosen.inner
+
+    @property
+    def beam_mass_kg(self) -> float:
+        """Mass of the chosen pair over its full lengths."""
+        return self.chosen.beam_mass_kg
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of the chosen pair."""
+        return self.chosen.checks
+
+    @property
+    def kkt_residual(self) -> float | None:
+        """Residual of the first-order conditions at the free optimum."""
+        return self.free.kkt_residual if self.free else None
+
+    @property
+    def shadow_prices(self) -> dict[str, float]:
+        """Shadow prices at the free optimum; empty where there is none."""
+        return self.free.shadow_prices if self.free else {}
+
+
+def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
+    """Choose the sections of both beams as the problem says: free, stock, or fixed to those given.
+
+    The free and the stock optimum are found in any case, so that each can be compared with the other and with the given
+    pair. The stock optimum is global over the list. The free one is the best of several local searches, of which one
+    starts at the stock optimum, so that it is never heavier than that.
+
+    Args:
+        problem: what is asked.
+        progress: told how far the work has got.
+
+    Raises:
+        InputError: where a material is unknown.
+    """
+    tell = progress or (lambda share, text: None)
+    given = None if problem.given is None else check_sections(problem, *problem.given)
+    tell(0.0, "stock sizes")
+    stock = stock_optimum(problem)
+    tell(0.1, "free sizes")
+    pairs = [(found.outer, found.inner) for found in (stock.pair if stock else None, given) if found]
+    free = free_optimum(problem, pairs)
+    price = stock.pair.beam_mass_kg - free.pair.beam_mass_kg if stock and free else None
+
+    choose = problem.sections.choose
+    relaxations: tuple[Relaxation, ...] = ()
+    if choose == "fixed":
+        if given is None:
+            raise ValueError("sections.choose is 'fixed' but no sections are given")
+        chosen, governing = given, given.governing
+        reason = f"the given sections pass every check; governed by {governing}"
+        if not given.feasible:
+            relaxations, _ = relax_stock(problem, (given.outer, given.inner))
+            reason = f"the given sections fail: {given.misses}; {_relax(relaxations)}"
+    elif choose == "free" and free:
+        chosen, governing = free.pair, free.governing
+        best = f"lightest pair of free sizes, from {free.starts_agreeing} of {free.starts} starts"
+        reason = f"{best}; governed by {governing}"
+    elif choose == "stock" and stock:
+        chosen, governing = stock.pair, stock.pair.governing
+        best = f"lightest of {stock.pairs} stock pairs, of which {stock.pairs_feasible} pass every check"
+        reason = f"{best}; governed by {governing}"
+    else:
+        tell(0.6, "what to relax")
+        relaxations, chosen = relax_stock(problem, stock_tubes()) if choose == "stock" else relax_free(problem)
+        governing = chosen.governing
+        reason = _nothing_fits(choose, free, chosen, relaxations)
+        if chosen.feasible:
+            reason = "a pair that passes every check, but no least mass was found"
+    tell(1.0, "done")
+    return Sizing(choose, chosen.feasible, reason, chosen, governing, free, stock, given, price, relaxations)
+
+
+def _relax(relaxations: tuple[Relaxation, ...]) -> str:
+    if not relaxations:
+        return "relaxing one requirement alone was not found to help"
+    return "relax one of: " + "; ".join(str(item) for item in relaxations)
+
+
+def _nothing_fits(
+    choose: str, free: FreeOptimum | None, nearest: CheckedPair, relaxations: tuple[Relaxation, ...]
+) -> str:
+    kind = "stock" if choose == "stock" else "free"
+    text = f"no pair of {kind} sizes passes every check; the nearest, {nearest}, misses: {nearest.misses}"
+    if kind == "free":
+        text = text.replace("no pair of free sizes passes", "no pair of free sizes was found that passes")
+    elif free:
+        text += f"; of free sizes {free.pair} would do, at {free.pair.beam_mass_kg:.3g} kg"
+    return f"{text}; {_relax(relaxations)}"
+
+
+def problem_of(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> DesignProblem:
+    """The design problem whose fixed sections are a prototype's, with the default clearances and safety factors.
+
+    Args:
+        prototype: its beams must give their geometry, lengths included.
+        tip_force_N: the load to check for, which a prototype does not state, N.
+        source: file to name in the error.
+
+    Raises:
+        InputError: naming every key of geometry that is missing.
+    """
+    beams = {"outer_beam": prototype.outer_beam, "inner_beam": prototype.inner_beam}
+    missing = [
+        Problem(f"{name}.{key}", "missing; the checks of sections need it, lumped figures are not enough")
+        for name, beam in beams.items()
+        for key in _GEOMETRY
+        if getattr(beam, key) is None
+    ]
+    if missing:
+        raise InputError(source, missing)
+    return DesignProblem(
+        name=prototype.name,
+        load=Load(tip_force_N=tip_force_N),
+        sections=Sections(choose="fixed"),
+        outer_beam=_asked_of(prototype.outer_beam),
+        inner_beam=_asked_of(prototype.inner_beam),
+        actuator=prototype.actuator,
+        servovalve=prototype.servovalve,
+        sensor=prototype.sensor,
+        payload=prototype.payload if prototype.payload.outer_end_mass_kg else Payload(outer_end_mass_kg=(0.0, 0.0)),
+        goal=prototype.goal,
+        tolerance=prototype.tolerance,
+    )
+
+
+def _asked_of(beam: Beam) -> BeamProblem:
+    return BeamProblem.model_validate({key: getattr(beam, key) for key in (*_GEOMETRY, "end_mass_kg", "damping_ratio")})
+
+
+def check_prototype(prototype: Prototype, tip_force_N: float, source: str = "prototype") -> CheckedPair:
+    """Check a prototype's own sections, corner radii included, with default clearances and safety factors.
+
+    Args:
+        prototype: its beams must give their geometry.
+        tip_force_N: the load to check for, N.
+        source: file to name in the error.
+
+    Raises:
+        InputError: naming every key of geometry that is missing.
+    """
+    problem = problem_of(prototype, tip_force_N, source)
+    assert problem.given is not None  # problem_of has refused such a prototype
+    radii = (prototype.outer_beam.corner_radius_m, prototype.inner_beam.corner_radius_m)
+    return check_sections(problem, *problem.given, radii)

@@ -1,0 +1,247 @@
+"""Search for the lag and the force filter that give the end a stiffness over the widest band.
+
+Sampled: curves at both ends of the payload, local search from many starts, rigs drawn from the tolerances. Proved:
+whatever is taken, on the nominal rig and on each of those.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamdesign.controllers import Cascade, Lag, Observer
+from beamdesign.loop import Loop, close_loop, tip
+from beamdesign.plant.linear import Plant
+from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import exact
+from beamdesign.proofs.certificate import Asked, goal_claims
+from beamdesign.proofs.contact import Wall
+from beamdesign.proofs.performance import prove
+from beamdesign.proofs.rectangle import Rectangle
+from beamdesign.prototype import Prototype
+from beamdesign.synthesis.end_stiffness import (
+    NEEDS,
+    SHARE,
+    CompliantLaw,
+    EndStiffness,
+    Need,
+    controller_of,
+    in_contact,
+    judge,
+    least_gain,
+    sensed,
+    servo_stiffness,
+)
+from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
+from beamdesign.synthesis.tuning import Progress
+
+_SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
+_ROUNDS, _STARTS, _STEPS = 3, 200, 400
+_KEPT_STARTS, _KEPT_STEPS = 40, 40
+_POLISH = 200
+SEED_OF_RIGS = 1000
+_REACH = 1.5
+"""How many times as far off as the tolerances say the rigs are that a law has to suit."""
+
+_SERVO_OVER_BEAM = 10.0
+"""Least stiffness of the servo over that of its outer beam: a command is followed at rest but for a tenth."""
+
+_LOWEST, _HIGHEST = np.log10([1e-6, 0.05, 0.05, 0.3]), np.log10([3.0, 2e3, 2e3, 2e3])
+"""Of gain (A/V), pole, zero and force filter (Hz)."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Outcome of `design`.
+
+    Attributes:
+        best: what was proved of the law found; None where there is none.
+        met: what contact is proved to be.
+        tried: how many laws were looked at.
+        reason: why there is no answer, or why it is less than was hoped for; empty otherwise.
+    """
+
+    best: EndStiffness | None
+    met: Need | None
+    tried: int
+    reason: str = ""
+
+
+def design(
+    prototype: Prototype,
+    end_stiffness: float,
+    masses_kg: tuple[float, float],
+    wall: Wall,
+    need: Need = "wall",
+    servo: Cascade | None = None,
+    rigs: int = 0,
+    progress: Progress | None = None,
+    spread: RigSpread | None = None,
+) -> Design:
+    """Find the law with the widest band of the commanded stiffness.
+
+    Args:
+        prototype: the rig; its goal limits the peak sensitivity, and loop gain and effort where it sets them.
+        end_stiffness: static F / x, N/m.
+        masses_kg: range of mass on the outer tip.
+        wall: the walls that it may touch.
+        need: the least that contact has to be; more, in the order of `NEEDS`, is taken where it can be had.
+        servo: to be kept, so that the force filter alone is chosen; None to search a lag as well.
+        rigs: how many, drawn from the prototype's tolerances, have to be as asked as well; none without tolerances.
+        progress: told the share done and what is being done.
+        spread: from within which they are drawn; None: normal, somewhat further off than the tolerances say.
+
+    Raises:
+        InputError: for a prototype with effects.
+    """
+    told = progress or (lambda fraction, text: None)
+    others = _plants_drawn(prototype, masses_kg[1], rigs, spread)
+    if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
+        reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
+        return Design(None, None, 0, reason)
+    needs, tried, refused = NEEDS[: NEEDS.index(need) + 1], 0, ""
+    for k, one in enumerate(needs):
+        search = _Search(prototype, others, end_stiffness, masses_kg, wall, one, servo)
+
+        def through(share: float, k: int = k, one: Need = one) -> None:
+            told((k + share) / len(needs), f"laws that are {_WORDS[one]}")
+
+        law = search.best(through)
+        tried += search.tried
+        if law is not None:
+            found = judge(prototype, law, masses_kg, wall)
+            return Design(found, next(n for n in NEEDS if found.meets(n)), tried, refused)
+        drawn = f", as it is and on {len(others)} rigs drawn from its tolerances" if others else ""
+        refused = f"of {tried} laws that were tried, none that keeps the goal is {_WORDS[one]}{drawn}"
+    return Design(None, None, tried, refused + _blurred(prototype, end_stiffness) if others else refused)
+
+
+def _blurred(prototype: Prototype, end_stiffness: float) -> str:
+    """What to change where the outer beam is not known well: the force is what bends it, less the cylinder's."""
+    deviation = prototype.tolerance.stiffness * paper_model(prototype).figures["outer_stiffness"]
+    if end_stiffness > 4 * deviation:
+        return ""
+    return (
+        f"; the outer beam is known to {deviation:.3g} N/m (standard deviation), and the end is stiffer or softer by"
+        " as much: measure tolerance.stiffness better, or ask for more"
+    )
+
+
+def _plants_drawn(prototype: Prototype, largest_kg: float, count: int, spread: RigSpread | None) -> list[Plant]:
+    """Plants of rigs of a spread, else somewhat further off than the tolerances say; none where there are none."""
+    if spread is not None:
+        return [sensed(spread.rig(z)) for z in spread.drawn(count, SEED_OF_RIGS, inside=True)]
+    if count == 0 or not any(prototype.tolerance.model_dump().values()):
+        return []
+    spread = rig_spread(prototype, largest_kg, 1.0)
+    return [sensed(spread.rig(_REACH * z)) for z in spread.drawn(count, SEED_OF_RIGS)]
+
+
+_WORDS: dict[Need, str] = {
+    "passive": "passive at the tip",
+    "wall": "stable against every wall",
+    "stable": "stable for every end mass",
+}
+
+
+@dataclass
+class _Search:
+    """One search: laws as logarithms of their figures, scored on samples, admitted by proof."""
+
+    prototype: Prototype
+    others: list[Plant]
+    end_stiffness: float
+    masses_kg: tuple[float, float]
+    wall: Wall
+    need: Need
+    servo: Cascade | None
+    tried: int = 0
+
+    def __post_init__(self) -> None:
+        self.plant = sensed(self.prototype)
+        self.masses = (exact(self.masses_kg[0]), exact(self.masses_kg[1]))
+
+    def best(self, progress: Callable[[float], None]) -> CompliantLaw | None:
+        """The admitted law with the largest score; None where none is."""
+        lowest, highest = (_LOWEST[3:], _HIGHEST[3:]) if self.servo else (_LOWEST.copy(), _HIGHEST)
+        if not self.servo:
+            beam = paper_model(self.prototype).figures["outer_stiffness"]
+            least = max(1.05 * self.end_stiffness, _SERVO_OVER_BEAM * beam)
+            lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
+        if self.servo:
+            progress(0.0)
+            point = self._climb(np.random.default_rng(0), lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
+            return None if point is None else self._law(point)
+        found: list[tuple[float, np.ndarray | None]] = []
+        for k in range(_ROUNDS):
+            progress(k / (_ROUNDS + 1))
+            found.append(self._climb(np.random.default_rng(k), lowest, highest, _STARTS, _STEPS))
+        best = max(found, key=lambda one: one[0])
+        progress(_ROUNDS / (_ROUNDS + 1))
+        _, point = self._climb(np.random.default_rng(_ROUNDS), lowest, highest, 0, _POLISH, best, 0.05)
+        return None if point is None else self._law(point)
+
+    def _climb(
+        self,
+        random: np.random.Generator,
+        lowest: np.ndarray,
+        highest: np.ndarray,
+        starts: int,
+        steps: int,
+        begin: tuple[float, np.ndarray | None] = (0.0, None),
+        width: float = 0.4,
+    ) -> tuple[float, np.ndarray | None]:
+        """Score and point of the best law of a local search by ever smaller steps, after scattered starts."""
+        top, point = begin
+        for k in range(starts + steps):
+            if k < starts or point is None:
+                here = random.uniform(lowest, highest)
+            else:
+                reach = width * 0.1 ** ((k - starts) / steps)
+                here = np.clip(point + reach * random.standard_normal(len(point)), lowest, highest)
+            controller = controller_of(self.prototype, self._law(here))
+            closed = close_loop(self.plant, controller)
+            self.tried += 1
+            score = self._band(closed)
+            if score > top and self._admitted(closed) and self._on_others(controller):
+                top, point = score, here
+        return top, point
+
+    def _law(self, logarithms: np.ndarray) -> CompliantLaw:
+        figures = [float(f"{10**value:.4g}") for value in logarithms]
+        if self.servo:
+            return CompliantLaw(self.servo, self.end_stiffness, figures[0])
+        lag = Lag(gain_A_per_V=figures[0], pole_Hz=figures[1], zero_Hz=figures[2])
+        return CompliantLaw(lag, self.end_stiffness, figures[3])
+
+    def _band(self, closed: Loop) -> float:
+        """First sampled frequency at which the stiffness is off by more than `SHARE`, interpolated, Hz."""
+        port, reached = tip(closed), np.inf
+        for mass in self.masses_kg:
+            error = np.abs(port.stiffness_response(_SEARCH_HZ, mass) / self.end_stiffness - 1)
+            beyond = np.flatnonzero(error > SHARE)
+            if not len(beyond):
+                continue
+            k = beyond[0]
+            if k == 0:
+                return 0.0
+            share = (SHARE - error[k - 1]) / (error[k] - error[k - 1])
+            reached = min(reached, _SEARCH_HZ[k - 1] + share * (_SEARCH_HZ[k] - _SEARCH_HZ[k - 1]))
+        return float(reached)
+
+    def _admitted(self, closed: Loop) -> bool:
+        """Whether stability, contact and the goal's limits are proved."""
+        goal = self.prototype.goal
+        asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
+        return self._in_contact(closed) and all(prove(Rectangle(closed, *self.masses), one).holds for one in asked)
+
+    def _in_contact(self, closed: Loop) -> bool:
+        return in_contact(tip(closed), self.masses, self.wall, self.need)
+
+    def _on_others(self, controller: Observer) -> bool:
+        """The same on the drawn rigs; one that refuses is asked first the next time."""
+        for k, plant in enumerate(self.others):
+            if not self._in_contact(close_loop(plant, controller)):
+                self.others.insert(0, self.others.pop(k))
+                return False
+        return True

@@ -1,0 +1,399 @@
+"""Tuning: the laws and the inner end mass with the largest guaranteed bandwidth over a payload range.
+
+Whatever the kind, one engine searches (`beamdesign.synthesis.law_search`) and exact proofs decide: nothing is returned
+that is not proved over the continuous range.
+
+A scheduled controller has a law for each part of the payloads. Every stage performs over its own and is stable over all
+of them and a little more, so that no estimate of the payload, however wrong, destabilises the loop: see
+`beamdesign.plant.members.served`. A fixed law is the case of one stage.
+
+The mass inside is one for all stages. Alone, each stage is tuned with a mass of its own, which bounds what it can
+reach. Then these masses and those halfway between them are tried for all stages. Of those that leave the worst stage
+nearly as much as the best of them, the one with the largest product of bandwidths is taken: the last percent of the
+worst stage may cost another stage a sixth of its bandwidth.
+
+Stages are lags. Of a prototype whose own controller is structured, by itself or in its stages, they are structured too:
+each is tuned from the law that acts in its middle, with the prototype's mass inside, which is for them what a search
+would take hours for.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import ceil, inf, prod
+from types import MappingProxyType
+
+import numpy as np
+
+from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
+from beamdesign.plant.members import Member, served
+from beamdesign.proofs.certifying import gain_and_mass
+from beamdesign.proofs.lyapunov import Switching, switching
+from beamdesign.proofs.mass_family import stage_families
+from beamdesign.prototype import Goal, InStage, Prototype
+from beamdesign.rational import nearest
+from beamdesign.records import InputError
+from beamdesign.synthesis.law_search import Found, Search, Told, from_seeds, search
+from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.rig_spread import RigSpread
+from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
+
+Progress = Told
+
+
+def tunable() -> tuple[str, ...]:
+    """What `tune` may be asked for: registered kinds of which a law can be sought, and kinds of synthesis."""
+    return *(name for name, kind in KINDS.items() if kind.seeds()), *SYNTHESES
+
+
+SMALLEST_BANDWIDTH_HZ = 1e-3
+"""Below this a loop does not hold its load still, and is no answer."""
+
+NEARLY = 0.98
+"""Share of the largest bandwidth of the worst stage that counts as nearly as much."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Outcome of `tune`.
+
+    Attributes:
+        prototype: with the tuned controller and end mass; as given where nothing was found.
+        outer_end_mass_kg: the range of the guarantee, of several laws all payloads.
+        best: the proved loop, of several laws that of the least bandwidth; None where there is none.
+        starts: bandwidths (Hz) that designs reached on samples, the largest first.
+        certificates: how many exact stability proofs were run.
+        reason: why there is no answer, empty where there is one.
+        worst: of a robust design, (d,) standard deviations of each rig that was proved beside the nominal one.
+        laws: of several laws the tuning of each over its own payloads.
+        alone_Hz: of several laws, the bandwidth of each tuned with a mass inside of its own: what no common mass can
+            exceed.
+        switching: what is proved of changes between several laws; None with effects, which that does not cover.
+    """
+
+    prototype: Prototype
+    outer_end_mass_kg: tuple[float, float]
+    best: Proved | None = None
+    starts: tuple[float, ...] = ()
+    certificates: int = 0
+    reason: str = ""
+    worst: tuple[np.ndarray, ...] = ()
+    laws: "tuple[Tuning, ...]" = ()
+    alone_Hz: tuple[float, ...] = ()
+    switching: Switching | None = None
+
+    @property
+    def each(self) -> "tuple[Tuning, ...]":
+        """The tuning of every law, of a fixed one itself."""
+        return self.laws or (self,)
+
+    @property
+    def stages(self) -> tuple[InStage, ...]:
+        """The tuned prototype with each law."""
+        return self.prototype.stages(self.outer_end_mass_kg)
+
+
+@dataclass(frozen=True)
+class LawOptions:
+    """What one law is sought with.
+
+    Attributes:
+        kind: a registered kind of controller, or one of `SYNTHESES`; these polish the prototype's own controller as
+            well, where it is structured or an observer. A kind without seeds is tuned from the prototype's own.
+        inner_kg: least and most mass on the inner tip.
+        sections: second-order sections of a structured controller.
+        sensors: what an observer reads, of `beamdesign.controllers.SENSED`.
+        spread: rigs that are off, of which the worst are proved as well; none: the nominal rig alone.
+        near: begin with the prototype's own controller, where it is of this kind and its loop stable, instead of
+            growing or synthesising others; these come after all where nothing next to it is proved.
+        stable_kg: payloads for all of which it is to be stable, beside those it is for; None: for these alone.
+    """
+
+    kind: str = "lag"
+    inner_kg: tuple[float, float] = (0.0, 6.0)
+    sections: int = 3
+    sensors: tuple[Sensed, ...] = SENSED[:1]
+    spread: RigSpread | None = None
+    near: bool = False
+    stable_kg: tuple[float, float] | None = None
+
+
+def tune(
+    prototype: Prototype,
+    outer_end_mass_kg: tuple[float, float],
+    kind: str = "lag",
+    largest_inner_end_mass_kg: float = 6.0,
+    progress: Progress | None = None,
+    sections: int = 3,
+    sensors: Sequence[Sensed] = SENSED[:1],
+    spread: RigSpread | None = None,
+    stages: int = 3,
+    near: bool = False,
+    estimator: Estimator | None = None,
+) -> Tuning:
+    """Tune a controller of one law, or of a law for each part of the payloads, for the largest guaranteed bandwidth.
+
+    Args:
+        prototype: the rig; its goal sets the limits of compliance, peak sensitivity, loop gain and effort. A structured
+            controller of its own sets the form of the stages of a scheduled one.
+        outer_end_mass_kg: range of mass on the outer tip over which everything is guaranteed.
+        kind: see `LawOptions`; "scheduled" for several laws.
+        largest_inner_end_mass_kg: most mass that may be added to the inner tip.
+        progress: told the share done and what is being done.
+        sections: see `LawOptions`, as the next two and `near`.
+        sensors: those that are read.
+        spread: rigs that are off.
+        stages: how many laws a scheduled controller has.
+        near: begin with the prototype's own controller.
+        estimator: of the payload, for a scheduled controller; stages overlap by two and a half times its band, of which
+            half a band is hysteresis.
+
+    Returns:
+        the tuned prototype with what was proved of it, or a reason why there is none. Of a prototype with effects every
+        linear member is proved. Changes between several laws are proved, and set as far apart as that needs, where it
+        has no effects.
+
+    Raises:
+        InputError: for effects for which no linear loop stands, or which together allow no proof; where so many stages
+            do not fit into the range, and for structured stages without a filter before them whose changes are to be
+            proved.
+        ValueError: for a kind that is none of these.
+    """
+    if kind not in (*KINDS, *SYNTHESES):
+        raise ValueError(f"no tuning of kind {kind!r}")
+    told = progress or (lambda share, text: None)
+    asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
+    if kind == Scheduled.model_fields["kind"].default:
+        figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
+        return _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, told)
+    return tune_law(prototype, outer_end_mass_kg, asked, told)
+
+
+def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, told: Told) -> Tuning:
+    """Tune one law over a range of payloads (kg); arguments and errors as of `tune`."""
+    kind, own, inner = asked.kind, prototype.controller, prototype.payload.inner_end_mass_kg
+    stage = None if asked.stable_kg is None else (masses_kg, asked.stable_kg)
+    members = served(prototype, (asked.stable_kg or masses_kg)[1], stage)
+    spread = asked.spread and replace(asked.spread, stage=stage)
+    if any(_varies_on_the_mount(member) for member in members):
+        raise InputError(prototype.name, gain_and_mass(prototype, masses_kg[1]))
+    given = (members, prototype.goal, masses_kg, asked.inner_kg)
+    opened = own.form() if own is not None and own.sought["kind"] == kind else None
+    if kind in SYNTHESES:
+        effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
+        task = Search(*given, asked.sensors, spread, effort)
+        alone = asked.near and opened is not None and opened[0].sensors == task.sensors and task.settled(*opened, inner)
+        heard = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
+        found = search_observer(task, None if alone else kind, heard, told)
+    else:
+        task = Search(*given, opened[0].sensors if opened else SENSED[:1], spread)
+        starts, growths, alone = from_seeds(task, KINDS[kind]), asked.sections if KINDS[kind].grows else 0, False
+        if opened is not None and (asked.near or not starts) and task.settled(*opened, inner):
+            alone = growths > 0
+            starts, growths = [(opened[0], np.append(opened[1], inner)), *([] if growths else starts)], 0
+        found = search(task, starts, growths, told) if starts else Found(None, (), 0, _NO_START.format(kind))
+    best = found.proved
+    if best is None and alone:
+        return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), told)
+    if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
+        why = no_answer(kind, prototype.goal, masses_kg, found.reason)
+        return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
+    built = tuned(prototype, best, masses_kg)
+    return Tuning(built, masses_kg, best, found.sampled, found.certificates, worst=found.worst)
+
+
+_NO_START = "a {} controller is tuned from one of its kind with a stable loop, and the prototype has none"
+
+
+def _varies_on_the_mount(member: Member) -> bool:
+    """Whether its gain varies where it is to perform while the end mass shows in what is fed back."""
+    inside = member.performance
+    return member.rig.sensor_rides and inside is not None and inside.low < inside.high
+
+
+def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
+    """Why there is no design, and what may allow one."""
+    low, high = masses_kg
+    return (
+        f"no {kind} controller was found that is proved stable with peak sensitivity at most"
+        f" {goal.peak_sensitivity:g} for outer end masses of {low:g} to {high:g} kg, and keeps"
+        f" {goal.compliance_m_per_N:g} m/N up to any useful frequency ({failure}); a narrower range,"
+        " a larger peak sensitivity, a larger compliance or more inner end mass may allow one"
+    )
+
+
+def tuned(prototype: Prototype, best: Proved, masses_kg: tuple[float, float]) -> Prototype:
+    """The prototype with controller, inner end mass and range of a proved loop."""
+    return prototype.but(
+        controller=best.controller,
+        payload=prototype.payload.but(outer_end_mass_kg=masses_kg, inner_end_mass_kg=best.inner_end_mass_kg),
+        guarantee=None,
+    )
+
+
+VALVE_LIMITS = {"loop_gain": 0.25, "controller_effort_A_per_V": 0.06}
+"""What the published valve bears, where neither a goal nor who asks says otherwise."""
+
+
+def limited(goal: Goal, kind: str, given: Mapping[str, float | None] = MappingProxyType({})) -> Goal:
+    """A goal with the limits that a valve sets to laws of high order; a lag and less keeps them by its form.
+
+    Args:
+        goal: its own limits stand.
+        kind: of the controller that is sought, as `tune` has it.
+        given: limits that stand before those of the goal, by name; infinite for none, None for nothing said.
+    """
+    high_order = kind in SYNTHESES or (kind in KINDS and KINDS[kind].grows)
+    own = VALVE_LIMITS if high_order else {}
+    changes = {name: value for name, value in own.items() if getattr(goal, name) is None}
+    changes |= {name: value for name, value in given.items() if value is not None}
+    return goal.but(**{name: None if value == inf else value for name, value in changes.items()})
+
+
+def tune_alike(
+    prototype: Prototype, outer_end_mass_kg: tuple[float, float], progress: Progress | None = None
+) -> Tuning:
+    """Tune another controller of the kind that a prototype has, from that one; a lag where it has none.
+
+    Raises:
+        InputError: for a kind that has no form to be tuned, and as `tune`.
+    """
+    asked = {"kind": "lag"} if prototype.controller is None else prototype.controller.sought
+    kind = asked["kind"]
+    if kind not in (*KINDS, *SYNTHESES):
+        raise InputError(prototype.name, [("controller.kind", f"{kind!r} has no form that is tuned; give a lag")])
+    rig = prototype.but(goal=limited(prototype.goal, kind))
+    return tune(rig, outer_end_mass_kg, progress=progress, near=True, **asked)
+
+
+def _tune_stages(
+    prototype: Prototype, whole_kg: tuple[float, float], asked: LawOptions, stages: int, figures: Estimator, told: Told
+) -> Tuning:
+    """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all."""
+    ranges = _ranges(prototype, whole_kg, stages, 2.5 * figures.band_kg)
+    steps, done = 2 * stages * stages + 1, 0
+
+    def tuned(stage_kg: tuple[float, float], inner: float | None) -> Tuning:
+        nonlocal done
+        begun, done = done, done + 1
+        words = "by itself" if inner is None else f"with {inner:.4g} kg inside"
+        words = f"stage {ranges.index(stage_kg) + 1} of {stages} {words}"
+        own, middle = prototype.controller, sum(stage_kg) / 2
+        law = next((law for law, (low, high) in own.laws if low <= middle <= high), None) if own is not None else None
+        near = law is not None and bool(law.sections)
+        if near:  # from the law that acts there, with the mass that it has inside
+            inner = prototype.payload.inner_end_mass_kg
+        inside_kg = asked.inner_kg if inner is None else (inner, inner)
+        kind = "structured" if near else "lag"
+        one = replace(asked, kind=kind, inner_kg=inside_kg, near=near, stable_kg=whole_kg)
+        return tune_law(
+            prototype.but(controller=law), stage_kg, one, lambda share, _: told((begun + share) / steps, words)
+        )
+
+    alone: list[Tuning] = []
+    for k, stage_kg in enumerate(ranges, start=1):
+        alone.append(tuned(stage_kg, None))
+        if alone[-1].best is None:
+            reason = f"stage {k}, stable for all payloads as well: {alone[-1].reason}"
+            return Tuning(prototype, whole_kg, reason=reason, alone_Hz=tuple(map(_hertz, alone[:-1])))
+
+    def least(found: list[Tuning]) -> float:
+        return min(map(_hertz, found))
+
+    own_kg = sorted({round(one.best.inner_end_mass_kg, 2) for one in alone if one.best is not None})
+    tried_kg = sorted({*own_kg, *(round((one + two) / 2, 2) for one, two in pairwise(own_kg))})
+    same = len({one.best.inner_end_mass_kg for one in alone if one.best is not None}) == 1
+    tried = [alone] if same else [[tuned(stage_kg, inner) for stage_kg in ranges] for inner in tried_kg]
+    enough = NEARLY * max(least(found) for found in tried)
+    best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
+    bandwidths = tuple(map(_hertz, alone))
+    if least(best) == 0:
+        reason = "no mass inside was found with which every stage can be proved"
+        return Tuning(prototype, whole_kg, reason=reason, alone_Hz=bandwidths)
+    schedule = Scheduled(stage=tuple(map(_stage, best)), estimator=figures)
+    inside = best[0].prototype.payload.inner_end_mass_kg
+    payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside)
+    rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
+    whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=bandwidths)
+    if rig.effects:  # of which no states are known in which laws could change
+        return whole
+    proved = switching(
+        stage_families(rig),
+        *whole_kg,
+        dwell_s=schedule.dwell_s,
+        update=lambda share, text: told((steps - 1 + share) / steps, text),
+    )
+    rig = kept_apart(rig, proved)
+    assert rig.schedule is not None
+    return replace(whole, prototype=rig, switching=replace(proved, dwell_s=rig.schedule.dwell_s))
+
+
+def kept_apart(rig: Prototype, found: Switching) -> Prototype:
+    """The rig with changes of stage at least so far apart as is proved to be enough."""
+    schedule = rig.schedule
+    if schedule is None or found.stages.dwell_s is None or found.stages.suffices(schedule.dwell_s):
+        return rig
+    needed = ceil(100 * nearest(found.stages.dwell_s)) / 100
+    return rig.but(controller=schedule.but(dwell_s=needed))
+
+
+def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
+    """Equal parts of a range, each widened by half an overlap towards its neighbours; bounds in whole grams.
+
+    Raises:
+        ValueError: where the parts are not wider than the overlap.
+    """
+    low, high = whole_kg
+    width = (high - low) / count
+    if not width > overlap_kg:
+        raise ValueError(
+            f"{count} stages of {width:.4g} kg each leave no room for overlaps of {overlap_kg:.4g} kg; fewer stages or"
+            " a narrower band of the estimate would"
+        )
+    half = overlap_kg / 2
+    edges = [low + k * width for k in range(count + 1)]
+    return [
+        (low if k == 0 else round(edges[k] - half, 3), high if k == count - 1 else round(edges[k + 1] + half, 3))
+        for k in range(count)
+    ]
+
+
+def _ranges(
+    prototype: Prototype, whole_kg: tuple[float, float], stages: int, overlap_kg: float
+) -> list[tuple[float, float]]:
+    """Payloads of the stages; what stands against them, all at once."""
+    problems, found = [], []
+    if not whole_kg[0] < whole_kg[1]:
+        reason = f"{whole_kg[0]:g}:{whole_kg[1]:g} holds one payload, which needs no stages"
+        problems.append(("payload.outer_end_mass_kg", reason))
+    else:
+        try:
+            found = stage_ranges(whole_kg, stages, overlap_kg)
+        except ValueError as error:
+            problems.append(("stages", str(error)))
+    laws = () if prototype.controller is None else prototype.controller.laws
+    proved = not prototype.effects  # else no proof of changes asks for states to hand over
+    if proved and prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
+        problems.append(
+            ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
+        )
+    if problems:
+        raise InputError(f"{prototype.name}: scheduled", problems)
+    return found
+
+
+def _hertz(found: Tuning) -> float:
+    return 0.0 if found.best is None else found.best.bandwidth_Hz
+
+
+def _stage(found: Tuning) -> Stage:
+    assert found.best is not None
+    law = found.best.controller
+    assert law.lag is not None
+    return Stage(
+        outer_end_mass_kg=found.outer_end_mass_kg,
+        gain_A_per_V=law.gain_A_per_V,
+        pole_Hz=law.lag.pole_Hz,
+        zero_Hz=law.lag.zero_Hz,
+        section=law.sections,
+    )

@@ -1,0 +1,254 @@
+"""Search of a law given by matrices: weights of a synthesis, its law reduced, then polished entry by entry.
+
+A regulator that is optimal by its weights knows nothing of limits on peaks; the weights, the mass inside and the
+payload that it is designed for are what a search can choose, for the law that does best at sampled points of the loops
+it serves. It is reduced to an order that can be realised. What is then polished are its entries themselves: the
+structure stays that of the observer, the figures are no longer optimal by any weights.
+"""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import log, pi
+
+import numpy as np
+
+from beamdesign.controllers import Controller, Sensed
+from beamdesign.controllers.form import block_form
+from beamdesign.plant.linear import LinearModel
+from beamdesign.prototype import Goal
+from beamdesign.synthesis.law_search import Effort, Found, Search, Told, sampled_masses, search
+from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, sampled_bandwidth, slacks_of
+from beamdesign.synthesis.synthesis import (
+    GeneralisedPlant,
+    StateSpace,
+    Weights,
+    hinf,
+    lqg,
+    realised,
+    scaled_plant,
+    sensed_model,
+    weighted,
+)
+
+AIM_HZ = 5.0
+"""Up to where the search betters the compliance."""
+
+_PENALTY = 4.0
+"""What a violation of the other limits costs, over the slack of compliance."""
+
+_UNSTABLE, _NONE = 50.0, 60.0
+"""Cost of a loop that is not stable, and of weights that lead to no stable controller."""
+
+_LOG_BOUNDS = (
+    (0.2, 3.0),  # corner, in units of 100 rad/s
+    (0.05, 1.0),  # its damping ratio
+    (2.0, 12.0),  # roll-off
+    (1e-2, 1e2),  # current
+    (1e-3, 1e2),  # noise
+    (1e-3, 1e2),  # recovery
+    (1e-2, 1e2),  # white force
+    (1e-2, 1e2),  # noise of added sensors
+)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A controller that was synthesised.
+
+    Attributes:
+        law: in SI, reduced to the order that is realised.
+        inner_end_mass: kg.
+        cost: the smaller the better.
+        bandwidth_Hz: sampled, as synthesised; 0 where it misses another limit than the compliance.
+        variables: logarithms of the weights, mass inside, payload it is designed for.
+    """
+
+    law: StateSpace
+    inner_end_mass: float
+    cost: float
+    bandwidth_Hz: float
+    variables: np.ndarray
+
+
+@dataclass(frozen=True)
+class WeightSearch:
+    """One rig with its sensors, and the samples of all loops that are to be served.
+
+    Attributes:
+        rig: that the controller is designed on.
+        sensors: what it reads.
+        points: samples, the same frequencies in every row.
+        goal: the limits.
+        masses_kg: range of the payload.
+        largest_inner: kg.
+        order: of the controller.
+    """
+
+    rig: LinearModel
+    sensors: Sequence[Sensed]
+    points: Samples
+    goal: Goal
+    masses_kg: tuple[float, float]
+    largest_inner: float
+    order: int
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest variables, (10,) each."""
+        rows = [(log(low), log(high)) for low, high in _LOG_BOUNDS]
+        found = np.array([*rows, (0.0, self.largest_inner), self.masses_kg])
+        return found[:, 0], found[:, 1]
+
+    def proposal(self, variables: np.ndarray, solve: Callable[[GeneralisedPlant], StateSpace]) -> Proposal | None:
+        """The controller of some weights; None where there is none, or none that is stable."""
+        weights, inner = Weights(*np.exp(variables[: len(_LOG_BOUNDS)])), float(variables[-2])
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", RuntimeWarning)  # an equation that is all but singular is no design
+                plant = scaled_plant(
+                    sensed_model(self.rig, float(variables[-1]), inner, self.sensors), self.goal.compliance_m_per_N
+                )
+                law = realised(plant, weights, solve(weighted(plant, weights)), self.order)
+        except (np.linalg.LinAlgError, ValueError, RuntimeWarning):
+            return None
+        rows = int(self.points.row.max()) + 1
+        s = 2j * pi * self.points.frequency_Hz[: len(self.points.frequency_Hz) // rows]
+        left = slacks_of(self.points, self.goal, np.tile(law.responses(s)[:, 0].T, (1, rows)), inner)
+        if not left.settled or not self._stable(law, inner):
+            return Proposal(law, inner, _UNSTABLE, 0.0, variables)
+        aimed = left.compliance[self.points.frequency_Hz <= AIM_HZ]
+        reached = sampled_bandwidth(self.points, left.compliance) if left.violation < 1e-3 else 0.0
+        return Proposal(law, inner, _PENALTY * left.violation - float(aimed.min()), reached, variables)
+
+    def _stable(self, law: StateSpace, inner: float) -> bool:
+        """Whether the loops of the rig that is designed on are stable at the ends and in the middle of the range."""
+        for mass in np.unique(np.linspace(*self.masses_kg, 3)):
+            plant = sensed_model(self.rig, float(mass), inner, self.sensors)
+            current, sensed = plant.b[:, 1:], plant.c[1:]
+            whole = np.block([[plant.a - current @ law.d @ sensed, current @ law.c], [-law.b @ sensed, law.a]])
+            # The mean pressure of the chambers and the like neither are driven nor show; they are stable by themselves.
+            if np.linalg.eigvals(whole).real.max() >= 0:
+                return False
+        return True
+
+    def sampled(self, count: int) -> list[Proposal]:
+        """Regulators of weights that fill their bounds evenly, the best first; only those with stable loops."""
+        from scipy.stats import qmc
+
+        lower, upper = self.bounds()
+        unit = qmc.Sobol(len(lower), scramble=True, rng=0).random(count)
+        found = [self.proposal(lower + row * (upper - lower), lqg) for row in unit]
+        return sorted((one for one in found if one is not None and one.cost < _UNSTABLE), key=lambda one: one.cost)
+
+    def improved(self, start: Proposal, solve: Callable[[GeneralisedPlant], StateSpace], evaluations: int) -> Proposal:
+        """The best that a simplex search (J. A. Nelder and R. Mead, Computer Journal 7, 1965) finds from a start."""
+        from scipy.optimize import minimize
+
+        lower, upper = self.bounds()
+        best = start
+
+        def cost(variables: np.ndarray) -> float:
+            nonlocal best
+            found = self.proposal(np.clip(variables, lower, upper), solve)
+            if found is not None and found.cost < best.cost:
+                best = found
+            return _NONE if found is None else found.cost
+
+        steps = np.minimum(0.6, (upper - lower) / 4)
+        simplex = np.vstack(
+            [start.variables, start.variables + np.diag(np.where(start.variables + steps < upper, steps, -steps))]
+        )
+        minimize(
+            cost,
+            start.variables,
+            method="Nelder-Mead",
+            options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
+        )
+        return best
+
+
+SYNTHESES = ("lqg", "hinf")
+"""Kinds of synthesis."""
+
+EFFORT = Effort(polished=2, candidates=1)
+ADDED_SENSORS_EFFORT = Effort(polished=1, candidates=1)
+
+_HINF_STARTS = 3
+"""From how many weights of the regulator the least norm is sought; with half the evaluations, each takes so long."""
+
+Given = tuple[Controller, float]
+"""A law to begin with, and the mass inside, kg."""
+
+
+def search_observer(
+    task: Search, kind: str | None, starts: Sequence[Given] = (), told: Told = lambda share, text: None
+) -> Found:
+    """Find the largest guaranteed bandwidth of a law given by matrices.
+
+    Args:
+        task: what is asked; its sensors are those of the law.
+        kind: one of `SYNTHESES`: how laws to polish are synthesised; None for the starts alone.
+        starts: further laws to polish, with these sensors or fewer; others than linear ones are passed over.
+        told: the share done and what is being done.
+    """
+    if len(task.sensors) > 1 and any(member.gain.low != member.gain.high for member in task.members):
+        why = "with added sensors no tuner serves the range of gains that an effect of this prototype asks for"
+        return Found(None, (), 0, why)
+    given = [one for one in starts if one[0].observer or one[0].sections]
+    if len(task.sensors) > 1 and kind and not given:
+        # What the displacement alone reaches is where an added sensor begins.
+        first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, polished=EFFORT.polished))
+        alone = search_observer(first, kind, (), lambda share, text: told(0.4 * share, f"displacement alone, {text}"))
+        if alone.proved is not None:
+            given = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]
+    laws = [(StateSpace(*_matrices(law, task.sensors)), inner) for law, inner in given]
+    if kind:
+        laws += [(one.law, one.inner_end_mass) for one in _proposals(task, kind, told)[: task.effort.synthesised]]
+    worth = _worth(task.points)
+    opened = [
+        (form[0], np.append(form[1], inner))
+        for law, inner in laws
+        if len(law.a) <= 2 * task.effort.blocks
+        and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, task.effort.blocks, worth)) is not None
+    ]
+    if not opened:
+        return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
+    return search(task, opened, told=lambda share, text: told(0.4 + 0.6 * share, text))
+
+
+def _proposals(task: Search, kind: str, told: Told) -> list[Proposal]:
+    """Laws that were synthesised, the best first."""
+    told(0.0, "searching weights")
+    frequencies = np.union1d(COARSE_HZ, [task.goal.loop_gain_from_Hz])
+    points = rig_samples(task.members, frequencies, sampled_masses(task.masses_kg), task.sensors)
+    rig = next(member.rig for member in task.members if member.performance is not None)
+    weights = WeightSearch(
+        rig, task.sensors, points, task.goal, task.masses_kg, task.inner_kg[1], 2 * task.effort.blocks
+    )
+    found = weights.sampled(task.effort.weights)
+    if found:
+        told(0.1, "improving weights")
+        found = [weights.improved(found[0], lqg, task.effort.evaluations), *found]
+    if kind == "lqg" or not found:
+        return found
+    told(0.2, "improving weights of the least norm")
+    tried = [weights.proposal(start.variables, hinf) for start in found[:_HINF_STARTS]]
+    solved = sorted((one for one in tried if one is not None), key=lambda one: one.cost)
+    return [weights.improved(solved[0], hinf, task.effort.evaluations // 2), *solved] if solved else []
+
+
+def _worth(points: Samples) -> np.ndarray:
+    """Gains through each sensor, over that through the first, that make the same loop gain about 10 Hz, (p,)."""
+    near = (points.frequency_Hz > 5) & (points.frequency_Hz < 20)
+    size = np.median(np.abs(points.control[:, 0, near]), axis=1)
+    return np.asarray(size[0] / size)
+
+
+def _matrices(law: Controller, sensors: tuple[Sensed, ...]) -> tuple[np.ndarray, ...]:
+    """The matrices of a law with fewer sensors, which does nothing yet with the others."""
+    model = law.control_model()
+    a, b_own, c, d_own = (np.asarray(part) for part in (model.A, model.B, model.C, model.D))
+    b, d = np.zeros((len(a), len(sensors))), np.zeros((1, len(sensors)))
+    places = [sensors.index(name) for name in law.senses]
+    b[:, places], d[:, places] = b_own, d_own
+    return a, b, c, d

@@ -1,0 +1,271 @@
+"""The blind check: cases with sealed answers are diagnosed from their data alone, then the answers are opened.
+
+The folder of a check holds `plan.json`, `sets/` (the data, one folder per case), `answers/` (sealed), `sealed.json`,
+`fits/`, `predictions/` and `found/` (what was diagnosed). Whatever is finished is not done again, so that a check that
+was stopped in any way goes on by the same call; after a change of the judgement alone, fits are taken from the disk.
+"""
+
+import json
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beamdesign.files import write_whole
+from beamdesign.records import InputError
+from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, plan
+from beamdesign.validation.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
+from beamdesign.validation.blind.seal import Seal, broken, folder_digest, program_digest, read_seal, sealed, write_seal
+
+Progress = Callable[[float, str], None]
+_DRAWN_BY = "beamdesign.validation.blind.case_plan"
+
+
+@dataclass(frozen=True)
+class Check:
+    """A blind check and where it is kept.
+
+    Attributes:
+        folder: of everything that belongs to it.
+        cases: planned.
+        short: whether records are few and short.
+        seed: of the plan.
+    """
+
+    folder: Path
+    cases: tuple[Planned, ...]
+    short: bool
+    seed: int
+
+    @property
+    def answers(self) -> Path:
+        """Folder of the answers."""
+        return self.folder / "answers"
+
+    @property
+    def sets(self) -> Path:
+        """Folder of the data sets."""
+        return self.folder / "sets"
+
+    @property
+    def seal(self) -> Path:
+        """File with the digests."""
+        return self.folder / "sealed.json"
+
+    @property
+    def not_drawn(self) -> dict[str, str]:
+        """Cases that could not be drawn, with the reason."""
+        return {path.stem: path.read_text().strip() for path in sorted((self.folder / "not_drawn").glob("*.txt"))}
+
+    def place(self, key: str) -> Place:
+        """Where the files of one case are, for who diagnoses it."""
+        return Place(
+            self.sets / key,
+            self.folder / "found" / f"{key}.json",
+            self.folder / "predictions" / f"{key}.npz",
+            self.folder / "fits" / key,
+        )
+
+
+@dataclass(frozen=True)
+class Opened:
+    """One case with its answer.
+
+    Attributes:
+        key: of the case.
+        answer: what was in it.
+        found: what was written down about it; `failed` instead of `diagnosis` where there is none.
+        closed: share of the gap that the diagnosed prototype closes against the noise-free rig; None where unknown.
+    """
+
+    key: str
+    answer: dict[str, Any]
+    found: dict[str, Any]
+    closed: float | None
+
+
+def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequence[Planned] | None = None) -> Check:
+    """Plan a check, or take up the one that the folder holds.
+
+    Args:
+        folder: of the check.
+        count: of cases.
+        seed: of the plan.
+        short: whether records are few and short.
+        cases: instead of those that count and seed plan.
+
+    Raises:
+        InputError: where the folder holds another check.
+    """
+    planned = tuple(plan(count, seed) if cases is None else cases)
+    rows = [{"number": c.number, "kind": c.kind, "names": list(c.names), "seed": c.seed} for c in planned]
+    fields = {"seed": seed, "short": short, "cases": rows}
+    path = folder / "plan.json"
+    if path.is_file():
+        if json.loads(path.read_text(encoding="utf-8")) != fields:
+            raise InputError(path, [("(plan)", "the folder holds another check; name another folder")])
+    else:
+        write_whole(path, json.dumps(fields, indent=1) + "\n")
+    return Check(folder, planned, short, seed)
+
+
+def draw_and_seal(check: Check, workers: int = 2, progress: Progress = lambda share, words: None) -> Seal:
+    """Draw all cases and seal their answers, unless that has been done.
+
+    Raises:
+        ValueError: where sealed.json is no seal.
+        OSError: where something cannot be written.
+    """
+    if check.seal.is_file():
+        return read_seal(check.seal)
+    with _processes(min(workers, len(check.cases))) as pool:
+        jobs = {pool.submit(draw, case, check.short, check.sets, check.answers): case for case in check.cases}
+        for done, (future, case) in enumerate(_as_done(jobs)):
+            reason = future.result()
+            if reason:
+                write_whole(check.folder / "not_drawn" / f"{case.key}.txt", reason + "\n")
+            progress((done + 1) / len(jobs), "drawing cases")
+    answers = read_answers(check.answers)
+    digests = {key: folder_digest(check.sets / key) for key in answers}
+    seal = sealed(answers, digests, program_digest(_DRAWN_BY))
+    write_seal(seal, check.seal)
+    return seal
+
+
+def diagnose_all(
+    check: Check, workers: int = 2, progress: Progress = lambda share, words: None, rejudge: bool = False
+) -> Program:
+    """Diagnose all sealed cases, each from its data alone, in processes that have never had an answer.
+
+    Each process keeps what it has compiled for the next case.
+
+    Args:
+        check: drawn and sealed.
+        workers: processes.
+        progress: told the share done.
+        rejudge: whether fits of an earlier program count.
+
+    Returns:
+        digests of the program that did it.
+    """
+    now = program()
+    keys = list(read_seal(check.seal).sets)
+    with _processes(min(workers, len(keys)), begin_blind, (str(check.answers), os.getpid())) as pool:
+        jobs = {pool.submit(diagnose_blind, check.place(key), now, rejudge): key for key in keys}
+        for done, (future, _) in enumerate(_as_done(jobs)):
+            future.result()
+            progress((done + 1) / len(jobs), "diagnosing")
+    return now
+
+
+def open_all(check: Check, unfinished: bool = False) -> tuple[Opened, ...]:
+    """Open the answers of a check that has been diagnosed.
+
+    Args:
+        check: diagnosed.
+        unfinished: whether cases that have not been diagnosed may be left out; their answers stay closed.
+
+    Raises:
+        InputError: where an answer or a data set is not what was sealed, or a case has not been diagnosed.
+    """
+    seal = read_seal(check.seal)
+    missing = {key for key in seal.answers if not check.place(key).result.is_file()}
+    answers = read_answers(check.answers, missing if unfinished else set())
+    problems = [
+        (key, "the answer is not the one that was sealed")
+        for key in broken(seal, answers)
+        if not (unfinished and key in missing)
+    ]
+    opened = []
+    for key in seal.answers:
+        path = check.place(key).result
+        if key in missing:
+            if not unfinished:
+                problems.append((key, "not diagnosed"))
+            continue
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["set_sha256"] != seal.sets[key]:
+            problems.append((key, "what was diagnosed are not the data that were sealed"))
+        elif key in answers:
+            opened.append(Opened(key, answers[key], found, _closed(check, key, answers[key], found, problems)))
+    if problems:
+        raise InputError(check.seal, problems)
+    return tuple(opened)
+
+
+def read_answers(folder: Path, closed: Collection[str] = ()) -> dict[str, dict[str, Any]]:
+    """All answers by case, but for those that stay closed."""
+    return {
+        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(folder.glob("*.json"))
+        if path.stem not in closed
+    }
+
+
+def _closed(
+    check: Check, key: str, answer: dict[str, Any], found: dict[str, Any], problems: list[tuple[str, str]]
+) -> float | None:
+    truth = check.answers / f"{key}.npz"
+    if "diagnosis" not in found or "displacements_sha256" not in answer:
+        return None
+    with np.load(truth, allow_pickle=False) as held:
+        records = {name: held[name] for name in held.files}
+    if displacements_digest(records) != answer["displacements_sha256"]:
+        problems.append((key, "the noise-free records are not those that were sealed"))
+        return None
+    with np.load(check.place(key).predictions, allow_pickle=False) as held:
+        predicted = {name: held[name] for name in held.files}
+    return closed_by(records, predicted)
+
+
+def closed_by(truth: dict[str, np.ndarray], predicted: dict[str, np.ndarray]) -> float | None:
+    """1 - after^2 / before^2 of errors against noise-free displacements, each record over its own rms.
+
+    Args:
+        truth: by record.
+        predicted: as `RECORD/before` and `RECORD/after`; where a loop diverges it counts as an error of the whole.
+    """
+    names = [name.removesuffix("/before") for name in predicted if name.endswith("/before")]
+    powers = []
+    for name in names:
+        exact = truth[name].astype(float)
+        power = float(np.var(exact))
+        errors = []
+        for word in ("before", "after"):
+            given = predicted[f"{name}/{word}"].astype(float)
+            error = exact - given if np.all(np.isfinite(given)) else exact
+            errors.append(float(np.mean(error**2)) / power)
+        powers.append(errors)
+    before, after = np.mean(powers, axis=0) if powers else (0.0, 0.0)
+    return float(1 - after / before) if before > 0 else None
+
+
+@contextmanager
+def _processes(
+    workers: int, begin: Callable[..., None] | None = None, given: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """New processes that have nothing from this one but what they are given; ended at once when it is interrupted."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # one process per core is enough
+        os.environ.setdefault(name, "1")
+    others = active_children()
+    pool = ProcessPoolExecutor(max(1, workers), get_context("spawn"), begin, given)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in active_children():
+            if child not in others:
+                child.terminate()
+        raise
+    pool.shutdown()
+
+
+def _as_done(jobs: dict[Future[Any], Any]) -> Iterable[tuple[Future[Any], Any]]:
+    for future in as_completed(jobs):
+        yield future, jobs[future]

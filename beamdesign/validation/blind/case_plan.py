@@ -1,0 +1,136 @@
+"""Which cases a blind check is made of, and their drawing: data sets in one folder, answers in another.
+
+Kinds come in fixed shares, every listed effect about as often as any other.
+"""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from beamdesign.files import write_whole
+from beamdesign.validation.blind.seal import canonical
+from beamdesign.validation.truth import LISTED, OUTSIDE, PARAMETERS, answer, draw_case, noise_free, write_case
+
+Kind = Literal["null", "single", "pair", "outside", "parameter"]
+SHARES: dict[Kind, float] = {"null": 0.20, "single": 0.45, "parameter": 0.10, "pair": 0.12, "outside": 0.13}
+"""Of all cases."""
+_SEEDS_PER_PLAN = 100_000
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One case to be drawn.
+
+    Attributes:
+        number: in the order in which they are diagnosed, which mixes the kinds.
+        kind: of case.
+        names: of the effects in it; none for a null.
+        seed: of its drawing.
+    """
+
+    number: int
+    kind: Kind
+    names: tuple[str, ...]
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Under which its files are kept."""
+        return f"{self.number:04d}"
+
+
+def plan(count: int, seed: int) -> tuple[Planned, ...]:
+    """Plan a check.
+
+    Args:
+        count: of cases.
+        seed: another one gives other cases throughout.
+
+    Raises:
+        ValueError: for no cases or a negative seed.
+    """
+    if count < 1 or seed < 0:
+        raise ValueError("a check needs at least one case and a seed that is not negative")
+    random = np.random.default_rng([seed, count])
+    pools: dict[Kind, Sequence[tuple[str, ...]]] = {
+        "null": [()],
+        "single": [(name,) for name in LISTED],
+        "parameter": [(f"parameter:{name}",) for name in PARAMETERS],
+        "pair": list(combinations(LISTED, 2)),
+        "outside": [(name,) for name in OUTSIDE],
+    }
+    rows: list[tuple[Kind, tuple[str, ...]]] = []
+    for kind, number in counts(count).items():
+        rows += [(kind, names) for names in _dealt(pools[kind], number, random)]
+    order = random.permutation(len(rows))
+    return tuple(
+        Planned(k, rows[index][0], rows[index][1], seed * _SEEDS_PER_PLAN + k) for k, index in enumerate(order)
+    )
+
+
+def counts(total: int) -> dict[Kind, int]:
+    """How many of each kind: the shares, rounded so that they add up (largest remainders)."""
+    exact = {kind: share * total for kind, share in SHARES.items()}
+    found = {kind: int(value + 1e-9) for kind, value in exact.items()}
+    late = sorted(SHARES, key=lambda kind: found[kind] - exact[kind])
+    for kind in late[: total - sum(found.values())]:
+        found[kind] += 1
+    return found
+
+
+def _dealt(pool: Sequence[tuple[str, ...]], count: int, random: np.random.Generator) -> list[tuple[str, ...]]:
+    """Deal out a shuffled pool, shuffled anew whenever it is used up."""
+    found: list[tuple[str, ...]] = []
+    while len(found) < count:
+        found += [pool[k] for k in random.permutation(len(pool))]
+    return found[:count]
+
+
+_TRIES = 4
+_NEXT_SEED = 20_000  # further on, where a seed has no stable case
+
+
+def draw(planned: Planned, short: bool, sets: Path, answers: Path) -> str:
+    """Draw a case and write it, unless it is there.
+
+    Args:
+        planned: what to draw.
+        short: five records of 1.75 s instead of eight of 4 s.
+        sets: folder in which the data set gets a folder of its own.
+        answers: folder for the answer and the noise-free displacements.
+
+    Returns:
+        the reason why there is no such case; empty where there is one.
+    """
+    target = answers / f"{planned.key}.json"
+    if target.is_file():
+        return ""
+    for attempt in range(_TRIES):
+        try:
+            case = draw_case(planned.seed + attempt * _NEXT_SEED, planned.kind, short=short, names=planned.names)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        write_case(case, sets / planned.key)
+        answers.mkdir(parents=True, exist_ok=True)
+        truth = {name: motion.displacement.astype(np.float32) for name, motion in noise_free(case).items()}
+        np.savez_compressed(answers / f"{planned.key}.npz", **truth)  # type: ignore[arg-type]
+        fields: dict[str, Any] = json.loads(json.dumps(answer(case)))
+        fields["displacements_sha256"] = displacements_digest(truth)
+        write_whole(target, canonical(fields).decode() + "\n")
+        return ""
+    return reason
+
+
+def displacements_digest(records: dict[str, np.ndarray]) -> str:
+    """SHA-256 of the noise-free displacements of a case."""
+    sha = hashlib.sha256()
+    for name in sorted(records):
+        sha.update(name.encode() + b"\0" + np.ascontiguousarray(records[name], dtype="<f4").tobytes())
+    return sha.hexdigest()

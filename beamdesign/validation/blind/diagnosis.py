@@ -1,0 +1,199 @@
+"""Diagnosing one case of a blind check, in a process that has no way to its answer."""
+
+import hashlib
+import json
+import os
+import sys
+import time
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from signal import SIG_IGN, SIGINT, signal
+from tempfile import TemporaryDirectory
+from threading import Thread
+from traceback import extract_tb
+from typing import Any
+
+import numpy as np
+
+from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
+from beamdesign.diagnosis.diagnose import diagnose
+from beamdesign.diagnosis.diagnosis import Diagnosis, diagnosis_fields
+from beamdesign.diagnosis.fitting.fit import KeptFits, digest
+from beamdesign.diagnosis.fitting.search import search
+from beamdesign.diagnosis.predict import predict, read_inputs
+from beamdesign.files import write_whole
+from beamdesign.prototype import Prototype, read_prototype, write_prototype
+from beamdesign.validation.blind.baselines import baselines
+from beamdesign.validation.blind.seal import folder_digest, program_digest
+
+TRUTH = "beamdesign.validation.truth"
+_FITTED_BY, _JUDGED_BY, _COMPARED_BY = (
+    "beamdesign.diagnosis.fitting.search",
+    "beamdesign.diagnosis.diagnose",
+    "beamdesign.validation.blind.baselines",
+)
+_LOOK_S = 2.0
+
+
+@dataclass(frozen=True)
+class Program:
+    """Digests of the sources that decide what comes out.
+
+    Attributes:
+        fits: of what a fit depends on.
+        judges: of what a diagnosis depends on, fits included.
+        compares: of what the baselines depend on.
+    """
+
+    fits: str
+    judges: str
+    compares: str
+
+
+def program() -> Program:
+    """As it is now."""
+    return Program(*(program_digest(module) for module in (_FITTED_BY, _JUDGED_BY, _COMPARED_BY)))
+
+
+@dataclass(frozen=True)
+class Place:
+    """Folders and files of one case.
+
+    Attributes:
+        folder: of the data set.
+        result: file for what is found.
+        predictions: file for predicted displacements.
+        fits: folder for fits.
+    """
+
+    folder: Path
+    result: Path
+    predictions: Path
+    fits: Path
+
+
+def begin_blind(answers: str, parent: int) -> None:
+    """Make this process one that diagnoses: the truth model cannot be imported, nor any file of the answers opened.
+
+    It ends with the process that began it.
+
+    Raises:
+        RuntimeError: where the truth model has been imported already.
+    """
+    if any(name == TRUTH or name.startswith(TRUTH + ".") for name in sys.modules):
+        raise RuntimeError("a process that knows the truth model diagnoses no blind case")
+    sys.modules[TRUTH] = None  # type: ignore[assignment]
+    forbidden = os.path.realpath(answers) + os.sep
+
+    def guard(event: str, given: tuple[Any, ...]) -> None:
+        named = event == "open" and isinstance(given[0], str | os.PathLike)
+        if named and os.path.realpath(given[0]).startswith(forbidden):
+            raise PermissionError(f"{given[0]}: sealed")
+
+    sys.addaudithook(guard)
+    if parent:
+        signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
+        Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_LOOK_S)
+    os._exit(1)
+
+
+def diagnose_blind(place: Place, now: Program, rejudge: bool = False) -> bool:
+    """Diagnose a case from its folder alone and write down what is found, unless that has been done by this program.
+
+    Where the diagnosis breaks off, the error is written down instead; the next call tries again.
+
+    Args:
+        place: where its files are.
+        now: digests of this program.
+        rejudge: whether fits of an earlier program count.
+
+    Returns:
+        whether anything had to be done.
+    """
+    before = _read(place.result)
+    set_digest = folder_digest(place.folder)
+    fields: dict[str, Any] = {"set_sha256": set_digest, "judged_by": now.judges, "compared_by": now.compares}
+    if all(before.get(key) == value for key, value in fields.items()) and "failed" not in before:
+        return False
+    before = before if before.get("set_sha256") == set_digest else {}
+    fields["fitted_by"] = str(before.get("fitted_by", now.fits)) if rejudge else now.fits
+    try:
+        found = _diagnosed(place, now, before, fields["fitted_by"])
+    except Exception as error:
+        found = {"failed": f"{type(error).__name__}: {error}", "failed_at": _where(error)}
+    write_whole(place.result, json.dumps(fields | found) + "\n")
+    return True
+
+
+def _where(error: Exception) -> str:
+    """Module and line at which a diagnosis broke off, the last one of this program."""
+    frames = [f for f in extract_tb(error.__traceback__) if "beamdesign" in f.filename]
+    return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: str) -> dict[str, Any]:
+    data = read_dataset(place.folder)
+    key = hashlib.sha256((digest(data) + fitted_by).encode()).hexdigest()[:16]
+    for stale in place.fits.glob("*-*.npz"):
+        if not stale.name.startswith(key):
+            stale.unlink()
+    kept = KeptFits(place.fits, data.prototype, key)
+    recalled = kept.count
+    begun = time.perf_counter(), time.process_time()
+    found = diagnose(data, 1, kept=kept)
+    seconds = time.perf_counter() - begun[0], time.process_time() - begun[1]
+    made = kept.count - recalled
+    # A diagnosis that found some of its fits made has no time of its own: that of the run which made them stays.
+    times = {"seconds": seconds[0], "cpu_seconds": seconds[1]} if recalled == 0 else before.get("time")
+    if before.get("compared_by") == now.compares and before.get("fitted_by") == fitted_by and "baselines" in before:
+        compared = before["baselines"]
+    else:
+        compared = baselines(data, found.search or search(data, 1, kept=kept))
+    _write_predictions(place, data, found)
+    return {
+        "fits_made": made,
+        "added_by": None if fitted_by == now.fits else now.fits if made else before.get("added_by"),
+        "time": times,
+        "baselines": compared,
+        "diagnosis": diagnosis_fields(found),
+    }
+
+
+def _write_predictions(place: Place, data: Dataset, found: Diagnosis) -> None:
+    """Displacements of held-out records as the believed and the diagnosed prototype predict them from the inputs."""
+    out = {record.record for record in found.gap.records if record.held_out} or {r.name for r in data.records}
+    given, gain = read_inputs(place.folder)
+    predicted: dict[str, np.ndarray] = {}
+    for word, rig in (("before", data.prototype), ("after", _as_written(found.prototype))):
+        for record in given:
+            if record.name in out:
+                rows = predict(rig, record, gain)
+                column = rows.columns.index("displacement_m")
+                whole = np.full(len(record.times), np.nan)
+                whole[: len(rows.samples)] = rows.samples[:, column]
+                predicted[f"{record.name}/{word}"] = whole.astype(np.float32)
+    file = BytesIO()
+    np.savez_compressed(file, **predicted)  # type: ignore[arg-type]
+    write_whole(place.predictions, file.getvalue())
+
+
+def _as_written(prototype: Prototype) -> Prototype:
+    """As whoever reads the prototype that a diagnosis has written finds it."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "prototype.toml"
+        write_prototype(prototype, path)
+        return read_prototype(path)

@@ -1,0 +1,268 @@
+"""The result of a blind check: fields for programs, rows for tables, a page of Markdown, a picture."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beamdesign.report.canvas import new_figure
+from beamdesign.spelling import in_markdown
+from beamdesign.validation.blind.baselines import NAMES
+from beamdesign.validation.blind.outcome import Outcome
+from beamdesign.validation.blind.scoring import (
+    SMALL,
+    Bin,
+    Score,
+    baseline_scores,
+    calibration,
+    clopper_pearson,
+    confusion,
+    scores,
+    split,
+)
+
+TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
+BASELINE_COLUMNS = ("", "diagnosis", *NAMES)
+
+
+def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> dict[str, Any]:
+    """Everything that a check has shown.
+
+    Args:
+        outcomes: of all cases.
+        setting: what the check was: its cases, seed, seal and programs.
+    """
+    large, small = split(outcomes)
+    bins, _ = calibration(large)
+    fields = {
+        "setting": dict(setting),
+        "scores": [score_fields(s) for s in scores(large)],
+        "scores_small_gaps": [score_fields(s) for s in scores(small)] if small else [],
+        "baselines": {name: [score_fields(s) for s in baseline_scores(name, large)] for name in NAMES},
+        "confusion": confusion(large),
+        "confusion_small_gaps": confusion(small),
+        "reliability": [asdict(b) for b in bins],
+        "cases": [case_fields(o) for o in outcomes],
+    }
+    return {key: _rounded(value) for key, value in fields.items()}
+
+
+def result_text(fields: Mapping[str, Any]) -> str:
+    """The fields as JSON, one row of a list to a line: small, and two results can be compared line by line."""
+    parts = []
+    for key, value in fields.items():
+        if isinstance(value, list) and value:
+            rows = ",\n  ".join(json.dumps(row, allow_nan=False) for row in value)
+            parts.append(f"{json.dumps(key)}: [\n  {rows}\n ]")
+        elif isinstance(value, dict) and value:
+            rows = ",\n  ".join(f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in value.items())
+            parts.append(f"{json.dumps(key)}: {{\n  {rows}\n }}")
+        else:
+            parts.append(f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
+    return "{\n " + ",\n ".join(parts) + "\n}\n"
+
+
+def score_fields(score: Score) -> dict[str, Any]:
+    """One score with its target."""
+    return asdict(score) | {"reached": score.reached}
+
+
+def case_fields(o: Outcome) -> dict[str, Any]:
+    """One case in short."""
+    return {
+        "case": o.key,
+        "kind": o.kind,
+        "truth": o.effects,
+        "gap_over_floor": o.gap_over_floor,
+        "verdict": o.verdict,
+        "chosen": o.chosen,
+        "named": o.named,
+        "on_truth": [o.probability.get(name, 0.0) for name in o.effects],
+        "no_gap": o.no_gap,
+        "unknown": o.unknown,
+        "where": o.where,
+        "where_truly": o.subsystem,
+        "closed": o.closed,
+        "interval": o.interval,
+        "closed_truly": o.closed_truly,
+        "parameter_error": o.parameter_error,
+        "seconds": o.seconds,
+        "baselines": o.baselines,
+    } | ({"failure": o.failure} if o.failure else {})
+
+
+def _rounded(value: Any) -> Any:
+    """Four digits; figures that are not finite become null, as JSON has none."""
+    if isinstance(value, float):
+        return float(f"{value:.4g}") if isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _rounded(item) for key, item in value.items()}
+    return value
+
+
+def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
+    """The same as a page for people."""
+    large, small = split(outcomes)
+    bins, _ = calibration(large)
+    kinds = {kind: sum(o.kind == kind for o in outcomes) for kind in ("null", "single", "parameter", "pair", "outside")}
+    parts = [
+        "# Blind check of the diagnosis",
+        f"{len(outcomes)} cases of {setting['planned']} planned: {kinds['null']} nulls, {kinds['single']} single "
+        f"effects, {kinds['parameter']} wrong figures, {kinds['pair']} pairs, {kinds['outside']} effects outside the "
+        f"library. {setting['records']} The cases come from a truth model that shares no effect code with the "
+        "diagnosis; each was diagnosed from its data alone, in a process that could not read the answers, which had "
+        "been sealed by their digests before.",
+        "\n".join(
+            f"- {words}: {in_markdown(str(setting[key]))}" for key, words in _SETTING.items() if setting.get(key)
+        ),
+        "## Against the targets",
+        f"Nulls, and cases whose gap is at least {SMALL:g} times the noise floor. Bounds are 95 %: Clopper and Pearson "
+        "for rates, bootstrap for means and medians.",
+        _table(TARGET_COLUMNS, target_rows(scores(large))),
+        _COUNTED,
+        "## Baselines on the same cases",
+        _table(BASELINE_COLUMNS, baseline_rows(large)),
+        "Baselines see all records, as the fits that choose. They start from its null fit, and greedy BIC chooses "
+        "among its fitted models. They name causes without a probability, so they cannot say that a cause is unknown.",
+        "## Named first (columns) against the truth (rows)",
+        "A `+` marks two effects, by the one with the larger gap.",
+        _matrix(confusion(large)),
+        "## Probabilities, stated and true",
+        _table(("stated", "statements", "mean stated", "true"), [_bin_row(b) for b in bins]),
+    ]
+    if small:
+        parts += [
+            f"## Gaps below {SMALL:g} times the noise floor",
+            f"{len(small)} cases.",
+            _table(TARGET_COLUMNS[:4], [row[:4] for row in target_rows([s for s in scores(small) if s.of])]),
+            _matrix(confusion(small)),
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+_COUNTED = """A false alarm is any verdict but `no_gap` on a null, `unknown` and `ambiguous` included. Named first is \
+the first of the chosen causes. In the class: named first, or among the causes that were stated to be \
+indistinguishable. Subsystem: that of the effect with the largest gap. Calibration error: mean distance of stated from \
+true in ten bins, over all listed causes, over `no gap` and over `unknown`. True `closed`: errors of the written \
+prototype against the displacement of the noise-free rig on held-out records; verdicts `unknown` have none. A \
+parameter is compared where the effect was rightly named first and both models mean the same by it. Times are of one \
+process per case."""
+
+_SETTING = {
+    "seed": "seed of the plan",
+    "seal": "SHA-256 of the seal",
+    "truth": "program that drew the cases",
+    "fitted_by": "program that made the fits",
+    "judged_by": "program that judged",
+    "not_drawn": "cases without a stable rig",
+    "command": "command",
+}
+
+
+def target_rows(found: Sequence[Score]) -> list[tuple[str, ...]]:
+    """Scores beside their targets, for `TARGET_COLUMNS`."""
+    rows: list[tuple[str, ...]] = []
+    for s in found:
+        of = f"{s.count} of {s.of}" if s.count is not None else f"{s.of}"
+        bounds = f"{_figure(s, s.low)} to {_figure(s, s.high)}" if isfinite(s.low) and s.of else ""
+        reached = "" if s.reached is None else "yes" if s.reached else "no"
+        rows.append((s.name, _figure(s, s.value), bounds, of, _target(s), reached))
+    return rows
+
+
+def baseline_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """The diagnosis beside the baselines, for `BASELINE_COLUMNS`."""
+    ours = {s.name: s for s in scores(outcomes)}
+    others = [{s.name: s for s in baseline_scores(name, outcomes)} for name in NAMES]
+    return [
+        (
+            name,
+            _figure(ours[name], ours[name].value) if name in ours else "",
+            *(_figure(other[name], other[name].value) for other in others),
+        )
+        for name in others[0]
+    ]
+
+
+def _figure(score: Score, value: float) -> str:
+    if not isfinite(value) or not score.of:
+        return "-"
+    return f"{value:.1%}" if score.count is not None or score.name.startswith("mean prob") else f"{value:.3g}"
+
+
+def _target(score: Score) -> str:
+    if score.target is None:
+        return ""
+    shown = [f"{t:.0%}" if score.name != "calibration error" else f"{t:g}" for t in score.target]
+    return f"{score.sense} {' and '.join(shown)}"
+
+
+def _matrix(found: Mapping[str, Mapping[str, int]]) -> str:
+    columns = sorted({name for row in found.values() for name in row}, key=lambda n: (n.startswith("parameter:"), n))
+    rows = [(label, *(str(row[c]) if c in row else "" for c in columns)) for label, row in found.items()]
+    return _table(("truth", *columns), rows)
+
+
+def _bin_row(b: Bin) -> tuple[str, ...]:
+    return f"{b.low:.0%} to {b.high:.0%}", str(b.count), f"{b.stated:.1%}", f"{b.true:.1%}"
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    written = [[in_markdown(cell) for cell in line] for line in (columns, *rows)]
+    lines = [written[0], ["---"] * len(columns), *written[1:]]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def blindcheck_picture(outcomes: Sequence[Outcome]) -> Figure:
+    """Both, over nulls and large gaps."""
+    large, _ = split(outcomes)
+    matrix, (bins, _) = confusion(large), calibration(large)
+    figure = new_figure(240.0, max(80.0, 4.6 * len(matrix) + 40.0))
+    left, right = figure.subplots(1, 2, width_ratios=(2.2, 1))
+    draw_confusion(left, matrix)
+    draw_reliability(right, bins)
+    return figure
+
+
+def draw_confusion(axes: Axes, matrix: Mapping[str, Mapping[str, int]]) -> Axes:
+    """Counts, on a grey that goes with their share of the row; a frame where the name is right."""
+    rows = list(matrix)
+    named = {name for row in matrix.values() for name in row}
+    columns = [label for label in rows if label in named] + sorted(named - set(rows))
+    counts = np.array([[matrix[row].get(column, 0) for column in columns] for row in rows], dtype=float)
+    share = counts / counts.sum(axis=1, keepdims=True)
+    axes.imshow(share, cmap="Greys", vmin=0.0, vmax=2.2, aspect="auto")
+    for i, row in enumerate(rows):
+        for j, column in enumerate(columns):
+            if counts[i, j]:
+                axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7)
+            right = column == row or column == row.removesuffix(" +")
+            if right or (row.startswith("outside: ") and column == "unknown"):
+                axes.plot(
+                    (j - 0.5, j + 0.5, j + 0.5, j - 0.5, j - 0.5), (i - 0.5, i - 0.5, i + 0.5, i + 0.5, i - 0.5), "k"
+                )
+    axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", fontsize=7)
+    axes.set_yticks(range(len(rows)), rows, fontsize=7)
+    axes.set_xlabel("named first")
+    axes.set_title("Truth (rows) and what was named; framed: right", fontsize=9)
+    return axes
+
+
+def draw_reliability(axes: Axes, bins: Sequence[Bin]) -> Axes:
+    """Share of statements that are true over the probability stated, with 95 % bounds."""
+    axes.plot((0, 1), (0, 1), color="0.6", linestyle="--", label="calibrated")
+    for b in bins:
+        axes.plot((b.stated, b.stated), clopper_pearson(round(b.true * b.count), b.count), color="0.5")
+    axes.plot([b.stated for b in bins], [b.true for b in bins], "ko", label="found, 95 % bounds")
+    axes.set_xlabel("probability stated")
+    axes.set_ylabel("share that is true")
+    axes.set_title("Calibration", fontsize=9)
+    axes.legend(fontsize=7)
+    return axes

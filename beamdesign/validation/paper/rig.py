@@ -1,0 +1,208 @@
+"""The published rig as a prototype, the four cases whose critical gain was measured, and what may be varied in them.
+
+Source: A. Zalucky and D. E. Hardt, "Active Control of Robot Structure Deflections", ASME Journal of Dynamic Systems,
+Measurement, and Control 106 (1984) 63-69; figures from its Appendix unless said otherwise.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from math import pi, sqrt
+
+from beamdesign.controllers import Lag, Proportional
+from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
+from beamdesign.structure import section
+from beamdesign.structure.materials import material
+
+VALVE_DAMPING_RATIO = 0.5
+"""Stated choice: the paper does not give xi; this value reproduces its critical gains."""
+
+LAG_POLE_HZ = 1.75
+LAG_ZERO_HZ = 26.0
+OUTER_END_MASS_KG = 6.8
+INNER_END_MASS_KG = 4.5
+"""Of Figures 14 and 16; the account of the experiments has 4.4 kg for the measured gain."""
+
+SENSOR_FILTER_HZ = 400.0
+PISTON_AREA_M2 = 1.13e-4
+BORE_M = 0.0127
+FULL_PISTON_SIDE_M2 = pi * BORE_M**2 / 4
+SMALLER_PISTON_SIDE_M2 = 2 * PISTON_AREA_M2 - FULL_PISTON_SIDE_M2
+"""What twice the published average leaves beside the full side of the bore: 0.993 cm2."""
+
+FLOW_GAIN_PRESSURE_PA = 6.9e6
+SUPPLY_PRESSURE_PA = 20e6
+
+
+@dataclass(frozen=True)
+class PublishedBeam:
+    """One beam of the rig: appendix (stiffness, mass), System Design (tube, length), and what they imply.
+
+    Attributes:
+        stiffness_N_per_m: K, measured.
+        effective_mass_kg: M.
+        width_m: outside width.
+        wall_m: wall.
+        length_m: tube, clamp included.
+        free_length_m: not published: on it 3 E I / L^3 is the measured stiffness.
+        end_mass_kg: M_end of (5), not published: what the tube leaves of the effective mass.
+        material: not published beyond aluminium.
+    """
+
+    stiffness_N_per_m: float
+    effective_mass_kg: float
+    width_m: float
+    wall_m: float
+    free_length_m: float
+    end_mass_kg: float
+    length_m: float = 1.5
+    material: str = "6061-T6"
+
+    @property
+    def record(self) -> Beam:
+        """The beam as a record; its measured figures win over its geometry."""
+        return Beam(**asdict(self), damping_ratio=BEAM_DAMPING_RATIO)
+
+    @property
+    def rigidity(self) -> float:
+        """E I of the tube, N m2."""
+        return material(self.material).youngs_modulus_Pa * float(section.second_moment(self.width_m, self.wall_m))
+
+    @property
+    def mass_per_length(self) -> float:
+        """Mass of the tube per length, kg/m."""
+        return material(self.material).density_kg_per_m3 * float(section.area(self.width_m, self.wall_m))
+
+
+BEAM_DAMPING_RATIO = 0.05
+OUTER = PublishedBeam(486_800.0, 3.9, 0.140, 0.0023, free_length_m=1.195, end_mass_kg=2.93)
+INNER = PublishedBeam(157_500.0, 1.6, 0.100, 0.0032, free_length_m=1.365, end_mass_kg=0.52)
+
+
+def paper_prototype() -> Prototype:
+    """The published rig without a controller: measured figures, and beside them the published tubes."""
+    return Prototype(
+        name="zalucky-hardt-1984",
+        outer_beam=OUTER.record,
+        inner_beam=INNER.record,
+        actuator=Actuator(piston_area_m2=PISTON_AREA_M2, oil_stiffness_N_per_m=1.3e7),
+        servovalve=Servovalve(
+            flow_gain_m3_per_s_per_A=1.13e-2,
+            leakage_m3_per_s_per_Pa=3.8e-13,
+            natural_frequency_Hz=150.0,
+            damping_ratio=VALVE_DAMPING_RATIO,
+        ),
+        sensor=Sensor(gain_V_per_m=1180.0),
+    )
+
+
+def proportional(gain_mA_per_V: float, inner_end_mass_kg: float = 0.0) -> Prototype:
+    """The rig under proportional control."""
+    return paper_prototype().but(
+        controller=Proportional(gain_A_per_V=1e-3 * gain_mA_per_V),
+        payload=Payload(inner_end_mass_kg=inner_end_mass_kg),
+    )
+
+
+def lag(gain_mA_per_V: float, inner_end_mass_kg: float = 0.0) -> Prototype:
+    """The rig with the paper's lag compensator, 1.75 / 26 Hz."""
+    return paper_prototype().but(
+        controller=Lag(gain_A_per_V=1e-3 * gain_mA_per_V, pole_Hz=LAG_POLE_HZ, zero_Hz=LAG_ZERO_HZ),
+        payload=Payload(inner_end_mass_kg=inner_end_mass_kg),
+    )
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the paper's comparison of predicted and measured critical gains (section Experiments).
+
+    Attributes:
+        name: case in words.
+        prototype: rig with the controller of the case, its gain the predicted one.
+        outer_end_mass_kg: mass on the outer tip.
+        predicted_mA_per_V: critical gain the paper predicts.
+        measured_mA_per_V: critical gain it measured, with the 400 Hz filter behind the sensor.
+    """
+
+    name: str
+    prototype: Prototype
+    outer_end_mass_kg: float
+    predicted_mA_per_V: float
+    measured_mA_per_V: float
+
+
+CASES = (
+    Case("proportional", proportional(24.0), 0.0, 24.0, 15.0),
+    Case("lag 1.75/26 Hz", lag(300.0), 0.0, 300.0, 200.0),
+    Case("lag, 6.8 kg on the outer beam", lag(10.0), OUTER_END_MASS_KG, 10.0, 7.0),
+    Case("lag, 6.8 kg outer, 4.4 kg inner", lag(200.0, 4.4), OUTER_END_MASS_KG, 200.0, 150.0),
+)
+
+Variation = Callable[[Prototype, float], Prototype]
+"""Changes a prototype; the second argument is the outer end mass in kg."""
+
+
+def filtered(prototype: Prototype, _: float = 0.0) -> Prototype:
+    """With the 400 Hz low-pass filter behind the sensor, as in the experiments."""
+    return prototype.but(sensor=prototype.sensor.but(filter_Hz=SENSOR_FILTER_HZ))
+
+
+def smaller_side(prototype: Prototype, _: float = 0.0) -> Prototype:
+    """With the smaller side of the piston in place of the average."""
+    return prototype.but(actuator=prototype.actuator.but(piston_area_m2=SMALLER_PISTON_SIDE_M2))
+
+
+def filtered_smaller_side(prototype: Prototype, _: float = 0.0) -> Prototype:
+    """With the filter and the smaller side together."""
+    return smaller_side(filtered(prototype))
+
+
+def valve_damping(ratio: float) -> Variation:
+    """With another damping ratio of the servovalve."""
+
+    def change(prototype: Prototype, _: float) -> Prototype:
+        return prototype.but(servovalve=prototype.servovalve.but(damping_ratio=ratio))
+
+    return change
+
+
+def beam_damping(ratio: float) -> Variation:
+    """With another damping ratio of both bare beams, the dashpots fixed."""
+
+    def change(prototype: Prototype, _: float) -> Prototype:
+        return prototype.but(
+            outer_beam=prototype.outer_beam.but(damping_ratio=ratio),
+            inner_beam=prototype.inner_beam.but(damping_ratio=ratio),
+        )
+
+    return change
+
+
+def held_ratio(prototype: Prototype, outer_end_mass_kg: float) -> Prototype:
+    """With dashpots that hold the damping ratio at 0.05 when end mass is added, b = 2 zeta sqrt(K (M + m))."""
+    outer, inner = prototype.outer_beam, prototype.inner_beam
+    outer_factor = sqrt(1 + outer_end_mass_kg / OUTER.effective_mass_kg)
+    inner_factor = sqrt(1 + prototype.payload.inner_end_mass_kg / INNER.effective_mass_kg)
+    return prototype.but(
+        outer_beam=outer.but(damping_ratio=outer_factor * outer.damping_ratio),
+        inner_beam=inner.but(damping_ratio=inner_factor * inner.damping_ratio),
+    )
+
+
+def supply_flow_gain(prototype: Prototype, _: float = 0.0) -> Prototype:
+    """With the no-load flow gain taken from 6.9 MPa to the supply's 20 MPa by the square root, as for an orifice."""
+    valve = prototype.servovalve
+    factor = sqrt(SUPPLY_PRESSURE_PA / FLOW_GAIN_PRESSURE_PA)
+    return prototype.but(servovalve=valve.but(flow_gain_m3_per_s_per_A=factor * valve.flow_gain_m3_per_s_per_A))
+
+
+VARIATIONS: dict[str, tuple[str, Variation]] = {
+    "with_filter": ("400 Hz sensor filter", filtered),
+    "smaller_piston_side": ("smaller side of the piston, 0.993 cm2", smaller_side),
+    "filter_and_smaller_side": ("filter and smaller side", filtered_smaller_side),
+    "valve_damping_0_4": ("valve damping 0.4", valve_damping(0.4)),
+    "valve_damping_0_6": ("valve damping 0.6", valve_damping(0.6)),
+    "held_damping_ratio": ("beam damping ratio held under end mass", held_ratio),
+    "beam_damping_0_03": ("beam damping 0.03, dashpot fixed", beam_damping(0.03)),
+    "supply_flow_gain": ("flow gain at the 20 MPa supply", supply_flow_gain),
+}
+"""What the critical gains are recomputed with, one at a time: key to words and change."""

@@ -1,0 +1,360 @@
+"""Figures of rigs as their designers believe them, and of the rig that is there: every tolerated one a little off.
+
+A beam's bending modes are those of a cantilever by finite elements, counted at its tip.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp, pi, sqrt
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from beamdesign.validation.truth.effects import Shape
+
+MODES = 4
+"""Most bending modes of the outer beam that the equations carry."""
+
+FIGURES: dict[str, float] = {
+    # masses and springs of the beams, SI
+    "inner_stiffness": 157500.0,
+    "inner_mass": 1.6,
+    "inner_damping": 50.0,
+    "outer_end_mass": 0.0,
+    "inner_end_mass": 0.0,
+    "hardening": 0.0,  # 1/m2: stiffness grows by this times the square of the bending
+    "loss_1": 0.0,  # N/m, springs of the relaxing elements that make structural damping
+    "loss_2": 0.0,
+    "loss_3": 0.0,
+    "loss_4": 0.0,
+    "slosh_share": 0.0,  # of the payload that is free to move
+    "slosh_frequency": 60.0,  # rad/s
+    "slosh_damping_ratio": 0.05,
+    # mount: turning (counted at the outer tip) and sliding
+    "mount_on": 0.0,
+    "mount_stiffness": 1e9,
+    "mount_mass": 100.0,
+    "mount_damping": 0.0,
+    "mount_inner_ratio": 1.0,  # length of the inner beam over that of the outer
+    "slide_stiffness": 1e12,
+    "slide_mass": 300.0,
+    "slide_damping": 0.0,
+    "sensor_on_mount": 0.0,  # share of the mount's motion that the sensor's reference takes part in
+    # joint
+    "joint_on": 0.0,
+    "play": 0.0,
+    "contact": 2e10,  # N/m^1.5
+    "contact_loss": 0.2,  # s/m, Hunt and Crossley
+    "rod_mass": 0.3,
+    # cylinder and oil
+    "area_a": 1.13e-4,
+    "area_b": 1.13e-4,
+    "metering": 0.0,  # 0: the valve meters what goes in; 1: both edges, as orifices without load
+    "bulk_modulus": 1.3e9,
+    "chamber_length": 0.0226,  # m, volume of each chamber at rest over its area
+    "stroke_on": 0.0,  # whether the volumes go with the stroke
+    "air_share": 0.0,  # free air at one atmosphere over the volume
+    "air_exponent": 1.2,
+    "air_saturation": 2e8,  # Pa, all air dissolved above this (Henry)
+    "bristle_stiffness": 0.0,  # N/m; 0 takes the seal away
+    "bristle_damping": 0.0,  # N s/m
+    "coulomb": 0.0,
+    "breakaway": 0.0,  # N, at least `coulomb`
+    "stribeck_speed": 0.01,
+    "stribeck_power": 2.0,
+    "viscous": 0.0,
+    # servovalve
+    "flow_gain": 0.0113,
+    "valve_frequency": 942.5,
+    "valve_damping_ratio": 0.5,
+    "leakage": 3.8e-13,
+    "leakage_across": 0.5,  # share of the leakage that crosses the piston
+    "supply": 20e6,
+    "orifice": 0.0,  # 0: flow of a current whatever the load; 1: orifice law
+    "laminar": 2e4,  # Pa, below which orifice flow is laminar
+    "overlap": 0.0,  # A
+    "overlap_rounding": 0.1,  # over the overlap
+    "spool_friction": 0.0,  # A, Bouc-Wen
+    "spool_travel": 1e-4,  # A, over which it builds up
+    "spool_sharpness": 1.5,
+    "magnet_width": 0.0,  # A, widest of the play operators
+    "magnet_share": 0.0,  # of the current that goes through them
+    "sag_droop": 0.0,  # Pa per m3/s: what the pump loses to flow
+    "sag_rate": 0.0,  # 1/s; 0 takes the droop away
+    "flow_drift": 0.0,  # relative, from start to end of the record
+    # sensor
+    "sensor_gain": 1180.0,
+    "believed_sensor_gain": 1180.0,
+    "filter_rate": 0.0,  # rad/s, the believed filter; 0 is none
+    "lag_rate": 0.0,  # rad/s; 0 is none
+    "lag_order": 1.0,
+    "lag_damping_ratio": 0.8,
+    "sensor_drift": 0.0,
+    "sensor_cubic": 0.0,  # 1/m2
+    "sensor_play": 0.0,  # m
+    "bracket_rate": 0.0,  # rad/s, resonance of what holds the sensor; 0 is none
+    "bracket_damping_ratio": 0.02,
+    "bracket_share": 1.0,
+    "dropouts_per_s": 0.0,
+    "dropout_s": 0.02,
+    # controller and amplifier
+    "gain": 0.01,
+    "pole": 10.0,
+    "zero": 10.0,
+    "delay": 0.0,  # s
+    "current_limit": 0.0,  # A; 0 is none
+    "current_knee": 10.0,
+    "coil_rate": 0.0,  # rad/s; 0 is none
+    "current_step": 0.0,  # A, of the digital output; 0 is none
+    "current_hold": 0.0,  # s, its sampling interval
+    "hum": 0.0,  # V
+    "hum_rate": 314.159,
+    "hum_phase": 0.0,
+}
+"""Names and values of a rig with nothing but the believed physics; the published rig's figures."""
+
+RECORD = np.dtype([(name, "f8") for name in FIGURES])
+
+
+def packed(given: Mapping[str, float]) -> np.ndarray:
+    """One record of all figures, those not given as in `FIGURES`.
+
+    Raises:
+        KeyError: at a name that is not a figure.
+    """
+    record = np.zeros(1, dtype=RECORD)
+    for name, value in FIGURES.items():
+        record[name] = value
+    for name, value in given.items():
+        if name not in FIGURES:
+            raise KeyError(name)
+        record[name] = value
+    return record
+
+
+HIGHEST_RATE = 2 * np.pi * 2500
+"""rad/s; modes above it are left out, since they neither move nor fit into the steps of the simulation."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a beam, lowest first.
+
+    Attributes:
+        frequencies: (n,) rad/s.
+        stiffness: (n,) N/m, each mode alone pressed at the tip.
+        mass: (n,) kg.
+    """
+
+    frequencies: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+
+
+def cantilever_modes(
+    rigidity: np.ndarray, mass_per_length: np.ndarray, length_m: float, lumps: dict[int, float], count: int
+) -> Modes:
+    """Euler-Bernoulli cantilever of cubic elements of equal length (consistent masses).
+
+    Args:
+        rigidity: (n,) E I of each element from the clamp, N m2.
+        mass_per_length: (n,) kg/m.
+        length_m: of the whole.
+        lumps: mass in kg by node, 1 to n (the tip).
+        count: how many modes.
+    """
+    elements, h = len(rigidity), length_m / len(rigidity)
+    stiffness, mass = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
+    bending = np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
+    ) / h**3  # fmt: skip
+    inertia = np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
+    ) * h / 420  # fmt: skip
+    for e in range(elements):
+        own = slice(2 * e, 2 * e + 4)
+        stiffness[own, own] += rigidity[e] * bending
+        mass[own, own] += mass_per_length[e] * inertia
+    for node, lump in lumps.items():
+        mass[2 * node, 2 * node] += lump
+    squares, shapes = eigh(stiffness[2:, 2:], mass[2:, 2:], subset_by_index=[0, count - 1])
+    at_tip = shapes[-2] ** 2  # shapes have unit modal mass
+    return Modes(np.sqrt(squares), squares / at_tip, 1 / at_tip)
+
+
+def outer_modes(
+    stiffness: float, mass: float, damping: float, joint_softness: float, joint_mass: float, tip_share: float,
+    damping_ratio: float, count: int,
+) -> np.ndarray:  # fmt: skip
+    """(3, n) stiffness, mass and damping of an outer beam whose first mode at the tip has the figures given.
+
+    A bolted joint a little beyond the middle makes it softer there and heavier: the softer, the lower the second mode
+    and the more it gives at the tip.
+
+    Args:
+        stiffness: of the first mode, N/m.
+        mass: of the first mode, kg.
+        damping: of the first mode, N s/m.
+        joint_softness: rigidity of the tube over that at the joint, less one.
+        joint_mass: over the mass of the tube.
+        tip_share: mass fixed to the tip over that of the tube.
+        damping_ratio: of the higher modes.
+        count: how many modes at most.
+    """
+    elements = 16
+    rigidity = np.ones(elements)
+    rigidity[9:11] = 1 / (1 + joint_softness)
+    found = cantilever_modes(rigidity, np.ones(elements), 1.0, {10: joint_mass, elements: tip_share}, count)
+    first = np.sqrt(stiffness / mass)
+    kept = found.frequencies / found.frequencies[0] * first < HIGHEST_RATE
+    found = Modes(found.frequencies[kept], found.stiffness[kept], found.mass[kept])
+    scaled_k, scaled_m = found.stiffness * stiffness / found.stiffness[0], found.mass * mass / found.mass[0]
+    losses = 2 * damping_ratio * np.sqrt(scaled_k * scaled_m)
+    losses[0] = damping
+    return np.array([scaled_k, scaled_m, losses])
+
+
+Table = dict[str, Any]
+
+TOLERANCE = {
+    "stiffness": 0.03,
+    "effective_mass": 0.02,
+    "beam_damping_ratio": 0.2,
+    "oil_stiffness": 0.1,
+    "piston_area": 0.005,
+    "flow_gain": 0.05,
+    "leakage": 0.2,
+    "valve_natural_frequency": 0.05,
+    "valve_damping_ratio": 0.1,
+    "sensor_gain": 0.005,
+}
+"""What a builder can vouch for, relative."""
+
+_STATED = {
+    "outer_stiffness": ("outer_beam", "stiffness_N_per_m", "stiffness"),
+    "outer_mass": ("outer_beam", "effective_mass_kg", "effective_mass"),
+    "outer_damping_ratio": ("outer_beam", "damping_ratio", "beam_damping_ratio"),
+    "inner_stiffness": ("inner_beam", "stiffness_N_per_m", "stiffness"),
+    "inner_mass": ("inner_beam", "effective_mass_kg", "effective_mass"),
+    "inner_damping_ratio": ("inner_beam", "damping_ratio", "beam_damping_ratio"),
+    "oil_stiffness": ("actuator", "oil_stiffness_N_per_m", "oil_stiffness"),
+    "piston_area": ("actuator", "piston_area_m2", "piston_area"),
+    "flow_gain": ("servovalve", "flow_gain_m3_per_s_per_A", "flow_gain"),
+    "leakage": ("servovalve", "leakage_m3_per_s_per_Pa", "leakage"),
+    "valve_frequency": ("servovalve", "natural_frequency_Hz", "valve_natural_frequency"),
+    "valve_damping_ratio": ("servovalve", "damping_ratio", "valve_damping_ratio"),
+    "sensor_gain": ("sensor", "gain_V_per_m", "sensor_gain"),
+    "filter_rate": ("sensor", "filter_Hz", "sensor_filter"),
+}
+"""Where a believed prototype states a figure, and the key of its tolerance; frequencies become rad/s."""
+
+
+def _rounded(value: float, digits: int = 3) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def draw_believed(rng: np.random.Generator, name: str) -> Table:
+    """A believed prototype as nested tables: around the published rig, from half to twice its figures."""
+
+    def about(value: float, factor: float) -> float:
+        return _rounded(value * exp(rng.uniform(-np.log(factor), np.log(factor))))
+
+    damping = _rounded(rng.uniform(0.02, 0.06), 2)
+    size = exp(rng.uniform(np.log(0.6), np.log(1.4)))
+    table: Table = {
+        "name": name,
+        "outer_beam": {
+            "stiffness_N_per_m": about(486800 * size, 1.25),
+            "effective_mass_kg": about(3.9 * size, 1.25),
+            "damping_ratio": damping,
+        },
+        "inner_beam": {
+            "stiffness_N_per_m": about(157500 * size, 1.25),
+            "effective_mass_kg": about(1.6 * size, 1.25),
+            "damping_ratio": damping,
+        },
+        "actuator": {
+            "piston_area_m2": about(1.13e-4 * size, 1.2),
+            "oil_stiffness_N_per_m": about(1.3e7 * size, 1.3),
+        },
+        "servovalve": {
+            "flow_gain_m3_per_s_per_A": about(0.0113 * size, 1.3),
+            "leakage_m3_per_s_per_Pa": about(3.8e-13 * size, 1.4),
+            "natural_frequency_Hz": about(150, 1.4),
+            "damping_ratio": _rounded(rng.uniform(0.45, 0.8), 2),
+        },
+        "sensor": {"gain_V_per_m": about(1180, 1.5)},
+        "tolerance": {key: _rounded(value * exp(rng.uniform(-0.3, 0.3)), 2) for key, value in TOLERANCE.items()},
+    }
+    if rng.uniform() < 0.1:
+        table["sensor"]["filter_Hz"] = about(500, 1.3)
+        table["tolerance"]["sensor_filter"] = 0.05
+    return table
+
+
+def believed_figures(table: Table) -> Shape:
+    """The figures that a believed prototype states, flat, as `_STATED` names them; 0 for a filter that is not there."""
+    stated = {name: ({"filter_Hz": 0.0} | table[part])[key] for name, (part, key, _) in _STATED.items()}
+    return {name: 2 * pi * value if _STATED[name][1].endswith("_Hz") else value for name, value in stated.items()}
+
+
+def tolerance_of(table: Table, figure: str) -> float:
+    """Relative standard deviation that a prototype states for one of its figures."""
+    return float(table["tolerance"].get(_STATED[figure][2], 0.0))
+
+
+def draw_true(table: Table, rng: np.random.Generator) -> Shape:
+    """Factors of the true figures on the believed ones, log-normal by the stated tolerances."""
+    return {name: exp(tolerance_of(table, name) * rng.normal()) for name in _STATED}
+
+
+def rig_figures(table: Table, factors: Shape, habits: Shape) -> Shape:
+    """Figures of the true rig, without effects, masses or controller; keys `modes.*` are of its outer beam.
+
+    Args:
+        table: the believed prototype.
+        factors: of truth on belief, by figure; what is not named is as believed.
+        habits: figures that no prototype states (bulk modulus, supply, where the leakage goes).
+    """
+    own = {name: value * factors.get(name, 1.0) for name, value in believed_figures(table).items()}
+    bulk = habits.get("bulk_modulus", FIGURES["bulk_modulus"])
+
+    def dashpot(beam: str) -> float:
+        return 2 * own[f"{beam}_damping_ratio"] * sqrt(own[f"{beam}_stiffness"] * own[f"{beam}_mass"])
+
+    return {
+        **{name: value for name, value in own.items() if name in FIGURES},
+        "modes.stiffness": own["outer_stiffness"],
+        "modes.mass": own["outer_mass"],
+        "modes.damping": dashpot("outer"),
+        "inner_damping": dashpot("inner"),
+        "area_a": own["piston_area"],
+        "area_b": own["piston_area"],
+        # Chambers of this length have, in parallel, the stiffness of the oil spring: 2 bulk A / length.
+        "chamber_length": 2 * bulk * own["piston_area"] / own["oil_stiffness"],
+        "believed_sensor_gain": table["sensor"]["gain_V_per_m"],
+        **habits,
+        "bulk_modulus": bulk,
+    }
+
+
+def assembled(figures: Shape) -> tuple[np.ndarray, np.ndarray]:
+    """The record that the equations read and the (3, n) modes of the outer beam, from flat figures."""
+    own = {key.removeprefix("modes."): value for key, value in figures.items() if key.startswith("modes.")}
+    modes = outer_modes(
+        own["stiffness"], own["mass"], own["damping"], own.get("softness", 0.0), own.get("joint_mass", 0.0),
+        own.get("tip_share", 0.0), own.get("zeta", 0.01), int(own.get("count", 1)),
+    )  # fmt: skip
+    return packed({key: value for key, value in figures.items() if not key.startswith("modes.")}), modes
+
+
+def controller_figures(controller: Table) -> Shape:
+    """Gain, pole and zero (rad/s) of a controller's table; a proportional one is a lag whose breaks coincide."""
+    if controller["kind"] == "lag":
+        pole, zero = 2 * pi * controller["pole_Hz"], 2 * pi * controller["zero_Hz"]
+    else:
+        pole = zero = 2 * pi * 10.0
+    return {"gain": controller["gain_A_per_V"], "pole": pole, "zero": zero}

@@ -1,0 +1,350 @@
+"""Cases drawn by seed: rig, tolerances, background, and effects strong enough to matter and weak enough to run.
+
+The gain at which the loop begins to oscillate is known from the true rig, linearised at rest by differences.
+"""
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.linalg import matrix_balance
+
+from beamdesign.validation.truth.believed import (
+    Table,
+    assembled,
+    controller_figures,
+    draw_believed,
+    draw_true,
+    rig_figures,
+    tolerance_of,
+)
+from beamdesign.validation.truth.case import (
+    Case,
+    Departure,
+    Drive,
+    Noise,
+    Run,
+    noise_free,
+    relative_floor,
+    relative_gap,
+    take,
+)  # fmt: skip
+from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, PARAMETERS, Scales, Shape
+from beamdesign.validation.truth.rates import PRESSURE_A, PRESSURE_B, STATES, SUPPLY, rates_at
+from beamdesign.validation.truth.rig import Motion
+
+
+def jacobian(figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    """(n, n) derivative of the rates by those states that take part, by central differences about rest.
+
+    Dead time, play and digital steps are left out.
+    """
+    matrix = np.zeros((STATES, STATES))
+    for k in range(STATES):
+        step = 1.0 if k in (PRESSURE_A, PRESSURE_B, SUPPLY) else 1e-9  # pressures are in Pa
+        ahead, behind = np.zeros(STATES), np.zeros(STATES)
+        ahead[k], behind[k] = step, -step
+        matrix[:, k] = (rates_at(ahead, figures, modes) - rates_at(behind, figures, modes)) / (2 * step)
+    used = np.nonzero(matrix.any(axis=1))[0]
+    return matrix[np.ix_(used, used)]
+
+
+def is_stable(figures: np.ndarray, modes: np.ndarray) -> bool:
+    """Whether all poles of the linearised loop lie in the left half plane, but for one at rest of the mean pressure."""
+    balanced, _ = matrix_balance(jacobian(figures, modes), permute=False)
+    return bool(np.linalg.eigvals(balanced).real.max() < 0.0)
+
+
+def linear_critical_gain(figures: np.ndarray, modes: np.ndarray) -> float:
+    """Least gain in A/V at which the linearised loop is not stable, by bisection; infinite where there is none to 100.
+
+    Args:
+        figures: whose own gain does not matter.
+        modes: of the outer beam.
+    """
+    trial = figures.copy()
+
+    def stable(gain: float) -> bool:
+        trial["gain"] = gain
+        return is_stable(trial, modes)
+
+    low = 1e-5
+    high = low
+    while stable(high):
+        low, high = high, 2 * high
+        if high > 100:
+            return float("inf")
+    while high - low > 1e-4 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+KIND_NAMES = ("null", "single", "pair", "outside", "parameter")
+GAPS = (2.0, 30.0)
+"""Range of the gap over the floor that effects are drawn for."""
+_LARGEST_TOLERANCE_GAP = 0.35
+_LEAST, _MOST = 1.5, 60.0
+_BRIEF_S = 0.75
+_BACKGROUND_AT_MOST = 1.2
+"""Gap of the background over the floor."""
+
+_BACKGROUND = {
+    "sensor_lag": 0.1, "unequal_piston_areas": 0.05, "entrained_air": 0.05, "seal_friction": 0.03,
+    "valve_deadband": 0.02, "valve_hysteresis": 0.03, "mount_compliance": 0.02, "second_beam_mode": 0.05,
+    "sensor_cubic": 0.01, "structural_damping": 0.02, "coil_lag": 0.08, "command_hum": 0.03, "beam_hardening": 0.01,
+    "flow_gain_drift": 0.01,
+}  # fmt: skip
+"""Severity at which an effect is no more than what any rig has of it."""
+
+_FULL = (
+    ("01_command_small", "command_V", "lines", 0.02, 300.0, "lag", False),
+    ("02_command_large", "command_V", "lines", 0.25, 300.0, "lag", False),
+    ("03_disturbance_small", "disturbance_N", "lines", 30.0, 300.0, "lag", False),
+    ("04_disturbance_large", "disturbance_N", "lines", 300.0, 200.0, "lag", False),
+    ("05_load_steps", "disturbance_N", "steps", 900.0, 0.0, "proportional", False),
+    ("06_payload_disturbance", "disturbance_N", "lines", 120.0, 150.0, "lag", True),
+    ("07_payload_command", "command_V", "lines", 0.1, 200.0, "lag", True),
+    ("08_command_second", "command_V", "lines", 0.12, 250.0, "proportional", False),
+)
+_SHORT = (0, 1, 3, 4, 5)
+
+
+def draw_case(
+    seed: int,
+    kind: Literal["null", "single", "pair", "outside", "parameter"],
+    *,
+    short: bool = False,
+    names: tuple[str, ...] = (),
+    extras: tuple[str, ...] = (),
+    target: float | None = None,
+) -> Case:
+    """Draw one case; the same arguments give the same case.
+
+    Args:
+        seed: not negative.
+        kind: null (tolerances and background only), single, pair, outside (an effect the contract does not name) or
+            parameter (a plain wrong figure).
+        short: five records of 1.75 s instead of eight of 4 s.
+        names: effects to put in, instead of drawn ones; `parameter:NAME` for a wrong figure.
+        extras: `frequency_response`, `critical_gain`.
+        target: gap over the floor to aim for, instead of a drawn one; of each effect of a pair.
+
+    Raises:
+        ValueError: for a kind that is none of these, or an unknown name.
+    """
+    if kind not in KIND_NAMES:
+        raise ValueError(f"kind is one of {', '.join(KIND_NAMES)}, not {kind!r}")
+    for name in names:
+        known = name.removeprefix("parameter:") in PARAMETERS if name.startswith("parameter:") else name in KINDS
+        if not known:
+            raise ValueError(f"no effect {name!r}")
+    rng = np.random.default_rng([seed, KIND_NAMES.index(kind), int(short)])
+    notes: list[str] = []
+    for attempt in range(20):
+        believed = draw_believed(rng, f"rig-{seed}")
+        case = _with_background(_bare_case(seed, kind, believed, rng, short), rng)
+        if case is None:
+            notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
+            continue
+        chosen = names or _draw_names(kind, rng)
+        found = _with_effects(case, chosen, rng, target, notes)
+        if found is not None:
+            return replace(found, extras=extras, notes=tuple(notes))
+    raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
+
+
+def _draw_names(kind: str, rng: np.random.Generator) -> tuple[str, ...]:
+    if kind == "null":
+        return ()
+    if kind == "outside":
+        return (str(rng.choice(OUTSIDE)),)
+    if kind == "parameter":
+        return ("parameter:" + str(rng.choice(list(PARAMETERS))),)
+    return tuple(str(name) for name in rng.choice(LISTED, 2 if kind == "pair" else 1, replace=False))
+
+
+def _bare_case(seed: int, kind: str, believed: Table, rng: np.random.Generator, short: bool) -> Case:
+    factors = draw_true(believed, rng)
+    habits = {
+        "bulk_modulus": float(rng.uniform(0.9e9, 1.5e9)),
+        "supply": float(rng.uniform(14e6, 21e6)),
+        "leakage_across": float(rng.uniform(0.1, 0.8)),
+        "stroke_on": 1.0,
+    }
+    stiffness, volts = believed["outer_beam"]["stiffness_N_per_m"], believed["sensor"]["gain_V_per_m"]
+    load, command = stiffness / 486800, volts / 1180
+    runs = _runs(believed, rng, load, command, _SHORT if short else tuple(range(len(_FULL))))
+    noise = Noise(
+        displacement_m=float(rng.uniform(0.3e-6, 0.7e-6)),
+        quantum_m=float(rng.choice([1e-7, 2e-7, 3e-7, 5e-7])),
+        force_N=float(rng.uniform(0.3, 0.8) * load),
+        current_A=float(rng.uniform(1e-5, 3e-5)),
+        drift_m=float(rng.uniform(0, 0.4e-6)),
+    )
+    figures = rig_figures(believed, factors, habits)
+    scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900 * load, 7.5e-3)
+    case = Case(seed, kind, believed, factors, habits, (), (), runs, noise, 1.75 if short else 4.0, scales)
+    large = next(run for run in runs if run.name == "04_disturbance_large")
+    current = float(np.std(take(case, large, duration_s=1.5).current))
+    return replace(case, scales=replace(scales, current=current))
+
+
+def _runs(
+    believed: Table, rng: np.random.Generator, load: float, command: float, chosen: tuple[int, ...]
+) -> tuple[Run, ...]:
+    payload = round(float(rng.uniform(4.0, 9.0)) * believed["outer_beam"]["effective_mass_kg"] / 3.9, 1)
+    pole, zero = float(f"{1.75 * rng.uniform(0.7, 1.4):.3g}"), float(f"{26 * rng.uniform(0.8, 1.25):.3g}")
+    fraction = float(rng.uniform(0.3, 0.42))
+    rest = rig_figures(believed, {}, {})
+    added = _added_mass(rest, {"pole_Hz": pole, "zero_Hz": zero}, payload)
+    controllers: dict[tuple[str, bool], dict[str, Any]] = {}
+    for kind, loaded in (("lag", False), ("proportional", False), ("lag", True)):
+        table: dict[str, Any] = {"kind": kind, "gain_A_per_V": 1.0}
+        if kind == "lag":
+            table |= {"pole_Hz": pole, "zero_Hz": zero}
+        masses = {"outer_end_mass": payload, "inner_end_mass": added} if loaded else {}
+        record, modes = assembled(rest | controller_figures(table) | masses)
+        gain = fraction * linear_critical_gain(record, modes)
+        controllers[kind, loaded] = table | {"gain_A_per_V": float(f"{gain:.3g}")}
+    runs = []
+    for index in chosen:
+        name, channel, shape, size, highest, kind, loaded = _FULL[index]
+        scale = load if channel == "disturbance_N" else command
+        drive = Drive(channel, shape, float(f"{size * scale:.3g}"), highest, int(rng.integers(2**31)))  # type: ignore[arg-type]
+        masses_kg = (payload, added) if loaded else (0.0, 0.0)
+        runs.append(Run(name, drive, controllers[kind, loaded], *masses_kg))
+    return tuple(runs)
+
+
+def _added_mass(rest: Shape, breaks: dict[str, float], payload: float) -> float:
+    """The mass on the inner tip with which the loop bears the payload at the highest gain, kg."""
+    law = controller_figures({"kind": "lag", "gain_A_per_V": 1.0} | breaks)
+
+    def gain(added: float) -> float:
+        record, modes = assembled(rest | law | {"outer_end_mass": payload, "inner_end_mass": added})
+        return linear_critical_gain(record, modes)
+
+    return max((round(float(share * payload), 1) for share in np.linspace(0.2, 1.4, 13)), key=gain)
+
+
+def _probe(case: Case) -> float:
+    return min(1.25, case.duration_s)
+
+
+def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
+    """Put a little of some effects into the rig, together at 0.2 to 0.8 of the floor."""
+    without = noise_free(case, _probe(case))
+    if not all(motion.bounded for motion in without.values()):
+        return None
+    tolerances = _tolerance_gap(case, without)
+    if tolerances > _LARGEST_TOLERANCE_GAP:
+        return None
+    floor = relative_floor(case, without)
+    chosen = [name for name in _BACKGROUND if rng.uniform() < 0.6]
+    aim = float(rng.uniform(0.2, 0.8)) * floor
+    shares = rng.dirichlet(np.ones(max(1, len(chosen))))
+    brief = noise_free(case, _BRIEF_S)
+    drawn = []
+    for name, share in zip(chosen, shares, strict=False):
+        departure = Departure(name, _BACKGROUND[name] * float(np.exp(rng.normal(0, 0.5))), KINDS[name].shape(rng))
+        gap = relative_gap(noise_free(case.only(departure), _BRIEF_S), brief)
+        if np.isfinite(gap):
+            factor = min(1.0, aim * float(np.sqrt(share)) / max(gap, 1e-12))
+            drawn.append(replace(departure, severity=departure.severity * factor))
+    trial = replace(case, background=tuple(drawn))
+    gap = relative_gap(noise_free(trial, _probe(case)), without)
+    return (
+        replace(trial, gaps={"background": gap, "floor": floor, "tolerances": tolerances})
+        if gap < _BACKGROUND_AT_MOST * floor
+        else None
+    )
+
+
+def _with_effects(
+    case: Case, names: tuple[str, ...], rng: np.random.Generator, target: float | None, notes: list[str]
+) -> Case | None:
+    probe = noise_free(case, _probe(case))
+    found: list[Departure] = []
+    for name in names:
+        aim = target or float(np.exp(rng.uniform(np.log(GAPS[0]), np.log(GAPS[1]))))
+        departure = _sized(case, name, probe, aim, rng)
+        if departure is None:
+            notes.append(f"{name}: too weak or not stable at any severity on this rig")
+            return None
+        found.append(departure)
+    without = noise_free(case)
+    floor = relative_floor(case, without)
+    # Little over the first part of the records may be much over the whole: loads come late.
+    if not relative_gap(without, noise_free(replace(case, background=()))) < _BACKGROUND_AT_MOST * floor:
+        notes.append("the background is more than that over the whole records")
+        return None
+    gaps = case.gaps | {"floor": floor}
+    if not found:
+        noisy = {run.name: take(case, run, noisy=True) for run in case.runs}
+        return replace(case, gaps=gaps) if np.isfinite(relative_gap(noisy, without)) else None
+    for departure in found:
+        gaps[departure.name] = relative_gap(noise_free(case.only(departure)), without) if len(found) > 1 else 0.0
+    found.sort(key=lambda d: -gaps[d.name])
+    whole = case.only(*found)
+    gaps["all"] = relative_gap(noise_free(whole), without)
+    if len(found) == 1:
+        gaps[found[0].name] = gaps["all"]
+    if not all(np.isfinite(value) for value in gaps.values()):
+        notes.append(f"{', '.join(names)}: not stable over the whole records")
+        return None
+    return replace(whole, gaps=gaps)
+
+
+def _tolerance_gap(case: Case, without: dict[str, Motion]) -> float:
+    """What the tolerances alone change, over as much of the records as is given."""
+    believed = replace(case, factors=dict.fromkeys(case.factors, 1.0))
+    return relative_gap(without, noise_free(believed, without[case.runs[0].name].duration))
+
+
+def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.random.Generator) -> Departure | None:
+    """The effect at the severity that gives a gap, by secants in logarithms on the first part of the records."""
+    if name.startswith("parameter:"):
+        figures, _ = PARAMETERS[name.removeprefix("parameter:")]
+        figure = str(rng.choice(figures))
+        sign = float(rng.choice([-1, 1]))
+        least = 3.5 * tolerance_of(case.believed, figure)
+        low, high = max(least, 0.03), max(1.0, 1.5 * least)
+
+        def at(severity: float) -> Departure:
+            return Departure(name, sign * severity, {}, figure)
+    else:
+        shape = KINDS[name].shape(rng)
+        low, high = KINDS[name].range
+
+        def at(severity: float) -> Departure:
+            return Departure(name, severity, shape)
+
+    floor = relative_floor(case, probe)
+    aim *= floor
+    low = max(low, 1e-3)
+    severity = float(np.sqrt(low * high))
+    best: tuple[float, Departure, float] | None = None
+    before: tuple[float, float] | None = None
+    for _ in range(8):
+        gap = relative_gap(noise_free(case.only(at(severity)), _probe(case)), probe)
+        if not np.isfinite(gap):
+            high = severity
+            severity = float(np.sqrt(low * severity)) if before is None else float(np.sqrt(before[0] * severity))
+            continue
+        miss = abs(float(np.log(max(gap, 1e-12) / aim)))
+        if best is None or miss < best[0]:
+            best = (miss, at(severity), gap)
+        if miss < 0.15:
+            break
+        slope = 1.0
+        if before is not None and before[0] != severity and gap != before[1]:
+            slope = float(np.log(gap / before[1]) / np.log(severity / before[0]))
+            slope = float(np.clip(slope, 0.3, 4.0))
+        before = (severity, gap)
+        following = float(np.clip(severity * (aim / gap) ** (1 / slope), low, 0.98 * high))
+        if abs(np.log(following / severity)) < 0.01:
+            break
+        severity = following
+    # What was found may be off what was asked for (a held output is never weak), but not out of all range.
+    return best[1] if best is not None and _LEAST * floor < best[2] < _MOST * floor else None

@@ -1,0 +1,324 @@
+"""The right-hand side of the true rig: laws of friction, flow, oil, contact and amplifier, each checked on its own.
+
+Each stands behind the figure that switches it on.
+"""
+
+from math import copysign, exp, log1p, sin, sqrt
+
+import numpy as np
+from numba import njit
+
+from beamdesign.validation.truth.believed import MODES
+
+ATMOSPHERE = 101325.0
+
+
+@njit(cache=True, error_model="numpy")
+def stribeck(speed: float, coulomb: float, breakaway: float, stribeck_speed: float, power: float) -> float:
+    """Friction of steady sliding without its viscous part, N."""
+    return coulomb + (breakaway - coulomb) * exp(-(abs(speed / stribeck_speed) ** power))
+
+
+@njit(cache=True, error_model="numpy")
+def orifice(drop: float, laminar: float) -> float:
+    """Signed root of a pressure drop, straight below `laminar` (Pa)."""
+    return drop / sqrt(abs(drop) + laminar)
+
+
+@njit(cache=True, error_model="numpy")
+def aerated(pressure: float, bulk: float, air: float, exponent: float, saturation: float) -> float:
+    """Bulk modulus of oil with free air, Pa (Wylie), of which Henry's law dissolves a share that grows with pressure.
+
+    Args:
+        pressure: gauge, Pa.
+        bulk: of the oil, Pa.
+        air: volume at one atmosphere over that of the mixture.
+        exponent: polytropic.
+        saturation: absolute pressure at which nothing is left free, Pa.
+    """
+    absolute = max(pressure + ATMOSPHERE, 2e4)
+    free = air * max(0.0, 1.0 - absolute / saturation)
+    gas = free * (ATMOSPHERE / absolute) ** (1.0 / exponent)
+    share = gas / (1.0 - air + gas)
+    return bulk / (1.0 + share * (bulk / (exponent * absolute) - 1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def softplus(x: float) -> float:
+    """log(1 + exp(x)) without overflow."""
+    return x + log1p(exp(-x)) if x > 0 else log1p(exp(x))
+
+
+@njit(cache=True, error_model="numpy")
+def overlapped(spool: float, overlap: float, rounding: float) -> float:
+    """Opening of a spool whose lands overlap the ports, edges rounded over `rounding` times the overlap."""
+    width = rounding * overlap
+    return width * (softplus((spool - overlap) / width) - softplus((-spool - overlap) / width))
+
+
+@njit(cache=True, error_model="numpy")
+def knee(demand: float, limit: float, sharpness: float) -> float:
+    """What an amplifier gives of a demand: its limit is reached gradually."""
+    return demand / (1.0 + abs(demand / limit) ** sharpness) ** (1.0 / sharpness)
+
+
+@njit(cache=True, error_model="numpy")
+def played(given: float, held: float, half: float) -> float:
+    """Play (backlash) operator: what lags `given` by at most `half`."""
+    return min(max(held, given - half), given + half)
+
+
+@njit(cache=True, error_model="numpy")
+def contact(apart: float, closing: float, play: float, stiffness: float, loss: float) -> float:
+    """Force across a joint with play: Hertzian faces that only press (Hunt and Crossley), N.
+
+    Args:
+        apart: of rod and joint from the middle of the play, m.
+        closing: its rate, m/s.
+        play: from face to face, m.
+        stiffness: N/m^1.5.
+        loss: s/m.
+    """
+    depth = abs(apart) - 0.5 * play
+    if depth <= 0.0:
+        return 0.0
+    side = copysign(1.0, apart)
+    return side * max(0.0, stiffness * depth * sqrt(depth) * (1.0 + 1.5 * loss * side * closing))
+
+
+STATES = 36
+PLAYS = 5
+
+# Places in the state.
+_Q, _QD = 0, MODES  # modes of the outer beam, each counted at the tip
+_XI, _VI, _XR, _VR = 8, 9, 10, 11  # inner tip, rod
+_PA, _PB = 12, 13  # chamber pressures beyond those at rest
+_S, _SD = 14, 15  # spool, A, and its rate
+_Z = 16  # bristles
+_L1, _L2, _F = 17, 18, 19  # sensor lag, believed filter
+_C = 20  # controller
+_T, _TD, _Y, _YD = 21, 22, 23, 24  # mount
+_W = 25  # spool friction
+_I = 26  # coil current
+_PS = 27  # supply beyond that at rest
+_M, _MD = 28, 29  # free part of the payload
+_E = 30  # four relaxing elements
+_B, _BD = 34, 35  # sensor bracket
+
+TIP, INNER, PRESSURE_A, PRESSURE_B, BRISTLE, SPOOL_FRICTION, SUPPLY = _Q, _XI, _PA, _PB, _Z, _W, _PS
+_RELAX = (6.0, 60.0, 600.0, 6000.0)
+
+
+@njit(cache=True, error_model="numpy")
+def sensor_volts(x, f, time_share):  # type: ignore[no-untyped-def]
+    """What the sensor makes of the tip before lag and filter, V."""
+    tip = x[_Q] + x[_Q + 1] + x[_Q + 2] + x[_Q + 3]
+    seen = tip - f.sensor_on_mount * (x[_T] + x[_Y])
+    if f.bracket_rate > 0.0:
+        seen = seen + f.bracket_share * (x[_B] - tip)
+    seen = seen * (1.0 + f.sensor_cubic * seen * seen)
+    return f.sensor_gain * (1.0 + f.sensor_drift * time_share) * seen
+
+
+@njit(cache=True, error_model="numpy")
+def measured_volts(x, f, time_share):  # type: ignore[no-untyped-def]
+    """Sensor signal after lag and filter, V."""
+    if f.filter_rate > 0.0:
+        return x[_F]
+    if f.lag_rate > 0.0:
+        return x[_L1]
+    return sensor_volts(x, f, time_share)
+
+
+@njit(cache=True, error_model="numpy")
+def demanded(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
+    """Current the controller asks for, A."""
+    error = command - fed_back
+    if f.hum > 0.0:
+        error += f.hum * sin(f.hum_rate * time + f.hum_phase)
+    return f.gain * (x[_C] + (error - x[_C]) * f.pole / f.zero)
+
+
+@njit(cache=True, error_model="numpy")
+def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, share):  # type: ignore[no-untyped-def]
+    """Time derivative of the state into `d`; gives the current, A.
+
+    `held` is the current of a digital output (not a number for an analogue one), `modes` rows of stiffness, mass and
+    damping.
+    """
+    count = modes.shape[1]
+    tip, tip_speed = 0.0, 0.0
+    for k in range(count):
+        tip += x[_Q + k]
+        tip_speed += x[_QD + k]
+
+    # controller and amplifier
+    demand = held if held == held else demanded(x, f, fed_back, command, time)
+    error = command - fed_back
+    if f.hum > 0.0:
+        error += f.hum * sin(f.hum_rate * time + f.hum_phase)
+    d[_C] = f.pole * (error - x[_C])
+    current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
+    if f.coil_rate > 0.0:
+        d[_I] = f.coil_rate * (current - x[_I])
+        current = x[_I]
+
+    # servovalve
+    drive = current
+    if f.magnet_share > 0.0:
+        lagging = 0.0
+        for k in range(PLAYS):
+            lagging += played(current, plays[k], f.magnet_width * (k + 1) / PLAYS)
+        drive = (1.0 - f.magnet_share) * current + f.magnet_share * lagging / PLAYS
+    if f.spool_friction > 0.0:
+        z = min(max(x[_W], -1.0), 1.0)
+        drive -= f.spool_friction * z
+        pace = x[_SD] / f.spool_travel
+        d[_W] = pace - abs(z) ** f.spool_sharpness * (0.5 * abs(pace) * (1.0 if z > 0 else -1.0) + 0.5 * pace)
+    d[_S] = x[_SD]
+    d[_SD] = f.valve_frequency**2 * (drive - x[_S]) - 2.0 * f.valve_damping_ratio * f.valve_frequency * x[_SD]
+    opening = x[_S]
+    if f.overlap > 0.0:
+        opening = overlapped(opening, f.overlap, f.overlap_rounding)
+    flow = f.flow_gain * opening * (1.0 + f.flow_drift * share)
+    supply = f.supply
+    if f.sag_rate > 0.0:
+        supply = max(f.supply + x[_PS], 0.02 * f.supply)
+        d[_PS] = f.sag_rate * (-x[_PS] - f.sag_droop * abs(flow))
+        flow *= sqrt(supply / f.supply)
+
+    # oil
+    mean = 0.5 * (f.area_a + f.area_b)
+    rest_a = f.supply * f.area_b / (2.0 * mean)
+    rest_b = f.supply - rest_a
+    pressure_a, pressure_b = rest_a + x[_PA], rest_b + x[_PB]
+    if f.metering > 0.5:
+        way = sqrt((f.area_a if flow > 0.0 else f.area_b) / mean)
+        into_a, from_b = flow * way * f.area_a / mean, flow * way * f.area_b / mean
+    elif flow > 0.0:
+        into_a, from_b = flow, flow * f.area_b / f.area_a
+    else:
+        into_a, from_b = flow * f.area_a / f.area_b, flow
+    if f.orifice > 0.0:
+        scale = flow / orifice(0.5 * f.supply, f.laminar)
+        if flow > 0.0:
+            free_a = scale * orifice(supply - pressure_a, f.laminar)
+            free_b = scale * orifice(pressure_b, f.laminar)
+        else:
+            free_a = scale * orifice(pressure_a, f.laminar)
+            free_b = scale * orifice(supply - pressure_b, f.laminar)
+        into_a += f.orifice * (free_a - into_a)
+        from_b += f.orifice * (free_b - from_b)
+    across = f.leakage * f.leakage_across * (x[_PA] - x[_PB])
+    at_edges = 2.0 * f.leakage * (1.0 - f.leakage_across)
+    into_a -= across + at_edges * x[_PA]
+    from_b -= across - at_edges * x[_PB]
+
+    rod, rod_speed = (x[_XR], x[_VR]) if f.joint_on > 0.0 else (x[_XI], x[_VI])
+    stroke, speed = tip - rod, tip_speed - rod_speed
+    bulk_a = bulk_b = f.bulk_modulus
+    if f.air_share > 0.0:
+        bulk_a = aerated(pressure_a, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
+        bulk_b = aerated(pressure_b, f.bulk_modulus, f.air_share, f.air_exponent, f.air_saturation)
+    moved = f.stroke_on * min(max(stroke, -0.9 * f.chamber_length), 0.9 * f.chamber_length)
+    d[_PA] = bulk_a * (into_a - f.area_a * speed) / (f.area_a * (f.chamber_length + moved))
+    d[_PB] = bulk_b * (f.area_b * speed - from_b) / (f.area_b * (f.chamber_length - moved))
+    # No tension in real oil. Where there is air, the cavity is the air's own, so soft that the pressure hardly falls,
+    # and it has to be filled again; cut off, its volume would be forgotten.
+    if f.orifice > 0.5 and f.air_share == 0.0:
+        if pressure_a < -0.9e5 and d[_PA] < 0.0:
+            d[_PA] = 0.0
+        if pressure_b < -0.9e5 and d[_PB] < 0.0:
+            d[_PB] = 0.0
+    push = f.area_a * x[_PA] - f.area_b * x[_PB]
+
+    # seal
+    if f.bristle_stiffness > 0.0:
+        limit = stribeck(speed, f.coulomb, f.breakaway, f.stribeck_speed, f.stribeck_power)
+        largest = f.breakaway / f.bristle_stiffness
+        z = min(max(x[_Z], -largest), largest)
+        d[_Z] = speed - f.bristle_stiffness * abs(speed) * z / limit
+        fade = 1.0 / (1.0 + (speed / f.stribeck_speed) ** 2)
+        push -= f.bristle_stiffness * z + f.bristle_damping * fade * d[_Z] + f.viscous * speed
+
+    # joint
+    on_inner = push
+    if f.joint_on > 0.0:
+        on_inner = -contact(rod - x[_XI], rod_speed - x[_VI], f.play, f.contact, f.contact_loss)
+        d[_XR] = x[_VR]
+        d[_VR] = (on_inner - push) / f.rod_mass
+
+    # beams and mount
+    outer_base, inner_base, outer_base_speed, inner_base_speed = 0.0, 0.0, 0.0, 0.0
+    if f.mount_on > 0.0:
+        outer_base, outer_base_speed = x[_T] + x[_Y], x[_TD] + x[_YD]
+        inner_base = f.mount_inner_ratio * x[_T] + x[_Y]
+        inner_base_speed = f.mount_inner_ratio * x[_TD] + x[_YD]
+    bent, bent_speed = x[_Q] - outer_base, x[_QD] - outer_base_speed
+    first = modes[0, 0] * bent * (1.0 + f.hardening * bent * bent) + modes[2, 0] * bent_speed
+    if f.loss_1 > 0.0:
+        for k in range(4):
+            spring = f.loss_1 if k == 0 else (f.loss_2 if k == 1 else (f.loss_3 if k == 2 else f.loss_4))
+            first += spring * (bent - x[_E + k])
+            d[_E + k] = _RELAX[k] * (bent - x[_E + k])
+    inner_bent = x[_XI] - inner_base
+    inner = f.inner_stiffness * inner_bent * (1.0 + f.hardening * inner_bent * inner_bent)
+    inner += f.inner_damping * (x[_VI] - inner_base_speed)
+    if f.mount_on > 0.0:
+        d[_T], d[_Y] = x[_TD], x[_YD]
+        turning = first + f.mount_inner_ratio * inner - f.mount_stiffness * x[_T] - f.mount_damping * x[_TD]
+        d[_TD] = turning / f.mount_mass
+        d[_YD] = (first + inner - f.slide_stiffness * x[_Y] - f.slide_damping * x[_YD]) / f.slide_mass
+    d[_XI] = x[_VI]
+    d[_VI] = (-on_inner - inner) / (f.inner_mass + f.inner_end_mass)
+
+    pull = force + push
+    carried = f.outer_end_mass
+    if f.slosh_share > 0.0 and carried > 0.0:
+        loose = f.slosh_share * carried
+        tether = f.slosh_frequency**2 * (x[_M] - tip)
+        tether += 2.0 * f.slosh_damping_ratio * f.slosh_frequency * (x[_MD] - tip_speed)
+        d[_M], d[_MD] = x[_MD], -tether
+        pull += loose * tether
+        carried -= loose
+    alone, mobility = 0.0, 0.0
+    for k in range(count):
+        reaction = first if k == 0 else modes[0, k] * x[_Q + k] + modes[2, k] * x[_QD + k]
+        d[_QD + k] = (pull - reaction) / modes[1, k]
+        alone += d[_QD + k]
+        mobility += 1.0 / modes[1, k]
+        d[_Q + k] = x[_QD + k]
+    inertia = carried * alone / (1.0 + carried * mobility)
+    for k in range(count):
+        d[_QD + k] -= inertia / modes[1, k]
+
+    # sensor
+    if f.bracket_rate > 0.0:
+        d[_B] = x[_BD]
+        d[_BD] = f.bracket_rate**2 * (tip - x[_B]) + 2.0 * f.bracket_damping_ratio * f.bracket_rate * (
+            tip_speed - x[_BD]
+        )
+    if f.lag_rate > 0.0:
+        volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, share)
+        if f.lag_order > 1.5:
+            d[_L1] = x[_L2]
+            d[_L2] = f.lag_rate**2 * (volts - x[_L1]) - 2.0 * f.lag_damping_ratio * f.lag_rate * x[_L2]
+        else:
+            d[_L1] = f.lag_rate * (volts - x[_L1])
+    if f.filter_rate > 0.0:
+        volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, share)
+        d[_F] = f.filter_rate * ((x[_L1] if f.lag_rate > 0.0 else volts) - x[_F])
+    return current
+
+
+@njit(cache=True, error_model="numpy")
+def _rates_at(x, figures, modes):  # type: ignore[no-untyped-def]
+    f = figures[0]
+    d, plays = np.zeros(STATES), np.zeros(PLAYS + 1)
+    rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), 0.0, 0.0, 0.0, 0.0)
+    return d
+
+
+def rates_at(state: np.ndarray, figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    """(36,) time derivative of a state with nothing driving the rig and no dead time."""
+    return np.asarray(_rates_at(state, figures, modes))
