@@ -10,7 +10,7 @@ from beamdesign.controllers import Lag, Proportional
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 from beamdesign.validation.paper.rig import paper_prototype
 
 TOLERANCE = Tolerance(

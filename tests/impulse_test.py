@@ -12,7 +12,7 @@ import numpy as np
 from beamdesign.loop import CriticalGain
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
-from beamdesign.simulate import Oscillation, oscillation, simulate
+from beamdesign.simulation import Oscillation, oscillation, simulate
 
 _KEPT = 0.98  # of the amplitude over the time watched: what loses less is said not to die out
 _STILL_M = 1e-9

@@ -12,7 +12,7 @@ from beamdesign.plant.compiled import compiled
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
-from beamdesign.simulate import half_steps, substeps_for
+from beamdesign.simulation import half_steps, substeps_for
 
 _ENDLESS_M = 1e3
 
@@ -63,7 +63,7 @@ def run_closed(
         delayed: whether a current is put out one period after its sample.
 
     Raises:
-        InputError: as `beamdesign.simulate.simulate`.
+        InputError: as `beamdesign.simulation.simulate`.
         ValueError: where there is no equilibrium, or the rig leaves the numbers.
     """
     from beamdesign.plant.stepper import steps

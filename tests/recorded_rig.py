@@ -11,7 +11,7 @@ import tomli_w
 
 from beamdesign.prototype import Prototype, Tolerance, write_prototype
 from beamdesign.scenario import LoadSteps, Measurement, Multisine, Scenario, ScenarioRecord
-from beamdesign.simulate import COLUMNS, simulate
+from beamdesign.simulation import COLUMNS, simulate
 
 LAG = {"kind": "lag", "gain_A_per_V": 0.122, "pole_Hz": 1.75, "zero_Hz": 26.0}
 SLOW_LAG = {"kind": "lag", "gain_A_per_V": 0.0804, "pole_Hz": 1.75, "zero_Hz": 26.0}

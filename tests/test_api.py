@@ -75,7 +75,7 @@ def test_functions_stay_functions_after_their_rooms_are_imported():
 from importlib import import_module
 import pkgutil
 import beamdesign
-for room in ("design", "proof", "study"):
+for room in ("synthesis", "proofs", "sweep"):
     package = import_module(f"beamdesign.{room}")
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         import_module(module.name)

@@ -25,7 +25,7 @@ from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, to_toml
 from beamdesign.report.reference import keys
 from beamdesign.scenario import Sampled, ScenarioRecord, read_scenario
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 
 SHIPPED = Path(__file__).parent.parent / "studies" / "prototypes" / "paper_remedy.toml"
 SCENARIO = SHIPPED.parent.parent / "scenarios" / "kick.toml"

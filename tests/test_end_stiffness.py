@@ -27,7 +27,7 @@ from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine, Step, WallAhead
-from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord, simulate
 from beamdesign.structure.lumped import figures
 from beamdesign.synthesis.end_stiffness import (
     CompliantLaw,

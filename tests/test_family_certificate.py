@@ -28,7 +28,7 @@ from beamdesign.proofs.tolerance_box import between, in_words, tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Payload, Prototype, write_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 from beamdesign.synthesis.tuning import tune
 
 CLAIMS = (

@@ -32,7 +32,7 @@ from beamdesign.prototype import Payload, Prototype, read_prototype, write_proto
 from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
-from beamdesign.simulate import simulate, write_records
+from beamdesign.simulation import simulate, write_records
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles

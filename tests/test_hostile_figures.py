@@ -24,7 +24,7 @@ from beamdesign.prototype import Beam, Prototype, prototype_from, write_prototyp
 from beamdesign.quantities import Plausible, range_of, unit_of
 from beamdesign.records import InputError, Record, parse
 from beamdesign.scenario import Scenario
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 
 STUDIES = Path(__file__).parent.parent / "studies"
 LAG = STUDIES / "prototypes" / "published_lag.toml"

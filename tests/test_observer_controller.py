@@ -35,7 +35,7 @@ from beamdesign.proofs.writer import prototype_table
 from beamdesign.prototype import Arm, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 from beamdesign.structure.lumped import figures
 
 MASSES_KG = (0.0, 6.8)

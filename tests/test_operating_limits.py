@@ -9,7 +9,7 @@ from beamdesign.controllers import Lag
 from beamdesign.prototype import Payload, Prototype, Supply, prototype_from
 from beamdesign.records import InputError
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
-from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord, simulate
 from beamdesign.synthesis.operating_limits import demand, envelope, rated_current, sensor_reach, smaller_side
 
 

@@ -43,7 +43,7 @@ from beamdesign.polynomial import exact, roots
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 
 STUDIES = Path(__file__).parent.parent / "studies"
 TAME = STUDIES / "prototypes" / "tame_lag.toml"

@@ -41,7 +41,7 @@ from beamdesign.proofs.mass_family import MassFamily, closed_loop, stage_familie
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 from beamdesign.synthesis import tuning
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import rig_spread

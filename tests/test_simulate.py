@@ -25,7 +25,7 @@ from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario
-from beamdesign.simulate import COLUMNS, half_steps, oscillation, simulate
+from beamdesign.simulation import COLUMNS, half_steps, oscillation, simulate
 
 ROOT = Path(__file__).parent.parent
 

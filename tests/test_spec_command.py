@@ -27,7 +27,7 @@ from beamdesign.plant.changed_figures import with_figures
 from beamdesign.prototype import Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Measurement, inputs_of, read_scenario
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"
 

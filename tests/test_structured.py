@@ -26,7 +26,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.simulate import half_steps, simulate
+from beamdesign.simulation import half_steps, simulate
 from beamdesign.synthesis.design_run import certified
 from beamdesign.synthesis.loop_samples import samples, slacks
 from beamdesign.synthesis.operating_limits import sensor_reach

@@ -69,7 +69,7 @@ def test_it_shares_nothing_with_the_diagnosis():
         [sys.executable, "-c", "import sys, beamdesign.validation.truth; print('\\n'.join(sys.modules))"],
         capture_output=True, text=True, check=True,
     ).stdout.split()  # fmt: skip
-    shared = [name for name in loaded if name.startswith(("beamdesign.plant", "beamdesign.simulate", "casadi"))]
+    shared = [name for name in loaded if name.startswith(("beamdesign.plant", "beamdesign.simulation", "casadi"))]
     assert shared == []
     assert "beamdesign.validation.truth.rig" in loaded
 

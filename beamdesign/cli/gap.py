@@ -226,7 +226,7 @@ def predict(
     loop that diverges ends its record there, and the exit status is 1.
     """
     from beamdesign.diagnosis.predict import predict_set
-    from beamdesign.simulate import write_tables
+    from beamdesign.simulation import write_tables
 
     with progress("simulating") as update:
         found = predict_set(prototype, dataset, update)

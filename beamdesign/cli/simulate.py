@@ -31,7 +31,7 @@ def simulate(
     A loop that diverges is an answer: it is told when and at what frequency, its record ends there, and the exit status
     is 1.
     """
-    from beamdesign import simulate as engine
+    from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
     from beamdesign.plant.effects import problems
     from beamdesign.records import InputError, Problem
@@ -126,7 +126,7 @@ def write_folder(
     rig: Any, plan: Any, tables: Mapping[str, tuple[tuple[str, ...], Any]], pictures: Sequence[Any], out: Path
 ) -> dict[str, Any]:
     """Write records, and where there are `pictures` of them these and their page, as one set; files for the answer."""
-    from beamdesign.simulate import write_tables
+    from beamdesign.simulation import write_tables
 
     drawn: dict[str, Any] = {}
     with fresh_folder(out) as fresh:

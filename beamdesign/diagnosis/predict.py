@@ -18,7 +18,7 @@ from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
-from beamdesign.simulate import half_steps, substeps_for
+from beamdesign.simulation import half_steps, substeps_for
 
 COLUMNS = ("t_s", "current_A", "displacement_m")
 BENCH_COLUMNS = ("t_s", "displacement_m", "pressure_a_Pa", "pressure_b_Pa")

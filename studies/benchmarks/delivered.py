@@ -8,7 +8,7 @@ import numpy as np
 from beamdesign.plant.changed_figures import with_figures
 from beamdesign.prototype import Prototype
 from beamdesign.scenario import Input, Multisine, Scenario, ScenarioRecord, Step
-from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord, simulate
 
 MEASURED_WITHIN = 0.1
 """Excess of the compliance over the goal that counts as met: what a measured response of a few seconds can tell."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.scenario import Scenario, ScenarioRecord, Step, WallAhead
-from beamdesign.simulate import SimulatedRecord, simulate
+from beamdesign.simulation import SimulatedRecord, simulate
 from beamdesign.synthesis.rig_spread import rig_spread
 
 EFFECTS: dict[str, dict[str, dict[str, float]]] = {

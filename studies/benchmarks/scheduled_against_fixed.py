@@ -20,7 +20,7 @@ from beamdesign.controllers.scheduling.simulation import Course, simulate_schedu
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.report.canvas import STYLES, new_figure, save
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.simulate import SimulatedRecord
+from beamdesign.simulation import SimulatedRecord
 from beamdesign.synthesis.tuning import tune
 
 SCHEDULED = Path(__file__).parents[1] / "scheduled" / "prototype.toml"

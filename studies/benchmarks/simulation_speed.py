@@ -32,7 +32,7 @@ from beamdesign.plant.sensitivity import (
     integrate_with_sensitivities,
 )
 from beamdesign.prototype import Prototype
-from beamdesign.simulate import half_steps, substeps_for
+from beamdesign.simulation import half_steps, substeps_for
 from beamdesign.validation.paper.rig import paper_prototype
 
 SAMPLE_S = 5e-4

@@ -14,7 +14,7 @@ import numpy as np
 from beamdesign.controllers import Lag
 from beamdesign.prototype import read_prototype
 from beamdesign.scenario import Measurement, Multisine, Scenario, ScenarioRecord, Step
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 
 COLUMNS = ("t_s", "disturbance_N", "command_V", "current_A", "displacement_m")
 DIGITS = ("%.4f", "%.3f", "%.4g", "%.5g", "%.5g")

@@ -20,7 +20,7 @@ from beamdesign.plant.harmonic_balance import linear_critical_gain
 from beamdesign.plant.linear_reach import departure, linear_part, reach, with_published_effects
 from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
-from beamdesign.simulate import simulate
+from beamdesign.simulation import simulate
 
 SUPPLY, AREA = 20e6, 1.13e-4
 FULL = pi * 0.0127**2 / 4

@@ -19,8 +19,8 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.sampled import sampled_law
 from beamdesign.scenario import Sampled, Scenario, ScenarioRecord, inputs_of
-from beamdesign.simulate import COLUMNS as SIMULATED
-from beamdesign.simulate import SimulatedRecord, as_measured, diverged, half_steps, substeps_for
+from beamdesign.simulation import COLUMNS as SIMULATED
+from beamdesign.simulation import SimulatedRecord, as_measured, diverged, half_steps, substeps_for
 from beamdesign.structure import lumped
 
 COLUMNS = (*SIMULATED, "sensor_V", "outer_end_mass_kg", "stage", "estimate_kg", "estimate_std_kg")

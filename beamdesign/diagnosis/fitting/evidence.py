@@ -21,7 +21,7 @@ from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.parameters import parameters_of
 from beamdesign.plant.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
 from beamdesign.prototype import Prototype
-from beamdesign.simulate import half_steps
+from beamdesign.simulation import half_steps
 
 FURTHEST_M = 0.5
 _RADIANS = 1.2  # of the fastest pole, per integration step: Runge-Kutta of fourth order is stable to 2.7
