@@ -108,14 +108,20 @@ def test_one_figure_by_its_number(tmp_path: Path):
 
 
 class Links(HTMLParser):
-    """Files a page refers to."""
+    """Files a page refers to, parts of itself that it refers to, and the parts it has."""
 
     def __init__(self) -> None:
         super().__init__()
         self.targets: set[str] = set()
+        self.anchors: set[str] = set()
+        self.parts: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.targets |= {value for name, value in attrs if name in ("src", "href") and value}
+        for name, value in attrs:
+            if name == "id" and value:
+                self.parts.add(value)
+            elif name in ("src", "href") and value and not value.startswith("data:"):
+                (self.anchors if value.startswith("#") else self.targets).add(value)
 
 
 def test_page_shows_all_figures_claims_and_slips(folder: Path, comparison: Comparison):
@@ -125,6 +131,7 @@ def test_page_shows_all_figures_claims_and_slips(folder: Path, comparison: Compa
     figures = {f"figure_{number:02}.{kind}" for number in range(8, 17) for kind in ("png", "svg")}
     assert figures <= links.targets
     assert all((folder / target).stat().st_size > 5000 for target in links.targets)
+    assert {anchor.removeprefix("#") for anchor in links.anchors} <= links.parts
     assert text.count('<tr class="differs">') == sum(not claim.agrees for claim in comparison.claims)
     plain = re.sub(r"\s+", " ", text)
     for slip in comparison.slips:
