@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamdesign.code_digest import code_digest, sources
 from beamdesign.records import InputError
 from beamdesign.validation.blind import blindcheck, outcome, scoring
 from beamdesign.validation.blind.baselines import lasso, lasso_path
@@ -25,10 +26,8 @@ from beamdesign.validation.blind.seal import (
     broken,
     canonical,
     folder_digest,
-    program_digest,
     read_seal,
     sealed,
-    sources,
     write_seal,
 )  # fmt: skip
 from beamdesign.validation.blindcheck_result import markdown, result_fields, result_text
@@ -146,7 +145,7 @@ def test_the_digest_of_a_program_covers_what_it_imports_and_no_more():
     assert {"search.py", "fit.py", "seal_friction.py", "prototype.py"} <= fits
     assert not {"judgement.py", "diagnose.py", "drawing.py"} & fits
     assert "judgement.py" in {path.name for path in sources("beamdesign.diagnosis.diagnose")}
-    assert program_digest("beamdesign.diagnosis.fitting.search") != program_digest("beamdesign.diagnosis.diagnose")
+    assert code_digest("beamdesign.diagnosis.fitting.search") != code_digest("beamdesign.diagnosis.diagnose")
     with pytest.raises(ValueError, match="no module"):
         sources("beamdesign.nowhere")
 

@@ -11,10 +11,10 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from beamdesign.cli.study import study
+from beamdesign.code_digest import sources
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.sweep import case as room
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import case
 from beamdesign.sweep.sampling import points
@@ -345,22 +345,23 @@ def test_defaults_written_out_are_the_same_inputs_and_code_is_part_of_the_addres
 
 def test_digest_reaches_what_a_task_imports_and_no_more():
     names = {
-        path.relative_to(ROOT / "beamdesign").as_posix()
-        for path in room.reached("beamdesign.sweep.tasks.of_problems:size")
+        path.relative_to(ROOT / "beamdesign").as_posix() for path in sources("beamdesign.sweep.tasks.of_problems:size")
     }
-    assert {"study/tasks/of_problems.py", "design/sizing.py", "section.py", "design/__init__.py", "records.py"} <= names
-    # A law knows its figures in words and its equations in the rig.
-    assert {name for name in names if name.startswith("report/")} <= {"report/__init__.py", "report/quantity.py"}
-    assert not any(name.startswith(("cli/", "gap/", "design/tuning")) for name in names)
+    assert {
+        "sweep/tasks/of_problems.py",
+        "synthesis/sizing.py",
+        "synthesis/__init__.py",
+        "structure/section.py",
+        "records.py",
+    } <= names
+    assert not any(name.startswith(("cli/", "report/", "diagnosis/", "synthesis/tuning")) for name in names)
 
 
 def test_digest_reaches_modules_that_are_named_only_when_it_runs():
     names = {
-        path.name
-        for path in room.reached("beamdesign.sweep.tasks.of_prototypes:at_mass")
-        if path.parent.name == "effects"
+        path.name for path in sources("beamdesign.sweep.tasks.of_prototypes:at_mass") if path.parent.name == "effects"
     }
-    assert names == {path.name for path in (ROOT / "beamdesign" / "rig" / "effects").glob("*.py")}
+    assert names == {path.name for path in (ROOT / "beamdesign" / "plant" / "effects").glob("*.py")}
 
 
 def test_results_of_other_code_are_told_and_not_used(sweep, command, tmp_path, monkeypatch):

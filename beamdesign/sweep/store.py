@@ -18,9 +18,10 @@ from typing import Annotated, Any, NoReturn
 from pydantic import Field, FiniteFloat, ValidationError
 
 from beamdesign import records
+from beamdesign.code_digest import code_digest
 from beamdesign.files import LARGEST_TABLE, read_bytes, write_whole
 from beamdesign.records import InputError, NonNegative, Record
-from beamdesign.sweep.case import Case, Status, address_of, code_digest, inputs_hold
+from beamdesign.sweep.case import Case, Status, address_of, inputs_hold
 from beamdesign.sweep.tasks import TASKS
 
 INDEX = "study.json"

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from beamdesign import records
+from beamdesign.code_digest import code_digest
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
 from beamdesign.json_text import json_text
 from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
-from beamdesign.sweep.case import Case, code_digest, in_words
+from beamdesign.sweep.case import Case, in_words
 from beamdesign.sweep.conclusion import write_tables
 from beamdesign.sweep.sampling import Plan, case_at, points
 from beamdesign.sweep.sweep_file import Sweep, read_sweep, task_of

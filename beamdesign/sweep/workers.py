@@ -16,7 +16,8 @@ from multiprocessing.connection import Connection, wait
 from types import FrameType
 from typing import Any
 
-from beamdesign.sweep.case import Case, code_digest, compute, engines, kept
+from beamdesign.code_digest import code_digest, engines
+from beamdesign.sweep.case import Case, compute, kept
 from beamdesign.sweep.tasks import TASKS
 
 Outcome = tuple[int, dict[str, Any]]

@@ -6,7 +6,6 @@ Fits are kept on disk as they are made, so that a diagnosis that was interrupted
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,7 +13,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-import beamdesign
+from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement, Unknown
 from beamdesign.files import read_bytes, write_whole
@@ -241,7 +240,7 @@ def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray,
 
 
 _KEY = 16  # hexadecimal digits
-_SOURCES = ("*.py", "gap/fitting/*.py", "gap/data/*.py", "rig/*.py", "rig/effects/*.py")
+_FITTED_BY = "beamdesign.diagnosis.fitting.search"
 
 
 class Job(Protocol):
@@ -325,7 +324,8 @@ def _seal(name: str, arrays: Mapping[str, np.ndarray]) -> str:
 
 def kept_fits(folder: Path, data: Dataset) -> KeptFits:
     """Fits to a data set that are kept in a folder; those to other data or by other versions are removed from it."""
-    found = KeptFits(folder, data.prototype, hashlib.sha256((digest(data) + _program()).encode()).hexdigest()[:_KEY])
+    seen = digest(data) + np.__version__ + code_digest(_FITTED_BY)
+    found = KeptFits(folder, data.prototype, hashlib.sha256(seen.encode()).hexdigest()[:_KEY])
     for stale in folder.glob("*-*.npz"):
         if not stale.name.startswith(found.key):
             stale.unlink()
@@ -349,15 +349,4 @@ def digest(data: Dataset) -> str:
         for array in (taken.frequencies_Hz, taken.response):
             sha.update(np.ascontiguousarray(array).tobytes())
     words(data.gains)
-    return sha.hexdigest()
-
-
-@cache
-def _program() -> str:
-    """SHA-256 of the sources that a fit depends on."""
-    root = Path(beamdesign.__file__).parent
-    sha = hashlib.sha256(np.__version__.encode())
-    for pattern in _SOURCES:
-        for path in sorted(root.glob(pattern)):
-            sha.update(path.name.encode() + b"\0" + path.read_bytes())
     return sha.hexdigest()

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from beamdesign.code_digest import code_digest
 from beamdesign.files import write_whole
 from beamdesign.records import InputError
 from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, plan
 from beamdesign.validation.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
-from beamdesign.validation.blind.seal import Seal, broken, folder_digest, program_digest, read_seal, sealed, write_seal
+from beamdesign.validation.blind.seal import Seal, broken, folder_digest, read_seal, sealed, write_seal
 
 Progress = Callable[[float, str], None]
 _DRAWN_BY = "beamdesign.validation.blind.case_plan"
@@ -133,7 +134,7 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = lambda sh
             progress((done + 1) / len(jobs), "drawing cases")
     answers = read_answers(check.answers)
     digests = {key: folder_digest(check.sets / key) for key in answers}
-    seal = sealed(answers, digests, program_digest(_DRAWN_BY))
+    seal = sealed(answers, digests, code_digest(_DRAWN_BY))
     write_seal(seal, check.seal)
     return seal
 

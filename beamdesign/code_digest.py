@@ -1,0 +1,104 @@
+"""Which code a result rests on: a digest of the source files that a function or a module can reach by imports.
+
+Only those files count, so that a change of the command line or of a report leaves results valid. Data files beside the
+modules (alloys, stock sizes) count too.
+"""
+
+import ast
+import hashlib
+from functools import cache
+from pathlib import Path
+
+_PACKAGE = "beamdesign"
+_ROOT = Path(__file__).parent
+
+
+@cache
+def code_digest(place: str) -> str:
+    """SHA-256 over the package's source files that a function reaches, in the order of their names.
+
+    Args:
+        place: see `sources`.
+
+    Raises:
+        ValueError: where there is no such module.
+    """
+    digest = hashlib.sha256()
+    files = sources(place)
+    data = sorted({path for folder in {file.parent for file in files} for path in folder.glob("*.toml")})
+    for path in (*files, *data):
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0")
+        digest.update(path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def sources(place: str) -> list[Path]:
+    """Source files that a module or a function reaches by imports inside the package, its own included, sorted.
+
+    Imports inside functions count, but for a function not those of others in its own file. The package's own `__init__`
+    only passes names on and is left out.
+
+    Args:
+        place: MODULE, or MODULE:FUNCTION, inside the package.
+
+    Raises:
+        ValueError: where there is no such module.
+    """
+    module, _, function = place.partition(":")
+    if _file_of(module) is None:
+        raise ValueError(f"no module {module}")
+    found: set[Path] = set()
+    waiting = [module, *(engines(place) if function else [])]
+    while waiting:
+        name = waiting.pop()
+        path = _file_of(name)
+        if path is None or path in found or path == _ROOT / "__init__.py":
+            continue
+        found.add(path)
+        waiting += _imported(path, _tree(path)) if name != module or not function else []
+        while "." in (name := name.rpartition(".")[0]):  # a package's __init__ runs before its modules
+            waiting.append(name)
+    return sorted(found)
+
+
+def engines(place: str) -> list[str]:
+    """Modules that a function needs: what its file imports for all, and what itself does."""
+    module, _, function = place.partition(":")
+    path = _file_of(module)
+    assert path is not None
+    body = _tree(path).body
+    own = [node for node in body if isinstance(node, ast.FunctionDef) and node.name == function]
+    top = [node for node in body if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [name for name in _imported(path, ast.Module([*top, *own], [])) if _file_of(name) is not None]
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_bytes())
+
+
+def _file_of(name: str) -> Path | None:
+    """The file of a module of this package; None for a name inside a module and for other packages."""
+    head, *steps = name.split(".")
+    if head != _PACKAGE:
+        return None
+    path = _ROOT.joinpath(*steps)
+    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _imported(path: Path, tree: ast.Module) -> list[str]:
+    """Names that a tree of a file's statements imports when it runs, for types alone not among them."""
+    tests = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
+    left_out = {inside for node in tests if ast.unparse(node.test) == "TYPE_CHECKING" for inside in ast.walk(node)}
+    names: list[str] = []
+    for node in set(ast.walk(tree)) - left_out:
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    if "importlib" in names:  # modules named at run time, such as the effects: any of those beside it
+        folder = ".".join((_PACKAGE, *path.parent.relative_to(_ROOT).parts))
+        names += [f"{folder}.{other.stem}" for other in path.parent.glob("*.py")]
+    return names
