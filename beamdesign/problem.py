@@ -21,8 +21,7 @@ from beamdesign.prototype import (
     beams_that_do_not_fit,
 )
 from beamdesign.records import Problem, Record, numbers
-from beamdesign.structure.materials import unknown_material
-from beamdesign.structure.section import SquareTube
+from beamdesign.structure.section import SquareTube, impossible_tube
 
 
 class Load(Record):
@@ -45,14 +44,9 @@ class BeamProblem(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """A given section is whole and possible; the free length lies within the length."""
-        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
-            yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
-        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
-            yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
+        yield from impossible_tube(table)
         if (table.get("width_m") is None) != (table.get("wall_m") is None):
             yield Problem("", "width_m and wall_m go together: give both or neither")
-        if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
-            yield Problem("material", reason)
 
 
 _SIZES = {"least_wall_m": 0.002, "largest_width_m": 0.2}

@@ -14,7 +14,7 @@ from beamdesign.controllers import Cascade, Controller, Scheduled
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.records import FileName, NonNegative, Positive, Problem, Record, numbers
 from beamdesign.spelling import shorter
-from beamdesign.structure.materials import unknown_material
+from beamdesign.structure.section import impossible_tube
 
 COMPLIANCE_LIMIT_M_PER_N = 5.71e-8
 """The paper's performance goal, -100 dB of inch per pound-force."""
@@ -52,16 +52,11 @@ class Beam(Record):
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
         """Walls fit in widths, free lengths in lengths, and the lumped figures can be had."""
-        if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
-            yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
+        yield from impossible_tube(table)
         if (pair := numbers(table, "corner_radius_m", "wall_m")) and 0 < pair[0] < pair[1]:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} is less than the wall, {pair[1]}")
         if (pair := numbers(table, "corner_radius_m", "width_m")) and pair[0] > pair[1] / 2 > 0:
             yield Problem("corner_radius_m", f"outside radius {pair[0]} exceeds half the width, {pair[1] / 2}")
-        if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
-            yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
-        if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
-            yield Problem("material", reason)
         lumped = ("stiffness_N_per_m", "effective_mass_kg")
         geometry = ("width_m", "wall_m", "free_length_m", "material")
         if any(table.get(k) is None for k in lumped) and any(table.get(k) is None for k in geometry):

@@ -10,8 +10,12 @@ and the bending resistance is that of the effective section (6.2.5). Elastic thr
 to stocky (class 1 and 2) sections by plastic bending is left out, on the safe side.
 """
 
+from collections.abc import Iterator, Mapping
 from math import pi
 from typing import Any, Literal, NamedTuple, TypeAlias
+
+from beamdesign.records import Problem, numbers
+from beamdesign.structure.materials import unknown_material
 
 Quantity: TypeAlias = Any
 """A float, a numpy array or a CasADi expression; the functions give back what they are given (broadcast)."""
@@ -242,3 +246,13 @@ def bending_resistance(
         factors = local_buckling_factor(flange, buckling_class), local_buckling_factor(web, buckling_class)
     modulus = effective_modulus(width, wall, *factors, corner_radius)
     return modulus * proof_strength / GAMMA_M1
+
+
+def impossible_tube(table: Mapping[str, Any]) -> Iterator[Problem]:
+    """Walls that do not fit in widths, free lengths not in lengths, and materials that are not known."""
+    if (pair := numbers(table, "wall_m", "width_m")) and pair[0] >= pair[1] / 2 > 0:
+        yield Problem("wall_m", f"{pair[0]} is not less than half the width, {pair[1] / 2}")
+    if (pair := numbers(table, "free_length_m", "length_m")) and pair[0] > pair[1] > 0:
+        yield Problem("free_length_m", f"{pair[0]} exceeds length_m, {pair[1]}")
+    if isinstance(name := table.get("material"), str) and (reason := unknown_material(name)):
+        yield Problem("material", reason)
