@@ -64,22 +64,10 @@ class LoopSet:
         """Numbers of the members that are not stable throughout: exact."""
         return [k for k, rectangle in self.stable.items() if rectangle.unstable_side() is not None]
 
-    def refuted_peak(self, limit: float) -> tuple[Claim, int] | None:
-        """A claim that this limit of the sensitivity is kept, refuted with mass and frequency, and the member.
-
-        None where it holds.
-        """
-        for k, rectangle in self.performing.items():
-            claim = prove(rectangle, Asked("peak_sensitivity", limit))
-            if not claim.holds:
-                return claim, k
-        return None
-
     def refuted(self, goal: Goal) -> list[tuple[Claim, int]]:
         """The goal's limits of sensitivity, loop gain and effort that are refuted, each with a member's number."""
-        peak = self.refuted_peak(goal.peak_sensitivity)
-        found = [] if peak is None else [peak]
-        for asked in goal_claims(goal):
+        found = []
+        for asked in _asked(goal):
             for k, rectangle in self.performing.items():
                 claim = prove(rectangle, asked)
                 if not claim.holds:
@@ -90,8 +78,7 @@ class LoopSet:
     def excess(self, goal: Goal) -> float:
         """Logarithm of the largest share by which one of these limits is proved to be kept or may be exceeded."""
         performing = list(self.performing.values())
-        asked = (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
-        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in asked)
+        most = max(least_limit(performing, one.kind, one.from_Hz) / one.limit for one in _asked(goal))
         return log(most) if most < inf else inf
 
     def bandwidths(self, limit_m_per_N: float) -> dict[int, float]:
@@ -109,6 +96,11 @@ class LoopSet:
             for rectangle in self.performing.values()
             for factor in sorted({rectangle.least, rectangle.most})
         ]
+
+
+def _asked(goal: Goal) -> tuple[Asked, ...]:
+    """The limits of sensitivity, loop gain and effort, as they are proved."""
+    return (Asked("peak_sensitivity", goal.peak_sensitivity), *goal_claims(goal))
 
 
 def loop_set(
