@@ -21,9 +21,9 @@ from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_pro
 from beamdesign.records import InputError
 from beamdesign.synthesis.design_run import claims_of, draw_rigs, least_share
 from beamdesign.synthesis.law_search import worst_of
-from beamdesign.synthesis.loop_samples import Samples, samples, slacks
+from beamdesign.synthesis.loop_samples import Samples, samples, slacks, worst_samples
 from beamdesign.synthesis.refinement import Proved
-from beamdesign.synthesis.rig_spread import RigSpread, WorstSamples, rig_spread, worst_samples
+from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 
 LAW = Lag(gain_A_per_V=0.12, pole_Hz=1.2, zero_Hz=30.0)
@@ -54,7 +54,7 @@ def rig() -> Prototype:
     return record.but(tolerance=tolerance, payload=record.payload.but(inner_end_mass_kg=0.5), controller=LAW)
 
 
-def sampled(spread: RigSpread) -> WorstSamples:
+def sampled(spread: RigSpread) -> Samples:
     """Samples of the rigs of a spread at few points."""
     frequency = np.geomspace(2.0, 300.0, 40)
 

@@ -23,9 +23,18 @@ from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
 from beamdesign.synthesis.bandwidth import NEARLY, TOUCH, WORTH, Polish, climb
 from beamdesign.synthesis.loop_limits import ends, loop_set
-from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples, sampled_bandwidth, slacks
+from beamdesign.synthesis.loop_samples import (
+    COMPLIANCE,
+    FINE_HZ,
+    MODES_HZ,
+    Samples,
+    rig_samples,
+    sampled_bandwidth,
+    slacks,
+    worst_samples,
+)
 from beamdesign.synthesis.refinement import LARGEST_BANDWIDTH_HZ, Proved
-from beamdesign.synthesis.rig_spread import RigSpread, WorstSamples, worst_rigs, worst_samples
+from beamdesign.synthesis.rig_spread import RigSpread
 
 Told = Callable[[float, str], None]
 
@@ -298,7 +307,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
         proofs += 1
         law, inner, members = design.law, design.inner_end_mass, list(task.members)
         worst: tuple[np.ndarray, ...] = ()
-        if task.spread is not None and isinstance(task.points, WorstSamples):
+        if task.spread is not None:
             worst = worst_rigs(task.points, task.goal, design.form, design.variables)
             for z in worst:
                 members += task.spread.members(z)
@@ -338,6 +347,34 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
     return Found(best, sampled, proofs, "" if best else reason, rigs)
 
 
+MOST_RIGS = 8
+"""How many of the worst rigs of a design are proved, at most."""
+
+_NEAR, _APART = 0.08, 0.5
+"""Slack (logarithm) up to which a limit counts as reached, and how many of the standard deviations in all two rigs have
+to be apart to be two."""
+
+
+def worst_rigs(
+    points: Samples, goal: Goal, form: Form, variables: np.ndarray, most: int = MOST_RIGS
+) -> tuple[np.ndarray, ...]:
+    """(d,) deviations of each of the worst rigs for all limits that are about to be reached, the worst first."""
+    assert points.spread is not None
+    found = slacks(points, goal, form, variables, slopes=False)
+    reached = sampled_bandwidth(points, found.compliance)
+    limits, compliance, gain = points.deviations(form, variables)
+    found.values[COMPLIANCE, points.frequency_Hz > reached] = np.inf
+    listed: list[tuple[float, np.ndarray]] = []
+    for slack, z in zip(found.values, (limits, compliance, gain, limits), strict=True):
+        listed += [(float(slack[k]), points.spread.rounded(z[:, k])) for k in np.nonzero(slack < _NEAR)[0]]
+    chosen: list[np.ndarray] = []
+    for _, z in sorted(listed, key=lambda pair: pair[0]):
+        size = np.linalg.norm(z)
+        if len(chosen) < most and all(np.linalg.norm(z - other) > _APART * size for other in chosen):
+            chosen.append(z)
+    return tuple(chosen)
+
+
 def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> tuple[np.ndarray, ...]:
     """Seek the rigs of a spread that are worst for the limits of the goal, on samples: (d,) standard deviations each.
 
@@ -354,7 +391,6 @@ def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> tuple
         raise InputError(prototype.name, [Problem("controller.kind", reason)])
     members = family(prototype, outer_end_mass_kg[1]).members
     task = Search(members, prototype.goal, outer_end_mass_kg, (0.0, 0.0), law.senses, spread)
-    assert isinstance(task.points, WorstSamples)  # there is a spread
     form, variables = opened
     inside = prototype.payload.inner_end_mass_kg
     return worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))
