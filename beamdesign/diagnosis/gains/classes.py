@@ -16,8 +16,9 @@ from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Verdict, W
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
+from beamdesign.diagnosis.fitting.search import Progress
 from beamdesign.diagnosis.gains.next_gain import another_size, next_experiment
-from beamdesign.diagnosis.gains.search import Figure, Progress, figures_of, log_posterior, search_few
+from beamdesign.diagnosis.gains.search import Figure, figures_of, log_posterior, search_few
 from beamdesign.diagnosis.gains.shares import CommonFactor, GainShares, common_factor, gain_shares
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.shrink import gap_of_pieces
@@ -110,7 +111,8 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     found, silent = search_few(evidence, data.prototype, progress, among)
     if found.null.reason:
         key = "frequency_response" if data.responses else "critical_gain"
-        raise InputError(data.folder, [(key, found.null.reason)])
+        words = "the believed model oscillates at no gain, or where a response was taken"
+        raise InputError(data.folder, [(key, words)])
     fits = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
     logs = [log_posterior(f, spread) for f in fits]

@@ -1,22 +1,21 @@
 """All hypotheses about a few critical gains and frequency responses, fitted: nulls, single causes, pairs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from beamdesign.diagnosis import judgement
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.fit import ITERATIONS, Fit, fit
+from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, singles
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
-from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.fitting.starts import starts
+from beamdesign.diagnosis.fitting.search import Progress, Search
+from beamdesign.diagnosis.fitting.starts import fit_from_starts
 from beamdesign.prototype import Prototype
 
 Figure = GainEvidence | ResponseEvidence
 """What is not a time record."""
-Progress = Callable[[float, str], None]
 _SINGLES = 0.3  # of the work
 _QUICK = 3  # iterations, which show whether a pair is worth settling
 _BEST = 5  # single causes that pairs are made with
@@ -52,7 +51,7 @@ def search_few(
         the fits, and the effects that do not show in such data at all; these are in no pair.
     """
     progress(0.0, "tolerances")
-    null = _fitted(NOTHING, {}, evidence, prototype, 1)
+    null = fit_from_starts(NOTHING, prototype, evidence, {}, most=1)
     expected = sum(piece.expected for piece in evidence)
     names = tuple(e.name for e in evidence)
     if null.reason:
@@ -61,7 +60,7 @@ def search_few(
     own = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
     listed = [h for h in own if not among or h.names[0] in among]
     for k, hypothesis in enumerate(listed):
-        alone[hypothesis] = _fitted(hypothesis, null.values, evidence, prototype, 2)
+        alone[hypothesis] = fit_from_starts(hypothesis, prototype, evidence, null.values)
         progress(_SINGLES * (k + 1) / len(listed), "single causes")
     silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
     heard = [h for h in listed if h.names[0] not in silent]
@@ -80,13 +79,13 @@ def search_few(
         for name in hypothesis.names:
             if not (single := alone[Hypothesis((name,))]).reason:
                 known |= single.values
-        quick.append(_fitted(hypothesis, known, evidence, prototype, 1, _QUICK))
+        quick.append(fit_from_starts(hypothesis, prototype, evidence, known, most=1, iterations=_QUICK))
         progress(_SINGLES + (1 - _SINGLES) * (k + 1) / len(pairs), "pairs")
     found = [*alone.values(), *quick]
     leading = max(log_posterior(f) for f in (null, *found))
     for k, hopeful in enumerate(found):
         if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > leading - _HOPEFUL:
-            found[k] = _fitted(hopeful.hypothesis, hopeful.values, evidence, prototype, 1)
+            found[k] = fit_from_starts(hopeful.hypothesis, prototype, evidence, hopeful.values, most=1)
     return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names), silent
 
 
@@ -98,25 +97,6 @@ def log_posterior(found: Fit, spread: float = 1.0) -> float:
         spread: how much larger the best misfit is than the measurements' errors explain; 1 where these are right.
     """
     return judgement.evidence(found, spread) + judgement.odds(found.hypothesis)
-
-
-def _fitted(
-    hypothesis: Hypothesis,
-    known: Mapping[str, float],
-    evidence: Sequence[Figure],
-    prototype: Prototype,
-    most: int,
-    iterations: int = ITERATIONS,
-) -> Fit:
-    placement = hypothesis.placement(prototype)
-    begun = starts(placement, known, evidence, most=most)
-    if not begun:
-        return Fit(
-            hypothesis,
-            placement.unknowns,
-            reason="the believed model oscillates at no gain, or where a response was taken",
-        )
-    return min((fit(hypothesis, placement, evidence, z, iterations) for z in begun), key=lambda f: f.cost)
 
 
 def _shows(found: Fit) -> bool:
