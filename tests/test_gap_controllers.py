@@ -224,7 +224,7 @@ def test_the_believed_loop_is_that_of_python_control(law: Controller) -> None:
 @pytest.mark.parametrize("law", [STRUCTURED, SENSORS, HEARING], ids=["structured", "sensors", "command"])
 def test_every_record_is_simulated_with_its_own_law(law: Controller) -> None:
     """Without noise a record is that of its model, also where the model is made to follow it."""
-    from beamdesign.diagnosis.fitting.followed import followed
+    from beamdesign.diagnosis.fitting.evidence import followed
 
     plan = scenario(0.4)
     rows = tuple(row.but(controller=law) for row in plan.record[1:2]) + plan.record[4:5]

@@ -10,16 +10,15 @@ import pytest
 from gap_sets import LAG, believed, measured, only, scenario
 from scipy.integrate import solve_ivp
 
+from beamdesign.diagnosis import second_look as hammering_again
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.fitting import hammering as hammering_again
-from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
+from beamdesign.diagnosis.fitting.evidence import evidence_of, followed, record_evidence, spread
 from beamdesign.diagnosis.fitting.fit import fit
-from beamdesign.diagnosis.fitting.followed import followed, spread
-from beamdesign.diagnosis.fitting.hammering import LOOSE, hammering, refit_hammering
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
 from beamdesign.diagnosis.judgement import judge
+from beamdesign.diagnosis.second_look import LOOSE, hammering, refit_hammering
 
 PLAY_M, ROD_kg = 60e-6, 0.2
 NOISE_M = 3e-7

@@ -14,9 +14,8 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
-from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, followed
 from beamdesign.diagnosis.fitting.fit import Fit, KeptFits
-from beamdesign.diagnosis.fitting.followed import followed
 from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
 from beamdesign.diagnosis.gains.classes import explain_gains
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge

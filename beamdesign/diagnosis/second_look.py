@@ -2,26 +2,220 @@
 
 Two kinds of motion cannot be predicted from rest by any model, however right: that of a joint which hammers in its
 play, and that of a loop which oscillates by itself. A hair's difference in a figure or at the beginning makes another
-motion of them. Fits that follow the records (see `fitting.followed`) are not led astray by that, and are believed only
+motion of them. Fits that follow the records (see `FollowedRecord`) are not led astray by that, and are believed only
 where what they find is one of these two.
 
-No model can repeat from rest a record of a loop that, as it was taken, oscillates by itself.
+For a joint that hammers, all hypotheses are fitted again to records that the model follows, what hammering makes
+unpredictable counting as noise for each of them alike. So their misfits compare with one another, and not with those
+of the first search. No model can repeat from rest a record of a loop that, as it was taken, oscillates by itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import DISPLACEMENT, RecordEvidence, record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit, KeptFits
-from beamdesign.diagnosis.fitting.followed import PLAY
-from beamdesign.diagnosis.fitting.hammering import hammering, refit_hammering
-from beamdesign.diagnosis.fitting.hypothesis import Placement
+from beamdesign.diagnosis.fitting.evidence import (
+    DISPLACEMENT,
+    PLAY,
+    FollowedRecord,
+    RecordEvidence,
+    followed_evidence,
+    record_evidence,
+)
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, KeptFits, fit, misfit_at
+from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
 from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
+from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import Judgement, judge
+from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+
+LOOSE = together(PLAY)
+_PLAYS_M = np.geomspace(4e-6, 1e-3, 13)
+_STIFFNESSES_N_per_m = (5e7, 2e8)  # a start each: a fit goes from a soft contact to a hard one but slowly
+_COUNTED = 0.5
+_LOOK, _AGAIN = 5, 8  # iterations of the first fits, and of each round after
+_SECANTS = (0.5, 0.25, 0.8, 0.35)  # a round each
+_EXPLAINS = 0.5  # of the excess misfit: what play has to explain at a look to be worth the rest
+_HOPELESS = 0.7  # the same: what a first look has to leave for there to be no second
+_NEAR = 1.5  # times the noise: what needs no further round
+_STRIDES = (0.6, 0.2)  # in prior standard deviations
+_PAIRS, _NEEDS_MORE = 3, 1.3  # pairs fitted, where play alone leaves more than this times the noise
+_HELPED = 0.97  # of the cost of play alone: what a start of a pair has to stay below
+_STRAINED = 3.0  # tolerances by which play has to bend a figure for its being wrong as well to be tried
+
+
+def hammering(
+    data: Dataset, before: Search, progress: Progress = lambda share, words: None, beside: Fit | None = None
+) -> Search | None:
+    """Fit all hypotheses to records that the model follows.
+
+    Args:
+        data: what to explain.
+        before: the first search.
+        progress: told the share done and what is being fitted.
+        beside: another cause that play is looked for beside, as the first search has fitted it.
+
+    Returns:
+        None where play explains less than half of what the tolerances, or that other cause, leave.
+    """
+    evidence = followed_evidence(data)
+    rig = data.prototype
+    progress(0.0, "play, looked for")
+    base = beside or before.null
+    null = fit(base.hypothesis, base.hypothesis.placement(rig), evidence, base.z)
+    if null.reason:
+        return None
+    sought = LOOSE | base.hypothesis
+    placement = sought.placement(rig)
+    z = _looked_for(evidence, sought, rig, null)
+    if z is None:
+        return None
+    progress(0.3, "play")
+    z = _brought_down(evidence, sought, placement, z)
+    seen = _blurred(evidence, placement, z)
+    if seen is None:
+        return None
+    expected = sum(e.expected for e in seen)
+    loose = fit(sought, placement, seen, z, _LOOK)
+    progress(0.5, "single causes again")
+    null = fit(NOTHING, NOTHING.placement(rig), seen, before.null.z)
+    if loose.reason or null.reason:
+        return None
+    others = [h for h in singles(rig) if h != LOOSE]
+    found_all = [loose, *(fit_from_starts(h, rig, seen, null.values, most=1) for h in others)]
+    if beside is not None:
+        found_all += [_alone(h, rig, seen, loose) for h in (LOOSE, base.hypothesis)]
+    elif loose.misfit > _NEEDS_MORE * expected:
+        progress(0.7, "play with another cause")
+        found_all += _pairs(others, rig, seen, loose)
+    progress(1.0, "done")
+    ranked: dict[Hypothesis, Fit] = {}
+    for found in sorted(found_all, key=lambda f: f.cost):
+        ranked.setdefault(found.hypothesis, found)
+    # Without a floor: the error of a motion that cannot be predicted says nothing of how large a cause is.
+    return Search(null, tuple(ranked.values()), expected, before.evidence, conditions=before.conditions)
+
+
+def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: Placement, z: np.ndarray) -> np.ndarray:
+    """Unknowns of less cost, in rounds: a fit, then strides; what is unpredictable is measured anew for each.
+
+    Secants of different lengths see different ground, so that one gets out of where another is stuck.
+    """
+    for secant in _SECANTS:
+        seen = _blurred(evidence, placement, z, secant)
+        if seen is None:
+            break
+        found = fit(sought, placement, seen, z, _AGAIN)
+        if found.reason:
+            break
+        z, cost = _strides(seen, placement, found.z)
+        if cost < _NEAR * sum(e.expected for e in seen):
+            break
+    return z
+
+
+def refit_hammering(data: Dataset, best: Fit) -> Fit:
+    """A hypothesis with play, fitted again to fewer data from where it was; that very fit where no other is better.
+
+    Args:
+        data: what is left of those that the fit was made to.
+        best: the fit.
+    """
+    placement = best.hypothesis.placement(data.prototype)
+    seen = _blurred(followed_evidence(data), placement, best.z)
+    again = fit(best.hypothesis, placement, seen, best.z, _LOOK) if seen is not None else best
+    return best if again.reason else again
+
+
+def _looked_for(evidence: Sequence[Evidence], sought: Hypothesis, rig: Prototype, null: Fit) -> np.ndarray | None:
+    """Unknowns at which play explains most, after a short fit from each of a few contacts; None where not enough."""
+    placement, plain = sought.placement(rig), null.hypothesis.placement(rig)
+    best: tuple[float, np.ndarray] | None = None
+    for stiffness in _STIFFNESSES_N_per_m:
+        trials = [_at(placement, play, stiffness, null) for play in _PLAYS_M]
+        z = min(trials, key=lambda trial: misfit_at(evidence, placement, trial))
+        seen = _blurred(evidence, placement, z)
+        found = fit(sought, placement, seen, z, _LOOK) if seen is not None else None
+        again = _blurred(evidence, placement, found.z) if found is not None and not found.reason else None
+        if found is None or again is None:
+            continue
+        expected = sum(e.expected for e in again)
+        gap = misfit_at(again, plain, null.z) - expected
+        left = (misfit_at(again, placement, found.z) - expected) / max(gap, 1e-9)
+        if best is None or left < best[0]:
+            best = left, found.z
+        if left > _HOPELESS:
+            break
+    return best[1] if best is not None and best[0] < 1 - _EXPLAINS else None
+
+
+def _at(placement: Placement, play: float, stiffness: float, null: Fit) -> np.ndarray:
+    """Figures as believed: those that a fit without play has bent stand for what it lacked. Effects as it has them."""
+    given = {"play_m": play, "stiffness_N_per_m": stiffness, "counted_share": _COUNTED}
+    values = {u.name: u.value(z) for u, z in zip(null.unknowns, null.z, strict=True) if u.kind == "effect"}
+    values |= {f"{PLAY}.{name}": value for name, value in given.items()}
+    return np.array([u.z(values[u.name]) if u.name in values else 0.0 for u in placement.unknowns])
+
+
+def _blurred(
+    evidence: Iterable[Evidence], placement: Placement, z: np.ndarray, secant: float = _SECANTS[0]
+) -> list[Evidence] | None:
+    found = [replace(e, secant=secant).blurred(placement, z) if isinstance(e, FollowedRecord) else e for e in evidence]
+    return None if any(e is None for e in found) else [e for e in found if e is not None]
+
+
+def _strides(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -> tuple[np.ndarray, float]:
+    """Along one unknown after another as far as it helps; the ground is too rough for a fit alone."""
+    cost = misfit_at(evidence, placement, z)
+    for stride in _STRIDES:
+        for k, unknown in enumerate(placement.unknowns):
+            for sign in (1, -1):
+                while True:
+                    trial = z.copy()
+                    trial[k] = np.clip(z[k] + sign * stride, *unknown.bounds)
+                    value = misfit_at(evidence, placement, trial) if trial[k] != z[k] else np.inf
+                    if value >= cost:
+                        break
+                    z, cost = trial, value
+    return z, cost
+
+
+def _alone(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence], both: Fit) -> Fit:
+    """One of two causes without the other, from where both have been found."""
+    placement = hypothesis.placement(rig)
+    z = np.array([u.z(both.values[u.name]) for u in placement.unknowns])
+    return fit(hypothesis, placement, evidence, z, _LOOK)
+
+
+def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evidence], loose: Fit) -> list[Fit]:
+    """Play with each other effect that helps it most at a look, and with a figure that it had to strain."""
+    strained = {
+        WRONG + RIG_TOLERANCES[u.name]
+        for u, z in zip(loose.unknowns, loose.z, strict=True)
+        if u.kind == "figure" and abs(z) > _STRAINED
+    }
+    worst = sorted(range(len(evidence)), key=lambda k: -loose.shares[k].c / max(evidence[k].expected, 1e-9))
+    hardest = [evidence[k] for k in worst[: max(1, len(worst) // 3)]]
+    enough = _HELPED * misfit_at(hardest, LOOSE.placement(rig), loose.z)
+    looks = []
+    for other in others:
+        if not other.effects and other.names[0] not in strained:
+            continue
+        placement = (LOOSE | other).placement(rig)
+        begun = starts(placement, loose.values, hardest, (), 1)
+        if not begun:
+            continue
+        # A figure set free begins where it is, and has its worth in what it no longer costs.
+        cost = misfit_at(hardest, placement, begun[0], enough) if other.effects else 0.0
+        if cost < enough:
+            looks.append((cost, other, begun[0]))
+    looks.sort(key=lambda look: look[0])
+    return [fit(LOOSE | other, (LOOSE | other).placement(rig), evidence, z, _LOOK) for _, other, z in looks[:_PAIRS]]
+
 
 _AT, _LASTS_S = 0.05, 5e-3  # of the record; long enough for whatever a loop of this kind may oscillate at
 _ENDS = 3

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from beamdesign.diagnosis.diagnosis import BandGap, Errors, Gap, RecordGap
-from beamdesign.diagnosis.fitting.evidence import RecordEvidence
+from beamdesign.diagnosis.fitting.evidence import FollowedRecord, RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
-from beamdesign.diagnosis.fitting.followed import FollowedRecord
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.prototype import Prototype
 

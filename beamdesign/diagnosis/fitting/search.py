@@ -12,9 +12,8 @@ from signal import SIG_IGN, SIGINT, signal
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.evidence import evidence_of, followed_evidence
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, KeptFits
-from beamdesign.diagnosis.fitting.followed import followed_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
@@ -175,7 +174,7 @@ def search(
         workers: processes.
         progress: told the share done and what is being fitted.
         kept: fits of an earlier run, where those of this one are kept as well.
-        in_step: whether models follow the records, see `followed`, instead of predicting them from rest.
+        in_step: whether models follow the records, see `FollowedRecord`, instead of predicting them from rest.
         worth: share of the excess misfit that the best single cause has to stay below for pairs to be tried.
 
     Raises:
