@@ -380,7 +380,7 @@ def checked(tmp_path_factory):
         patch.setattr(blindcheck, "_processes", _here)
         seal = blindcheck.draw_and_seal(check, 1)
         patch.setattr(searching, "singles", lambda prototype: tuple(Hypothesis((name,)) for name in FEW))
-        patch.setattr(looking, "hammering", lambda *given: None)  # play is none of the few
+        patch.setattr(looking, "backlash_impacts", lambda *given: None)  # play is none of the few
         patch.setattr(diagnosing, "next_experiment", lambda *given: None)  # has tests of its own, and takes longest
         now = program()
         assert all(diagnose_blind(check.place(key), now) for key in seal.sets)

@@ -10,7 +10,7 @@ import pytest
 from gap_sets import LAG, believed, measured, only, scenario
 from scipy.integrate import solve_ivp
 
-from beamdesign.diagnosis import second_look as hammering_again
+from beamdesign.diagnosis import second_look as second_look
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.evidence import evidence_of, followed, record_evidence, spread
 from beamdesign.diagnosis.fitting.fit import fit
@@ -18,7 +18,7 @@ from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, togethe
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, blurred, weighting
 from beamdesign.diagnosis.judgement import judge
-from beamdesign.diagnosis.second_look import LOOSE, hammering, refit_hammering
+from beamdesign.diagnosis.second_look import LOOSE, backlash_impacts, refit_backlash_impacts
 
 PLAY_M, ROD_kg = 60e-6, 0.2
 NOISE_M = 3e-7
@@ -111,7 +111,7 @@ def before(data: Dataset) -> Search:
 
 @cache
 def found_again() -> Search | None:
-    return hammering(loose_set(), before(loose_set()))
+    return backlash_impacts(loose_set(), before(loose_set()))
 
 
 def test_play_is_found_where_the_motion_cannot_be_repeated():
@@ -129,12 +129,12 @@ def test_play_is_found_where_the_motion_cannot_be_repeated():
 def test_play_is_found_beside_another_effect(monkeypatch):
     """A slow sensor and play at once; either alone leaves three times the misfit of both."""
     few = (LOOSE, SLOWED, Hypothesis(("parameter:flow_gain",)))
-    monkeypatch.setattr(hammering_again, "singles", lambda prototype: few)
+    monkeypatch.setattr(second_look, "singles", lambda prototype: few)
     data = loose_set(1 / (2 * pi * SLOW_Hz))
     first = before(data)
     placement = SLOWED.placement(data.prototype)
     slowed = fit(SLOWED, placement, evidence_of(data), np.zeros(len(placement.unknowns)), 6)
-    found = hammering(data, first, beside=slowed)
+    found = backlash_impacts(data, first, beside=slowed)
     assert found is not None
     best = judge(found).best
     assert best.hypothesis == LOOSE | SLOWED
@@ -149,7 +149,7 @@ def test_a_fit_without_a_record_stays_where_the_whole_one_was():
     assert found is not None
     loose = found.best_of(("joint_backlash",))
     data = loose_set()
-    again = refit_hammering(replace(data, records=data.records[1:]), loose)
+    again = refit_backlash_impacts(replace(data, records=data.records[1:]), loose)
     assert len(again.shares) == 2
     assert again.values["joint_backlash.play_m"] == pytest.approx(PLAY_M, rel=0.2)
 
@@ -157,7 +157,7 @@ def test_a_fit_without_a_record_stays_where_the_whole_one_was():
 def test_a_lag_is_not_taken_for_play():
     rig = believed().but(effects={"sensor_lag": {"break_Hz": 150.0}})
     data = only(measured(rig, scenario(0.5)), ("command_small", "command_large", "disturbance_large"))
-    assert hammering(data, before(data)) is None
+    assert backlash_impacts(data, before(data)) is None
 
 
 def test_a_model_that_follows_itself_makes_the_motion_it_makes_alone():

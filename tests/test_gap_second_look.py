@@ -71,7 +71,7 @@ def test_a_rig_that_oscillates_leaves_one_frequency(unstable):
 def few(monkeypatch):
     """Three candidates and no search for play, which has tests of its own."""
     monkeypatch.setattr(searching, "singles", lambda prototype: FEW)
-    monkeypatch.setattr(looking, "hammering", lambda *given: None)
+    monkeypatch.setattr(looking, "backlash_impacts", lambda *given: None)
 
 
 def nothing_found() -> Search:

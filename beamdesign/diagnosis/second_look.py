@@ -48,7 +48,7 @@ _HELPED = 0.97  # of the cost of play alone: what a start of a pair has to stay 
 _STRAINED = 3.0  # tolerances by which play has to bend a figure for its being wrong as well to be tried
 
 
-def hammering(
+def backlash_impacts(
     data: Dataset, before: Search, progress: Progress = lambda share, words: None, beside: Fit | None = None
 ) -> Search | None:
     """Fit all hypotheses to records that the model follows.
@@ -118,7 +118,7 @@ def _brought_down(evidence: Sequence[Evidence], sought: Hypothesis, placement: P
     return z
 
 
-def refit_hammering(data: Dataset, best: Fit) -> Fit:
+def refit_backlash_impacts(data: Dataset, best: Fit) -> Fit:
     """A hypothesis with play, fitted again to fewer data from where it was; that very fit where no other is better.
 
     Args:
@@ -269,7 +269,7 @@ def rings(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
     return bool(power[near].sum() > _MOST * power.sum())
 
 
-_HAMMERS = (
+_IMPACTS = (
     "a joint hammers in its play, so that the motion of small records cannot be repeated: fits follow the records, and "
     "prediction errors from rest stay larger than the model is wrong"
 )
@@ -312,7 +312,7 @@ class SecondLook:
         """
         if self.oscillates:
             return refit(seen, best, workers, kept, in_step=True)
-        return refit(seen, plain, workers, kept)[0], refit_hammering(seen, best)
+        return refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
 
 
 def second_look(
@@ -334,25 +334,25 @@ def second_look(
     Returns:
         None where neither is found.
     """
-    found = _hammering(data, before, lambda share, words: progress(share / 3, words))
+    found = _backlash_impacts(data, before, lambda share, words: progress(share / 3, words))
     if found is not None or not _rings(data, before):
         return found
     return _oscillating(data, workers, lambda share, words: progress((1 + 2 * share) / 3, f"{words}, in step"), kept)
 
 
-def _hammering(data: Dataset, before: Search, progress: Progress) -> SecondLook | None:
+def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> SecondLook | None:
     """Play alone or with what it needs, then beside the single effect that explains most without it."""
     effects = [f for f in before.fits if not f.reason and f.hypothesis.effects and len(f.hypothesis.causes) == 1]
     others = [f for f in effects if PLAY not in f.hypothesis.causes]
     for beside in (None, *others[:1]):
         if beside is not None and before.excess(beside) > _HELPS:
             break
-        found = hammering(data, before, progress, beside)
+        found = backlash_impacts(data, before, progress, beside)
         if found is None:
             continue
         judged = judge(found)
         if judged.unknown <= _MOST_UNKNOWN and PLAY in judged.best.hypothesis.causes:
-            return SecondLook(found, judged, _HAMMERS, oscillates=False)
+            return SecondLook(found, judged, _IMPACTS, oscillates=False)
     return None
 
 
