@@ -10,7 +10,7 @@ from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, st
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.diagnosis.bench.data import read_bench_set, saturates_at
 from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set, probabilities
-from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, amended
+from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, updated_prototype
 from beamdesign.diagnosis.bench.fit import held_out
 from beamdesign.diagnosis.bench.hypothesis import NOTHING, BenchHypothesis, believed, candidates
 from beamdesign.diagnosis.bench.motions import observations, scatter, steady, steady_motions
@@ -272,7 +272,7 @@ def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):
     seen = observations(steady_motions(data), data.prototype.actuator.asymmetry)
     hypothesis = BenchHypothesis(True, True, True, True, True, True, "stribeck")
     fit = held_out(data.prototype, hypothesis, seen, scatter(seen, SUPPLY)).fit
-    rig = amended(data.prototype, fit)
+    rig = updated_prototype(data.prototype, fit)
     assert rig.actuator.piston_leakage_m3_per_s_per_Pa == fit.values["piston_leakage"]
     assert rig.actuator.line_loss_Pa_s2_per_m6 == fit.values["line_loss"]
     assert rig.servovalve.edge_b_ratio == fit.values["edge_b"]

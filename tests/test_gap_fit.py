@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from gap_sets import believed, measured, only, scenario
 
-from beamdesign.diagnosis.amended import amended
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
@@ -24,6 +23,7 @@ from beamdesign.diagnosis.fitting.hypothesis import (
 from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
+from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.plant.effects import library
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import figures
@@ -203,7 +203,9 @@ def test_amended_prototype_simulates_as_the_fit_does(lagged):
     hypothesis = Hypothesis(("sensor_lag",))
     placement = hypothesis.placement(lagged.prototype)
     z = np.linspace(-1.0, 1.0, len(placement.unknowns))
-    rig = amended(lagged.prototype, Fit(hypothesis, placement.unknowns, z, 0.0, (Share(0.0, z, np.eye(len(z))),)))
+    rig = updated_prototype(
+        lagged.prototype, Fit(hypothesis, placement.unknowns, z, 0.0, (Share(0.0, z, np.eye(len(z))),))
+    )
     base = figures(lagged.prototype)
     moved = figures(rig)
     for k, unknown in enumerate(placement.unknowns):

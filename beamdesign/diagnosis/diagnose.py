@@ -9,7 +9,6 @@ from itertools import combinations
 
 import numpy as np
 
-from beamdesign.diagnosis.amended import amended
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.diagnosis.examination.plausibility import examine
@@ -22,6 +21,7 @@ from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, ca
 from beamdesign.diagnosis.second_look import second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.shrink import errors, gap
+from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.prototype import Prototype
 
@@ -154,7 +154,7 @@ def diagnose(
         measured,
         classes(judged),
         next_experiment(data, rivals(found, judged)) if verdict in ("ambiguous", "unknown") else None,
-        amended(data.prototype, best).but(tolerance=stated),
+        updated_prototype(data.prototype, best).but(tolerance=stated),
         words,
         found,
         told,

@@ -13,9 +13,9 @@ from delivered import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, true_rig
 from trial import Trial, on_trial
 
-from beamdesign.diagnosis.amended import amended
 from beamdesign.diagnosis.designer_terms import payload_range
 from beamdesign.diagnosis.redesign import Redesign, redesign
+from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 from beamdesign.synthesis.starts import sampled_bandwidth
@@ -118,7 +118,7 @@ def close_the_loop(
     data, found = diagnosed(opened)
     rigs = {"believed": data.prototype}
     if with_retuned and found.search is not None and found.chosen:
-        rigs["re-tuned"] = amended(data.prototype, found.search.null).but(tolerance=data.prototype.tolerance)
+        rigs["re-tuned"] = updated_prototype(data.prototype, found.search.null).but(tolerance=data.prototype.tolerance)
     rigs["diagnosed"] = found.prototype
     masses = payload_range(data)
     made = {}

@@ -11,11 +11,11 @@ from beamdesign.diagnosis.bench.data import BenchSet, read_bench_set, saturates_
 from beamdesign.diagnosis.bench.diagnosis import (
     BenchDiagnosis,
     ReplayError,
-    amended,
     asked_for,
     condition_rows,
     replay_errors,
     rows_of,
+    updated_prototype,
     where_of,
 )
 from beamdesign.diagnosis.bench.fit import HeldOut, SteadyFit, held_out
@@ -105,7 +105,7 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
         gap,
         (),
         _next_experiment(ranked, seen) if verdict in ("ambiguous", "unknown") else None,
-        amended(data.prototype, best.fit, **readings) if chosen else data.prototype,
+        updated_prototype(data.prototype, best.fit, **readings) if chosen else data.prototype,
         data.warnings,
         hypotheses=_sets(ranked, gap),
         notes=(*notes, *_still(data.prototype)),

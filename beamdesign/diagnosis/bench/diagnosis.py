@@ -17,7 +17,7 @@ from beamdesign.plant.bench_simulation import BENCH_COLUMNS, replay
 _LEAST_COULOMB_N = 0.0
 
 
-def amended(prototype: BenchPrototype, fit: SteadyFit, **readings: float | None) -> BenchPrototype:
+def updated_prototype(prototype: BenchPrototype, fit: SteadyFit, **readings: float | None) -> BenchPrototype:
     """The prototype with a fit's causes as effects and its figures in place of the believed ones.
 
     Args:
@@ -74,7 +74,7 @@ def replay_errors(data: BenchSet, chosen: HeldOut) -> tuple[ReplayError, ...]:
     found = []
     for condition in data.conditions:
         runs = [run for run in data.runs if run.condition == condition]
-        after = amended(data.prototype, chosen.without[condition])
+        after = updated_prototype(data.prototype, chosen.without[condition])
         found.append(
             ReplayError(condition, _errors(data.prototype, runs), _errors(after, runs), _floor(data.prototype, runs))
         )

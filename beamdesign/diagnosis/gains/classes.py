@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.diagnosis.amended import amended
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Verdict, Where, diagnosis_fields, in_words
 from beamdesign.diagnosis.fitting.fit import Fit
@@ -22,6 +21,7 @@ from beamdesign.diagnosis.gains.search import Figure, figures_of, log_posterior,
 from beamdesign.diagnosis.gains.shares import CommonFactor, GainShares, common_factor, gain_shares
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.shrink import gap_of_pieces
+from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
@@ -155,7 +155,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
         gap,
         classes,
         asked,
-        amended(data.prototype, holder),
+        updated_prototype(data.prototype, holder),
         data.warnings,
         found,
         hypotheses=cause_sets(found, judged),

@@ -12,7 +12,7 @@ from beamdesign.records import Record
 from beamdesign.structure import lumped
 
 
-def amended(prototype: Prototype, found: Fit) -> Prototype:
+def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
     """Put a fit's figures and effects into a prototype.
 
     A proof that stood for the believed figures does not stand for the new ones, so the guarantee is dropped.
