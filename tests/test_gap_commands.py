@@ -18,7 +18,7 @@ import beamdesign.diagnosis.fitting.search as searching
 from beamdesign import InputError, Prototype, read_prototype, write_prototype
 from beamdesign.cli import app
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
-from beamdesign.diagnosis.fitting.fit import Fit, digest, kept_fits
+from beamdesign.diagnosis.fitting.fit import Fit, digest, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.predict import predict_set
 
@@ -161,7 +161,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
         return genuine(task, *rest)
 
     monkeypatch.setattr(searching, "fitted", counted)
-    kept = kept_fits(tmp_path / "fits", small)
+    kept = fit_cache(tmp_path / "fits", small)
     stop = 2
     with pytest.raises(KeyboardInterrupt):
         searching.search(small, 1, kept=kept)
@@ -180,7 +180,7 @@ def test_an_interrupted_search_goes_on_where_it_stopped(
 
 
 def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path) -> None:
-    kept = kept_fits(tmp_path / "fits", small)
+    kept = fit_cache(tmp_path / "fits", small)
     task = searching.Task(Hypothesis(("sensor_lag",)), {})
     kept.keep(task, Fit(task.hypothesis, task.hypothesis.unknowns(small.prototype), reason="none"))
     assert kept.recall(task) is not None
@@ -188,12 +188,12 @@ def test_fits_to_other_data_are_not_taken_and_go(small: Dataset, tmp_path: Path)
     record = small.records[0]
     moved = replace(small, records=(replace(record, outer_end_mass=record.outer_end_mass + 1), *small.records[1:]))
     assert digest(moved) != digest(small)
-    assert kept_fits(tmp_path / "fits", moved).recall(task) is None
+    assert fit_cache(tmp_path / "fits", moved).recall(task) is None
     assert kept.count == 0
 
 
 def test_a_file_cut_short_is_made_again(small: Dataset, tmp_path: Path) -> None:
-    kept = kept_fits(tmp_path / "fits", small)
+    kept = fit_cache(tmp_path / "fits", small)
     task = searching.Task(Hypothesis(("sensor_lag",)), {})
     kept.keep(task, Fit(task.hypothesis, reason="none"))
     (path,) = (tmp_path / "fits").iterdir()

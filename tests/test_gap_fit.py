@@ -9,7 +9,7 @@ from gap_sets import believed, measured, only, scenario
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
-from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, kept_fits
+from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, fit_cache
 from beamdesign.diagnosis.fitting.hypothesis import (
     NOTHING,
     Hypothesis,
@@ -280,7 +280,7 @@ def test_the_error_of_a_record_is_that_of_its_displacement(lagged):
 def test_kept_fits_to_all_records_are_not_taken_for_fits_to_fewer(lagged, tmp_path, monkeypatch):
     """What is held out would otherwise be in the fits that the gap is measured with."""
     monkeypatch.setattr("beamdesign.diagnosis.fitting.search.singles", lambda rig: (Hypothesis(("sensor_lag",)),))
-    kept = kept_fits(tmp_path / "fits", lagged)
+    kept = fit_cache(tmp_path / "fits", lagged)
     found = search(lagged, kept=kept)
     fewer = replace(lagged, records=lagged.records[:-1])
     fresh = refit(fewer, found.fits[0])

@@ -77,12 +77,12 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     from beamdesign.diagnosis.data.dataset import read_dataset
     from beamdesign.diagnosis.designer_terms import designer_terms, payload_range
     from beamdesign.diagnosis.diagnose import diagnose as engine
-    from beamdesign.diagnosis.fitting.fit import kept_fits
+    from beamdesign.diagnosis.fitting.fit import fit_cache
     from beamdesign.diagnosis.redesign import redesign
     from beamdesign.report.gap_folder import write_gap_folder
 
     data = read_dataset(dataset)
-    kept = kept_fits(folder / "fits", data)
+    kept = fit_cache(folder / "fits", data)
     renewed = None
     try:
         with progress("diagnosing") as update:

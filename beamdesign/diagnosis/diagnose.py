@@ -14,7 +14,7 @@ from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, followed
-from beamdesign.diagnosis.fitting.fit import Fit, KeptFits
+from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
 from beamdesign.diagnosis.gains.classes import explain_gains
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
@@ -91,7 +91,7 @@ def diagnose(
     data: Dataset,
     workers: int = 2,
     progress: Progress = lambda share, words: None,
-    kept: KeptFits | None = None,
+    kept: FitCache | None = None,
 ) -> Diagnosis[Prototype]:
     """Diagnose the gap between a prototype and its rig.
 

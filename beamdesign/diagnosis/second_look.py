@@ -24,7 +24,7 @@ from beamdesign.diagnosis.fitting.evidence import (
     followed_evidence,
     record_evidence,
 )
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, KeptFits, fit, misfit_at
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
 from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
@@ -299,7 +299,7 @@ class SecondLook:
     oscillates: bool
 
     def refit(
-        self, seen: Dataset, plain: Fit, best: Fit, workers: int = 1, kept: KeptFits | None = None
+        self, seen: Dataset, plain: Fit, best: Fit, workers: int = 1, kept: FitCache | None = None
     ) -> tuple[Fit, Fit]:
         """Tolerances alone, and what is chosen, again to fewer data.
 
@@ -320,7 +320,7 @@ def second_look(
     before: Search,
     workers: int = 1,
     progress: Progress = lambda share, words: None,
-    kept: KeptFits | None = None,
+    kept: FitCache | None = None,
 ) -> SecondLook | None:
     """Look for play in which a joint hammers, then for causes that make the loop oscillate by itself.
 
@@ -363,7 +363,7 @@ def _rings(data: Dataset, before: Search) -> bool:
     return any(rings(piece, placement, best.z) for piece in record_evidence(data))
 
 
-def _oscillating(data: Dataset, workers: int, progress: Progress, kept: KeptFits | None) -> SecondLook | None:
+def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> SecondLook | None:
     try:
         found = search(data, workers, progress, kept, in_step=True, worth=_WORTH)
     except InputError:  # not even in step is the believed loop stable

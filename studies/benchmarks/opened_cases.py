@@ -117,7 +117,7 @@ def unlike(one: Any, other: Any, name: str = "") -> str:
 def diagnosed(opened: OpenedCase) -> tuple[Dataset, Diagnosis]:
     """Judge a case once more by this program from the fits that the check keeps; nothing in its folder is changed."""
     from beamdesign.diagnosis.diagnose import diagnose
-    from beamdesign.diagnosis.fitting.fit import KeptFits, digest
+    from beamdesign.diagnosis.fitting.fit import FitCache, digest
 
     key = opened.planned.key
     data = read_dataset(opened.folder / "sets" / key)
@@ -126,7 +126,7 @@ def diagnosed(opened: OpenedCase) -> tuple[Dataset, Diagnosis]:
         fits = Path(name) / key
         if (opened.folder / "fits" / key).is_dir():
             shutil.copytree(opened.folder / "fits" / key, fits)
-        return data, diagnose(data, 1, kept=KeptFits(fits, data.prototype, kept_by))
+        return data, diagnose(data, 1, kept=FitCache(fits, data.prototype, kept_by))
 
 
 def _read(path: Path, key: str = "") -> Any:

@@ -253,7 +253,7 @@ class Job(Protocol):
 
 
 @dataclass(frozen=True)
-class KeptFits:
+class FitCache:
     """Fits to one data set by one version of the program, one file each.
 
     A file's name begins with a digest of data, prototype and program, and goes on with one of the job: what has
@@ -322,10 +322,10 @@ def _seal(name: str, arrays: Mapping[str, np.ndarray]) -> str:
     return sha.hexdigest()
 
 
-def kept_fits(folder: Path, data: Dataset) -> KeptFits:
+def fit_cache(folder: Path, data: Dataset) -> FitCache:
     """Fits to a data set that are kept in a folder; those to other data or by other versions are removed from it."""
     seen = digest(data) + np.__version__ + code_digest(_FITTED_BY)
-    found = KeptFits(folder, data.prototype, hashlib.sha256(seen.encode()).hexdigest()[:_KEY])
+    found = FitCache(folder, data.prototype, hashlib.sha256(seen.encode()).hexdigest()[:_KEY])
     for stale in folder.glob("*-*.npz"):
         if not stale.name.startswith(found.key):
             stale.unlink()

@@ -13,7 +13,7 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import evidence_of, followed_evidence
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, KeptFits
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
@@ -43,7 +43,7 @@ class Task:
 class Fitters:
     """Processes that make fits, or this one where one worker is enough."""
 
-    def __init__(self, data: Dataset, workers: int, kept: KeptFits | None = None, in_step: bool = False):
+    def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, in_step: bool = False):
         self.data, self.evidence = data, _evidence(data, in_step)
         # The same task to records that are followed is another fit.
         self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and in_step else kept
@@ -163,7 +163,7 @@ def search(
     data: Dataset,
     workers: int = 1,
     progress: Progress = lambda share, words: None,
-    kept: KeptFits | None = None,
+    kept: FitCache | None = None,
     in_step: bool = False,
     worth: float = np.inf,
 ) -> Search:
@@ -218,7 +218,7 @@ def search(
 
 
 def refit(
-    data: Dataset, best: Fit, workers: int = 1, kept: KeptFits | None = None, in_step: bool = False
+    data: Dataset, best: Fit, workers: int = 1, kept: FitCache | None = None, in_step: bool = False
 ) -> tuple[Fit, Fit]:
     """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
 

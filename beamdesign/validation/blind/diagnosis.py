@@ -20,7 +20,7 @@ from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis, diagnosis_fields
-from beamdesign.diagnosis.fitting.fit import KeptFits, digest
+from beamdesign.diagnosis.fitting.fit import FitCache, digest
 from beamdesign.diagnosis.fitting.search import search
 from beamdesign.diagnosis.predict import predict, read_inputs
 from beamdesign.files import write_whole
@@ -152,7 +152,7 @@ def _diagnosed(place: Place, now: Program, before: dict[str, Any], fitted_by: st
     for stale in place.fits.glob("*-*.npz"):
         if not stale.name.startswith(key):
             stale.unlink()
-    kept = KeptFits(place.fits, data.prototype, key)
+    kept = FitCache(place.fits, data.prototype, key)
     recalled = kept.count
     begun = time.perf_counter(), time.process_time()
     found = diagnose(data, 1, kept=kept)
