@@ -10,7 +10,7 @@ import pytest
 from gap_sets import LAG, believed, measured, only, scenario
 from scipy.integrate import solve_ivp
 
-from beamdesign.diagnosis import second_look as second_look
+from beamdesign.diagnosis import second_look
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.fitting.evidence import evidence_of, followed, record_evidence, spread
 from beamdesign.diagnosis.fitting.fit import fit

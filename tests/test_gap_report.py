@@ -36,7 +36,7 @@ from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
-from beamdesign.diagnosis.shrink import errors, gap, in_bands
+from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
 from beamdesign.report.gap_pictures import bands, diverged, zoom

@@ -7,7 +7,7 @@ import pytest
 from gap_sets import believed, measured, only
 
 from beamdesign.diagnosis.diagnose import held_out
-from beamdesign.diagnosis.shrink import Errors, gap
+from beamdesign.diagnosis.gap_metrics import Errors, gap
 
 
 @pytest.fixture(scope="module")

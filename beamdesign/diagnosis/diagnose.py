@@ -17,10 +17,10 @@ from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, f
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
 from beamdesign.diagnosis.gains.classes import explain_gains
+from beamdesign.diagnosis.gap_metrics import errors, gap
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.second_look import second_look
 from beamdesign.diagnosis.separability import indistinguishable
-from beamdesign.diagnosis.shrink import errors, gap
 from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.prototype import Prototype

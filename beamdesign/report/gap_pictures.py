@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.diagnosis import BandGap, Errors
-from beamdesign.diagnosis.shrink import in_bands
+from beamdesign.diagnosis.gap_metrics import in_bands
 from beamdesign.loop import LoopAtMass
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.figures import plot_compliance

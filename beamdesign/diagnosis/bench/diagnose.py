@@ -39,8 +39,8 @@ from beamdesign.diagnosis.bench.motions import (
     steady_motions,
 )
 from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Gap, NextExperiment, Verdict
+from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import THRESHOLDS
-from beamdesign.diagnosis.shrink import gap_of_pieces
 
 _DRAWS = 4000
 _GO_WITH = {

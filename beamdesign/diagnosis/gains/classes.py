@@ -19,8 +19,8 @@ from beamdesign.diagnosis.fitting.search import Progress
 from beamdesign.diagnosis.gains.next_gain import another_size, next_experiment
 from beamdesign.diagnosis.gains.search import Figure, figures_of, log_posterior, search_few
 from beamdesign.diagnosis.gains.shares import CommonFactor, GainShares, common_factor, gain_shares
+from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
-from beamdesign.diagnosis.shrink import gap_of_pieces
 from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
