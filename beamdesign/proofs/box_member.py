@@ -7,7 +7,7 @@ import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
 
 from beamdesign.polynomial import is_hurwitz
-from beamdesign.proofs.box_statement import Node, Point, Statement
+from beamdesign.proofs.box_statement import Point, Statement
 from beamdesign.proofs.value_set import delays, values
 from beamdesign.proofs.zero_exclusion import unit
 
@@ -34,27 +34,16 @@ def member(statement: Statement, parameters: Point) -> Member:
 def member_at(statement: Statement, point: Point) -> Member:
     """The member at one value of every variable."""
 
-    def at(node: Node) -> Member:
-        zero = fmpq_poly([0])
-        if node.kind == "delay":
-            return Member(zero, fmpq_poly([1]), point[node.name])
-        if node.kind == "leaf":
-            total = zero
-            for c, degree, powers in statement.leaves[node.name]:
-                for name, power in powers.items():
-                    c = c * point[name] ** power
-                total += fmpq_poly([0] * degree + [c])
-            return Member(total, zero, fmpq(0))
-        parts = [at(part) for part in node.parts]
-        plain, late, delay = parts[0].plain, parts[0].late, max(part.delay for part in parts)
-        for part in parts[1:]:
-            if node.kind == "sum":
-                plain, late = plain + part.plain, late + part.late
-            else:
-                plain, late = plain * part.plain, plain * part.late + late * part.plain
-        return Member(plain, late, delay)
+    def leaf(name: str) -> fmpq_poly:
+        total = fmpq_poly([0])
+        for c, degree, powers in statement.leaves[name]:
+            for variable, power in powers.items():
+                c = c * point[variable] ** power
+            total += fmpq_poly([0] * degree + [c])
+        return total
 
-    return at(statement.body)
+    plain, late = statement.split(leaf, fmpq_poly([0]), fmpq_poly([1]))
+    return Member(plain, late, fmpq(0) if statement.delay is None else point[statement.delay])
 
 
 def is_stable(statement: Statement, one: Member) -> bool:

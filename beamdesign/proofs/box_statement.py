@@ -1,12 +1,17 @@
 """A characteristic polynomial over a box of parameters, as a certificate states it: expression, ranges, degrees."""
 
 import ast
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import product
-from typing import Any, NamedTuple
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import reduce
+from operator import add, itemgetter, mul, or_, sub, truediv
+from typing import Any, NamedTuple, TypeVar
 
-from flint import fmpq
+from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
+from beamdesign.polynomial import Quotient
+
+T = TypeVar("T")
 Interval = tuple[fmpq, fmpq]
 Point = Mapping[str, fmpq]
 
@@ -30,15 +35,25 @@ class Node(NamedTuple):
     parts: tuple["Node", ...]
     bound: bool
 
+    def fold(self, one: Callable[["Node"], T], add: Callable[[T, T], T], multiply: Callable[[T, T], T]) -> T:
+        """What it comes to where `one` says what each leaf and delay is."""
+        if not self.parts:
+            return one(self)
+        return reduce(add if self.kind == "sum" else multiply, (part.fold(one, add, multiply) for part in self.parts))
+
 
 def polynomial(text: str) -> tuple[Term, ...]:
     """Expand a polynomial in s and in parameters or their reciprocals: + - * / ** of names and whole numbers."""
-    expanded = _expand(_parsed(text))
-    return tuple(
-        Term(c, dict(powers).get("s", 0), {name: e for name, e in powers if name != "s"})
-        for powers, c in sorted(expanded.items())
-        if c != 0
-    )
+    tree = _parsed(text)
+    names = sorted({"s"} | {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)})
+    context = fmpq_mpoly_ctx.get(names, Ordering.lex)
+    whole = _expanded(tree, context)
+    ((below, unit),) = whole.denominator.to_dict().items()
+    terms = []
+    for above, c in whole.numerator.to_dict().items():
+        powers = {name: int(a - b) for name, a, b in zip(names, above, below, strict=True) if a != b}
+        terms.append((sorted(powers.items()), Term(c / unit, powers.pop("s", 0), powers)))
+    return tuple(term for _, term in sorted(terms, key=itemgetter(0)))
 
 
 def _parsed(text: str) -> ast.expr:
@@ -48,50 +63,29 @@ def _parsed(text: str) -> ast.expr:
         raise ValueError(f"not an expression: {text!r}") from error
 
 
-_Expanded = dict[tuple[tuple[str, int], ...], fmpq]
-
-
-def _expand(node: ast.expr) -> _Expanded:
+def _expanded(node: ast.expr, context: fmpq_mpoly_ctx) -> Quotient:
+    """A polynomial over a single term without s."""
     match node:
         case ast.Constant(value=int(value)):
-            return {(): fmpq(value)}
+            return Quotient(context.constant(value), context.constant(1))
         case ast.Name(id=name):
-            return {((name, 1),): fmpq(1)}
+            return Quotient(context.gen(context.variable_to_index(name)), context.constant(1))
         case ast.UnaryOp(op=ast.USub(), operand=inner):
-            return {powers: -c for powers, c in _expand(inner).items()}
-        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as operation, right=right):
-            total, sign = dict(_expand(left)), 1 if isinstance(operation, ast.Add) else -1
-            for powers, c in _expand(right).items():
-                total[powers] = total.get(powers, fmpq(0)) + sign * c
-            return total
-        case ast.BinOp(left=left, op=ast.Mult(), right=right):
-            return _times_out(_expand(left), _expand(right))
-        case ast.BinOp(left=left, op=ast.Div(), right=right):
-            return _times_out(_expand(left), _reciprocal(_expand(right)))
-        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power <= 99:
-            base, total = _expand(left), {(): fmpq(1)}
-            for _ in range(power):
-                total = _times_out(total, base)
-            return total
+            return -_expanded(inner, context)
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if 0 <= power <= 99:
+            base = _expanded(left, context)
+            return Quotient(base.numerator**power, base.denominator**power)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as operation, right=right):
+            a, b = _expanded(left, context), _expanded(right, context)
+            if isinstance(operation, ast.Div) and (len(b.numerator) != 1 or b.numerator.derivative("s") != 0):
+                raise ValueError("only a single term without s can be divided by")
+            return _OPERATORS[type(operation)](a, b)
     raise ValueError(f"not a polynomial: {ast.unparse(node)}")
 
 
-def _times_out(a: _Expanded, b: _Expanded) -> _Expanded:
-    total: _Expanded = {}
-    for (powers, c), (others, d) in product(a.items(), b.items()):
-        merged = dict(powers)
-        for name, power in others:
-            merged[name] = merged.get(name, 0) + power
-        key = tuple(sorted((name, power) for name, power in merged.items() if power))
-        total[key] = total.get(key, fmpq(0)) + c * d
-    return total
-
-
-def _reciprocal(a: _Expanded) -> _Expanded:
-    if len(a) != 1 or any(c == 0 or dict(powers).get("s") for powers, c in a.items()):
-        raise ValueError("only a single term without s can be divided by")
-    ((powers, c),) = a.items()
-    return {tuple((name, -power) for name, power in powers): 1 / c}
+_OPERATORS: dict[type[ast.operator], Callable[[Quotient, Quotient], Quotient]] = {
+    ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv,
+}  # fmt: skip
 
 
 def _structure(node: ast.expr, leaves: Iterable[str], delays: Mapping[str, str], bound: Iterable[str]) -> Node:
@@ -157,10 +151,10 @@ class Statement:
         self.inner = {n: (1 / b, 1 / a) if n in self.reciprocal else (a, b) for n, (a, b) in self.ranges.items()}
         self.varying = tuple(name for name, (low, high) in self.ranges.items() if low < high)
         self.components = {name: self._components(leaf) for name, leaf in self.leaves.items()}
-        self.degree = self._degree(self.body)
+        self.degree = self._degree()
         if self.degree[1] >= self.degree[0]:
             raise ValueError("the highest power of s is delayed: loops of neutral type are not covered")
-        self._affine(self.body)
+        self._check_affine()
 
     def merged(self, parameters: Mapping[str, Interval]) -> dict[str, Interval]:
         """Ranges of the variables from those of the parameters: exact for sums, and for products of nonnegatives."""
@@ -202,29 +196,45 @@ class Statement:
                 degrees = {n: max(own.get(n, 0), degrees.get(n, 0)) for n in sorted(own | degrees)}
         return degrees
 
-    def _affine(self, node: Node) -> dict[Any, int]:
-        """Degree in each pack of bound leaves, and in the delays under None; none may exceed one."""
-        if node.kind == "delay":
-            return {None: 1}
-        if node.kind == "leaf":
-            return {i: 1 for i, pack in enumerate(self.bound) if node.name in pack}
-        parts = [self._affine(part) for part in node.parts]
-        merge = max if node.kind == "sum" else sum
-        degrees = {key: merge(part.get(key, 0) for part in parts) for key in {k for part in parts for k in part}}
-        if any(degree > 1 for degree in degrees.values()):
-            raise ValueError("p is not affine in what is bound, or delays multiply each other")
-        return degrees
+    @property
+    def summands(self) -> tuple[Node, ...]:
+        """P as a sum, of one part at least."""
+        return self.body.parts if self.body.kind == "sum" else (self.body,)
 
-    def _degree(self, node: Node) -> tuple[int, int]:
-        if node.kind == "delay":
-            return -1, 0
-        if node.kind == "leaf":
+    def split(self, leaf: Callable[[str], T], none: T, unit: T) -> tuple[T, T]:
+        """P without the delay, and what the delay multiplies, from what each leaf is."""
+
+        def add(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
+            return a[0] + b[0], a[1] + b[1]
+
+        def multiply(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
+            return a[0] * b[0], a[0] * b[1] + a[1] * b[0]
+
+        return self.body.fold(
+            lambda one: (none, unit) if one.kind == "delay" else (leaf(one.name), none), add, multiply
+        )
+
+    def _check_affine(self) -> None:
+        """Neither a pack of bound leaves nor the delay may have a degree above one."""
+
+        def own(node: Node) -> Counter[int]:
+            return Counter([-1] if node.kind == "delay" else [i for i, p in enumerate(self.bound) if node.name in p])
+
+        if any(degree > 1 for degree in self.body.fold(own, or_, add).values()):
+            raise ValueError("p is not affine in what is bound, or delays multiply each other")
+
+    def _degree(self) -> tuple[int, int]:
+        def own(node: Node) -> tuple[int, int]:
+            if node.kind == "delay":
+                return -1, 0
             return max((term.degree for term in self.leaves[node.name]), default=-1), -1
-        parts = [self._degree(part) for part in node.parts]
-        if node.kind == "sum":
-            return max(a for a, _ in parts), max(b for _, b in parts)
-        plain, late = parts[0]
-        for a, b in parts[1:]:
+
+        def larger(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
+            return max(one[0], other[0]), max(one[1], other[1])
+
+        def total(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
+            (plain, late), (a, b) = one, other
             late = max(late + a if min(late, a) >= 0 else -1, plain + b if min(plain, b) >= 0 else -1)
-            plain = plain + a if min(plain, a) >= 0 else -1
-        return plain, late
+            return plain + a if min(plain, a) >= 0 else -1, late
+
+        return self.body.fold(own, larger, total)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from math import ceil, inf, log2
+from operator import mul
 from time import monotonic
 
 import numpy as np
@@ -163,7 +164,7 @@ class Search:
             n = self.statement.degree[0]
             spreads = []
             for name in self.statement.varying:
-                ends = [coefficients(cell.half(name, upper), self.statement.body)[0][n] for upper in (False, True)]
+                ends = [coefficients(cell.half(name, upper))[0][n] for upper in (False, True)]
                 spreads.append(nearest(sum((b - a for a, b in ends), fmpq(0))))
             self._halve(node, int(np.argmin(spreads)))
 
@@ -197,15 +198,12 @@ def control_points(statement: Statement) -> int:
         alone = _leaf_points(statement, pack[0])
         enumerated *= alone if len(pack) == 1 else int(np.prod([degree + 1 for degree in degrees.values()]))
 
-    def of(node: Node) -> int:
-        if node.kind == "leaf":
-            return 1 if node.bound else _leaf_points(statement, node.name)
+    def one(node: Node) -> int:
         if node.kind == "delay":
             return ARC_PARTS + 2 if node.name in statement.varying else 1
-        return int(np.prod([of(part) for part in node.parts]))
+        return 1 if node.bound else _leaf_points(statement, node.name)
 
-    body = statement.body
-    return enumerated * sum(of(node) for node in (body.parts if body.kind == "sum" else (body,)))
+    return enumerated * sum(node.fold(one, mul, mul) for node in statement.summands)
 
 
 def _leaf_points(statement: Statement, name: str) -> int:
@@ -228,7 +226,7 @@ def _reach(cell: Cell) -> float | None:
     Fujiwara's bound: twice the largest |a_(n-i) / a_n|^(1/i).
     """
     n, _ = cell.statement.degree
-    plain, late = coefficients(cell, cell.statement.body)
+    plain, late = coefficients(cell)
     low, high = plain[n]
     lead, most = sorted((abs(low), abs(high)))
     if low * high <= 0 or (cell.shares and most > _LEADING_RATIO * lead):

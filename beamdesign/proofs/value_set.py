@@ -6,7 +6,7 @@ points whose convex hull holds the value.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -62,10 +62,28 @@ def hulls(statement: Statement, where: Pieces) -> list[Hull]:
         new = _bind(statement, pack, where)
         count = next(iter(new.values())).points.shape[2]
         before = next(iter(bound.values())).points.shape[2] if bound else 1
-        bound = {name: _with(hull, np.repeat(hull.points, count, axis=2)) for name, hull in bound.items()}
-        bound |= {name: _with(hull, np.tile(hull.points, (1, 1, before, 1))) for name, hull in new.items()}
-    body = statement.body
-    return [_hull(statement, node, where, bound) for node in (body.parts if body.kind == "sum" else (body,))]
+        bound = {name: replace(hull, points=np.repeat(hull.points, count, axis=2)) for name, hull in bound.items()}
+        bound |= {name: replace(hull, points=np.tile(hull.points, (1, 1, before, 1))) for name, hull in new.items()}
+
+    def one(node: Node) -> Hull:
+        if node.kind == "delay":
+            return _arc(statement, node.name, where)
+        if node.name in bound:
+            return bound[node.name]
+        return _leaf_hull(statement, node.name, where, _points(statement, node.name, where))
+
+    def add(left: Hull, right: Hull) -> Hull:
+        points, bend = _flat(left.points[..., :, None] + right.points[..., None, :]), left.bend + right.bend
+        size = np.abs(points).max(axis=(0, 2, 3)) + where.stray(bend)
+        return Hull(points, size, left.slope + right.slope, bend)
+
+    def multiply(left: Hull, right: Hull) -> Hull:
+        points = _flat(left.points[..., :, None] * right.points[..., None, :])
+        slope = left.slope * right.size + left.size * right.slope
+        bend = left.bend * right.size + 2 * left.slope * right.slope + left.size * right.bend
+        return Hull(points, left.size * right.size, slope, bend)
+
+    return [node.fold(one, add, multiply) for node in statement.summands]
 
 
 def support(summands: Sequence[Hull], directions: np.ndarray) -> np.ndarray:
@@ -83,26 +101,16 @@ def values(statement: Statement, shares: np.ndarray, s: np.ndarray) -> tuple[np.
     """Plain and delayed part of p, each (B, N), of members at shares (B, k) of the ranges, at complex s (B or 1, N)."""
     where = pieces(statement, shares, shares, np.zeros((2, len(shares))))
 
-    def at(node: Node) -> tuple[np.ndarray, np.ndarray]:
-        none = np.zeros((len(shares), s.shape[1]), dtype=complex)
-        if node.kind == "delay":
-            return none, none + 1
-        if node.kind == "leaf":
-            total = none
-            for _, _, terms in statement.components[node.name]:
-                for term in terms:
-                    total = total + _size(statement, term, where.low)[:, None] * s**term.degree
-            return total, none
-        plain, late = at(node.parts[0])
-        for part in node.parts[1:]:
-            more, later = at(part)
-            if node.kind == "sum":
-                plain, late = plain + more, late + later
-            else:
-                plain, late = plain * more, plain * later + late * more
-        return plain, late
+    none = np.zeros((len(shares), s.shape[1]), dtype=complex)
 
-    return at(statement.body)
+    def leaf(name: str) -> np.ndarray:
+        total = none
+        for _, _, terms in statement.components[name]:
+            for term in terms:
+                total = total + _size(statement, term, where.low)[:, None] * s**term.degree
+        return total
+
+    return statement.split(leaf, none, none + 1)
 
 
 def delays(statement: Statement, shares: np.ndarray) -> np.ndarray:
@@ -128,33 +136,6 @@ def _bind(statement: Statement, pack: Sequence[str], where: Pieces) -> dict[str,
         points = np.broadcast_to(grid, (*grid.shape[:2], count))[..., None]
         found[name] = _leaf_hull(statement, name, where, points)
     return found
-
-
-def _with(hull: Hull, points: np.ndarray) -> Hull:
-    return Hull(points, hull.size, hull.slope, hull.bend)
-
-
-def _hull(statement: Statement, node: Node, where: Pieces, bound: Mapping[str, Hull]) -> Hull:
-    if node.kind == "delay":
-        return _arc(statement, node.name, where)
-    if node.kind == "leaf":
-        if node.name in bound:
-            return bound[node.name]
-        return _leaf_hull(statement, node.name, where, _points(statement, node.name, where))
-    parts = [_hull(statement, part, where, bound) for part in node.parts]
-    total = parts[0]
-    for part in parts[1:]:
-        left, right = total.points[..., :, None], part.points[..., None, :]
-        if node.kind == "sum":
-            points = _flat(left + right)
-            slope, bend = total.slope + part.slope, total.bend + part.bend
-            size = np.abs(points).max(axis=(0, 2, 3)) + where.stray(bend)
-        else:
-            points, size = _flat(left * right), total.size * part.size
-            slope = total.slope * part.size + total.size * part.slope
-            bend = total.bend * part.size + 2 * total.slope * part.slope + total.size * part.bend
-        total = Hull(points, size, slope, bend)
-    return total
 
 
 def _flat(points: np.ndarray) -> np.ndarray:

@@ -156,7 +156,7 @@ class Frame:
 
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
-        u, nodes = acb(direction[0], -direction[1]), _summands(self.cell.statement)
+        u, nodes = acb(direction[0], -direction[1]), self.cell.statement.summands
         common = sum((_least(u, self.points(node, {})) for node in nodes if not node.bound), arb(0))
         least = arb.pos_inf()
         for control in self.controls:
@@ -170,10 +170,6 @@ def _least(u: acb, points: Sequence[acb]) -> arb:
     for point in points[1:]:
         least = least.min((u * point).real)
     return least
-
-
-def _summands(statement: Statement) -> tuple[Node, ...]:
-    return statement.body.parts if statement.body.kind == "sum" else (statement.body,)
 
 
 def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
@@ -221,7 +217,7 @@ def _steepness(cell: Cell, leaf: Sequence[Term], w: fmpq) -> tuple[arb, arb]:
 def separated(cell: Cell, w1: fmpq, w2: fmpq, direction: tuple[int, int]) -> bool:
     """Whether p(jw, q) stays on one side of the line across a direction, w1 <= w <= w2 and q in the cell."""
     frames = cell.frame(w1), cell.frame(w2)
-    bend = sum((growth(frames, node)[2] for node in _summands(cell.statement)), arb(0))
+    bend = sum((growth(frames, node)[2] for node in cell.statement.summands), arb(0))
     stray = arb(direction[0] ** 2 + direction[1] ** 2).sqrt() * _stray(frames, bend)
     return all(bool(frame.least(direction) > stray) for frame in frames)
 
@@ -231,17 +227,21 @@ def dominated(cell: Cell, w: fmpq) -> bool:
     n, _ = cell.statement.degree
     if not w > 0:
         return False
-    plain, late = coefficients(cell, cell.statement.body)
+    plain, late = coefficients(cell)
     low, high = plain[n]
     others = sum((_most(c) * w**i for part in (plain[:n], late) for i, c in enumerate(part)), fmpq(0))
     return bool(others < max(low, -high) * w**n)
 
 
-def coefficients(cell: Cell, node: Node) -> tuple[list[Interval], list[Interval]]:
-    """Ranges of the coefficients without delay, and of the sizes of those that the delay multiplies."""
-    if node.kind == "delay":
-        return [], [(fmpq(0), fmpq(1))]
-    if node.kind == "leaf":
+_Ranges = tuple[list[Interval], list[Interval]]
+
+
+def coefficients(cell: Cell) -> _Ranges:
+    """Ranges of the coefficients of p without delay, and of the sizes of those that the delay multiplies."""
+
+    def one(node: Node) -> _Ranges:
+        if node.kind == "delay":
+            return [], [(fmpq(0), fmpq(1))]
         leaf = cell.statement.leaves[node.name]
         found = [(fmpq(0), fmpq(0))] * (max((term.degree for term in leaf), default=0) + 1)
         for c, degree, powers in leaf:
@@ -251,16 +251,15 @@ def coefficients(cell: Cell, node: Node) -> tuple[list[Interval], list[Interval]
                     value = _times(value, cell.values[name])
             found[degree] = (found[degree][0] + value[0], found[degree][1] + value[1])
         return found, []
-    parts = [coefficients(cell, part) for part in node.parts]
-    plain, late = parts[0]
-    for more, later in parts[1:]:
-        if node.kind == "sum":
-            plain, late = _add(plain, more), _add(late, later)
-        else:
-            sizes = [[(fmpq(0), _most(c)) for c in side] for side in (plain, more)]
-            late = _add(_convolve(sizes[0], later), _convolve(late, sizes[1]))
-            plain = _convolve(plain, more)
-    return plain, late
+
+    def add(a: _Ranges, b: _Ranges) -> _Ranges:
+        return _add(a[0], b[0]), _add(a[1], b[1])
+
+    def multiply(a: _Ranges, b: _Ranges) -> _Ranges:
+        sizes = [[(fmpq(0), _most(c)) for c in plain] for plain, _ in (a, b)]
+        return _convolve(a[0], b[0]), _add(_convolve(sizes[0], b[1]), _convolve(a[1], sizes[1]))
+
+    return cell.statement.body.fold(one, add, multiply)
 
 
 def _most(interval: Interval) -> fmpq:
