@@ -20,9 +20,10 @@ from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Structured
 from beamdesign.loop import Tip, close_loop, loop, tip
-from beamdesign.polynomial import exact, is_hurwitz, roots
-from beamdesign.proofs.contact import Wall, popov_slack, prove_contact, stable_walls
+from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
+from beamdesign.proofs.contact import Wall, popov_slack, prove_contact
 from beamdesign.proofs.passivity import absorbed
+from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
@@ -259,7 +260,8 @@ def test_walls_are_stable_where_they_are_proved_to_be(
     masses = np.linspace(*MASSES_KG, 30)
     assert max(growth(rig, brisk, mass, reach) for mass in masses) < 0
     assert max(growth(rig, brisk, mass, reach * 1.002) for mass in masses) > 0
-    at_one = stable_walls(port_of(rig, brisk), fmpq(0), WALL)
+    port = port_of(rig, brisk)
+    at_one = stable_ranges(Affine(port.bare, port.moved), *WALL.stiffness)
     for crossing in at_one.crossings:
         assert growth(rig, brisk, 0.0, crossing.value) == pytest.approx(0.0, abs=1e-4)
 

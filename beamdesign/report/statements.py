@@ -3,7 +3,7 @@
 from math import isfinite
 from typing import Literal, NamedTuple
 
-from beamdesign.proofs.certificate import Certificate, Claim
+from beamdesign.proofs.certificate import Certificate, Claim, implies
 from beamdesign.quantity_text import at_least, decimal, mass_range_text, quantity
 from beamdesign.synthesis.design_run import DesignRun
 
@@ -37,15 +37,8 @@ def proved_statements(certificate: Certificate, compliance_m_per_N: float) -> li
             Claim("compliance", compliance_m_per_N, masses, best.bandwidth_Hz > 0, best.bandwidth_Hz),
             Claim("peak_sensitivity", best.peak_sensitivity, masses, isfinite(best.peak_sensitivity)),
         ]
-        claims += [claim for claim in reached if not any(_implies(asked, claim) for asked in certificate.claims)]
+        claims += [claim for claim in reached if not any(implies(asked, claim) for asked in certificate.claims)]
     return [stability, *(_of_claim(claim) for claim in claims)]
-
-
-def _implies(asked: Claim, other: Claim) -> bool:
-    """Whether a claim that was asked and holds says as much as another one, over the same masses."""
-    if not asked.holds or asked.kind != other.kind or asked.limit > other.limit:
-        return False
-    return other.bandwidth_Hz is None or (asked.bandwidth_Hz or 0.0) >= other.bandwidth_Hz
 
 
 def _of_claim(claim: Claim) -> Statement:

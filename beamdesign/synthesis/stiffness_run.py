@@ -4,14 +4,19 @@ And what its controller does on rigs drawn from the tolerances of the prototype:
 """
 
 from dataclasses import dataclass
+from typing import Any
 
+from beamdesign.json_text import picked
 from beamdesign.loop import close_loop, tip
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.contact import KIND, NOTES, Statements, Wall, contact_tables
-from beamdesign.proofs.writer import certificate as written
+from beamdesign.proofs.contact import Wall
+from beamdesign.proofs.mass_tables import finite
+from beamdesign.proofs.passivity import Band, Environment
+from beamdesign.proofs.writer import certificate, stated, texts
 from beamdesign.prototype import Compliance, Prototype
+from beamdesign.rational import text
 from beamdesign.synthesis.design_run import stating
 from beamdesign.synthesis.end_stiffness import SHARE, EndStiffness, Need, controller_of, in_contact, sensed
 from beamdesign.synthesis.rig_spread import rig_spread
@@ -53,33 +58,76 @@ def carried_out(
         guarantee=None,
     )
     asked = (Asked("peak_sensitivity", found.peak_sensitivity), *goal_claims(prototype.goal))
-    certificate = certify(rig, *masses_kg, asked)
-    bandwidth = 0.0 if certificate.guaranteed is None else certificate.guaranteed.bandwidth_Hz
-    made = stating(rig, certificate, masses_kg, bandwidth, found.peak_sensitivity)
-    return CompliantPrototype(made, certificate, contact_text(rig, found, masses_kg, wall))
+    proof = certify(rig, *masses_kg, asked)
+    bandwidth = 0.0 if proof.guaranteed is None else proof.guaranteed.bandwidth_Hz
+    made = stating(rig, proof, masses_kg, bandwidth, found.peak_sensitivity)
+    return CompliantPrototype(made, proof, contact_text(rig, found, masses_kg, wall))
+
+
+# What the certificate of the tip states, as tables of texts: passivity, contact, walls, a band.
+
+
+KIND = "beamdesign.contact"
+NOTES = {
+    "stability": "Every end mass, and no wall.",
+    "passivity": "The mobility s x / F is positive real; if not, work comes out of the tip everywhere inside the inner"
+    " ends of the bands and nowhere outside the outer ones of all: w^2 in (rad/s)^2.",
+    "passivity.troublemaker": "Fixed to the tip beside the least end mass, it makes the loop grow.",
+    "contact": "Every end mass against every wall.",
+    "bouncing": "Every end mass comes to rest with any spring before the tip whose slope is from 0 to this stiffness,"
+    " such as one that presses on one side only: Popov's criterion with this multiplier. 0 is for none.",
+    "stiffness": "|F / x - end stiffness| is at most the share of it from rest up to a frequency, with every end mass.",
+}
+
+Tables = dict[str, Any]
 
 
 def contact_text(prototype: Prototype, found: EndStiffness, masses_kg: tuple[float, float], wall: Wall) -> str:
     """The certificate of the tip of a prototype with its controller."""
-    stated = Statements(
-        (exact(masses_kg[0]), exact(masses_kg[1])),
-        found.stable,
-        found.passivity,
-        found.troublemaker,
-        wall,
-        found.contact,
-        found.bouncing,
-        found.end_stiffness_N_per_m,
-        SHARE,
-        found.band_Hz,
-    )
-    summary = "\n".join(
-        [
-            f"Contact of {prototype.name!r} with every outer end mass from {masses_kg[0]:g} to {masses_kg[1]:g} kg.",
-            *in_words(found, wall),
-        ]
-    )
-    return written(KIND, prototype, contact_tables(stated), summary, notes=NOTES)
+    title = f"Contact of {prototype.name!r} with every outer end mass from {masses_kg[0]:g} to {masses_kg[1]:g} kg."
+    body = {"outer_end_mass_kg": stated(masses_kg)} | _tables(found, wall)
+    return certificate(KIND, prototype, body, "\n".join([title, *in_words(found, wall)]), notes=NOTES)
+
+
+def _tables(found: EndStiffness, wall: Wall) -> Tables:
+    passivity: Tables = {"passive": found.passivity.holds}
+    if found.passivity.bands:
+        passivity["band"] = [{"outer": _ends(band, 0), "inner": _ends(band, 1)} for band in found.passivity.bands]
+    if found.troublemaker is not None:
+        passivity["troublemaker"] = _environment(found.troublemaker)
+    contact: Tables = {
+        "stable": found.contact.holds,
+        "stiffness_N_per_m": texts(wall.stiffness),
+        "damping_N_s_per_m": texts(wall.damping),
+    }
+    if not found.contact.holds and found.contact.witness is not None and found.contact.exact:
+        contact["witness"] = _environment(found.contact.witness)
+    return {
+        "stability": {"stable": found.stable},
+        "passivity": passivity,
+        "contact": contact,
+        "bouncing": stated(picked(found.bouncing, "stiffness_N_per_m multiplier_s")),
+        "stiffness": {
+            "end_stiffness_N_per_m": text(exact(found.end_stiffness_N_per_m)),
+            "share": text(exact(SHARE)),
+            "bandwidth_Hz": finite(found.band_Hz),
+        },
+    }
+
+
+def _ends(band: Band, which: int) -> list[str]:
+    return [text(band.low[which]), "infinite" if band.high is None else text(band.high[1 - which])]
+
+
+def _environment(found: Environment) -> Tables:
+    return {
+        "mass_kg": text(found.mass),
+        "stiffness_N_per_m": text(found.stiffness),
+        "damping_N_s_per_m": text(found.damping),
+    }
+
+
+# In words.
 
 
 def in_words(found: EndStiffness, wall: Wall) -> list[str]:
