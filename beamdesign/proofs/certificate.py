@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import inf, isinf
 from typing import Literal
 
@@ -137,31 +136,50 @@ class Guaranteed:
 
 
 @dataclass(frozen=True)
-class Certificate:
-    """What is proved of a prototype over a range of outer end masses.
+class Decided:
+    """Stability of a loop over a range of outer end masses, with its proof.
 
     Attributes:
         outer_end_mass_kg: the range.
         stability: ranges and crossings, exact.
-        claims: what was asked, each held or refuted.
-        guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
         text: the certificate as `beamdesign.checker` reads it.
-        method: how it was proved, in words.
-        scope: for a prototype with effects, per effect what is covered and what is not, in words.
     """
 
     outer_end_mass_kg: tuple[float, float]
     stability: StabilityMap
-    claims: tuple[Claim, ...]
-    guaranteed: Guaranteed | None
     text: str
-    method: str = METHOD
-    scope: tuple[str, ...] = ()
 
     @property
     def stable(self) -> bool:
         """Whether every mass of the closed range is stable."""
         return self.stability.stable
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """The crossings inside the range."""
+        return self.stability.crossings
+
+    @property
+    def reason(self) -> str:
+        """In words, why the answer is no; empty where it is yes."""
+        return self.stability.reason
+
+
+@dataclass(frozen=True)
+class Certificate(Decided):
+    """What is proved of a prototype over a range of outer end masses.
+
+    Attributes:
+        claims: what was asked, each held or refuted.
+        guaranteed: bandwidth and peak sensitivity; None where the range is not stable throughout.
+        method: how it was proved, in words.
+        scope: for a prototype with effects, per effect what is covered and what is not, in words.
+    """
+
+    claims: tuple[Claim, ...]
+    guaranteed: Guaranteed | None
+    method: str = METHOD
+    scope: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -174,11 +192,6 @@ class Certificate:
         return self.stability.stable_ranges
 
     @property
-    def crossings(self) -> tuple[Crossing, ...]:
-        """The crossings inside the range."""
-        return self.stability.crossings
-
-    @cached_property
     def reason(self) -> str:
         """In words, why the answer is no; empty where it is yes."""
         refused = [f"{describe(claim)}: {claim.reason}" for claim in self.claims if not claim.holds]

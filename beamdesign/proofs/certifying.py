@@ -252,7 +252,7 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
     written_text = certificate(KIND, prototype, body, summary, high_kg)
     method = f"{METHOD}; {scope(prototype, found)}" if prototype.effects else METHOD
     about = tuple(covered(prototype, found)) if prototype.effects else ()
-    return Certificate((low_kg, high_kg), stability, tuple(decided), guaranteed, written_text, method, about)
+    return Certificate((low_kg, high_kg), stability, written_text, tuple(decided), guaranteed, method, about)
 
 
 def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
-from beamdesign.crossing import Crossing
 from beamdesign.polynomial import exact
 from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes, couples_both
 from beamdesign.proofs.arm.plane import (
@@ -25,7 +24,7 @@ from beamdesign.proofs.arm.plane import (
 )
 from beamdesign.proofs.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.proofs.box import BoxVerdict
-from beamdesign.proofs.certificate import Asked, Claim, Kind, as_claims, describe, least_limits
+from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits
 from beamdesign.proofs.mass_tables import claim_tables, stability_table
 from beamdesign.proofs.performance import kept_up_to_Hz, least_of, slack
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
@@ -67,39 +66,18 @@ class PlaneGuaranteed:
 
 
 @dataclass(frozen=True)
-class PlaneCertificate:
-    """What is proved of one plane.
+class PlaneCertificate(Decided):
+    """What is proved of one plane over a range of payloads.
 
     Attributes:
         name: direction in which the tip moves.
         coupled: whether torsion takes part.
-        outer_end_mass_kg: the range of payloads.
-        stability: stable ranges and crossings, exact.
         guaranteed: None where the range is not stable throughout.
-        text: the certificate as `beamdesign.checker` reads it.
     """
 
     name: Name
     coupled: bool
-    outer_end_mass_kg: tuple[float, float]
-    stability: StabilityMap
     guaranteed: PlaneGuaranteed | None
-    text: str
-
-    @property
-    def stable(self) -> bool:
-        """Whether every payload of the closed range is stable."""
-        return self.stability.stable
-
-    @property
-    def reason(self) -> str:
-        """In words, why it is not; empty where it is."""
-        return self.stability.reason
-
-    @property
-    def crossings(self) -> tuple[Crossing, ...]:
-        """Payloads of the range at which a root lies on the axis."""
-        return self.stability.crossings
 
 
 def certify_plane(prototype: Prototype, name: Name, low_kg: float, high_kg: float) -> PlaneCertificate:
@@ -120,7 +98,7 @@ def certify_plane(prototype: Prototype, name: Name, low_kg: float, high_kg: floa
         **claim_tables(claims),
     }
     written = certificate(KIND, own, body, _summary(own, name, stability, claims), notes=NOTES)
-    return PlaneCertificate(name, closed.figures.coupled, (low_kg, high_kg), stability, guaranteed, written)
+    return PlaneCertificate((low_kg, high_kg), stability, written, name, closed.figures.coupled, guaranteed)
 
 
 def _guarantees(closed: PlaneLoop, goal: Goal, low_kg: float, high_kg: float) -> tuple[PlaneGuaranteed, list[Claim]]:
