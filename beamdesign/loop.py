@@ -25,11 +25,11 @@ class Loop:
     """The loop in exact polynomials of s; everything is affine in the outer end mass m (kg) or free of it.
 
     L is the transfer function around the loop broken at the current, all that is fed back being one current, however
-    many sensors there are. S = 1 / (1 + L) = opened / characteristic and x / F_d = disturbance / characteristic. With
-    the displacement alone fed back, L is also that of the loop broken at its sensor.
+    many sensors there are. S = 1 / (1 + L) = loop_denominator / characteristic, x / F_d = disturbance / characteristic.
+    With the displacement alone fed back, L is also that of the loop broken at its sensor.
 
     Attributes:
-        opened: denominator of L, the plant's times the controller's.
+        loop_denominator: denominator of L, the plant's times the controller's.
         returned: numerator of L; free of m where the displacement alone is fed back.
         disturbance: numerator of the closed-loop compliance x / F_d, free of m.
         demanded: numerator of C S, current over noise of the displacement sensor and, but for the sign and a law's own
@@ -38,7 +38,7 @@ class Loop:
         added: the part of `returned` that comes from added sensors, all but the displacement's; zero without any.
     """
 
-    opened: Affine
+    loop_denominator: Affine
     returned: Affine
     disturbance: fmpq_poly
     demanded: Affine | None = None
@@ -47,12 +47,12 @@ class Loop:
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial p0 + m p1."""
-        return self.opened + self.returned
+        return self.loop_denominator + self.returned
 
     @cached_property
     def cut(self) -> Affine:
         """The same with the displacement sensor cut off, and the added ones not."""
-        return self.opened + self.added
+        return self.loop_denominator + self.added
 
     @property
     def gain_and_mass_apart(self) -> bool:
@@ -63,7 +63,7 @@ class Loop:
         """The loop at one outer end mass, kg."""
         mass = exact(outer_end_mass)
         demanded = None if self.demanded is None else self.demanded.at(mass)
-        return LoopAtMass(self.opened.at(mass), self.returned.at(mass), self.disturbance, demanded)
+        return LoopAtMass(self.loop_denominator.at(mass), self.returned.at(mass), self.disturbance, demanded)
 
 
 def close_loop(plant: Plant, controller: Controller) -> Loop:
@@ -78,7 +78,7 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
     own, *others = (control * above for control, above in zip(plant.control, law.numerators, strict=True))
     crossed = (part * above for part, above in zip(plant.crossed, law.numerators, strict=True))
     return Loop(
-        opened=plant.denominator * law.denominator,
+        loop_denominator=plant.denominator * law.denominator,
         returned=sum(others, own),
         disturbance=sum(crossed, plant.disturbance * law.denominator),
         demanded=plant.denominator * law.numerators[0],
@@ -135,7 +135,7 @@ class Margins:
 class LoopAtMass:
     """The loop at one outer end mass, exact; see `Loop` for the polynomials."""
 
-    opened: fmpq_poly
+    loop_denominator: fmpq_poly
     returned: fmpq_poly
     disturbance: fmpq_poly
     demanded: fmpq_poly | None = None
@@ -143,7 +143,7 @@ class LoopAtMass:
     @cached_property
     def characteristic(self) -> fmpq_poly:
         """Closed-loop characteristic polynomial."""
-        return self.opened + self.returned
+        return self.loop_denominator + self.returned
 
     @property
     def stable(self) -> bool:
@@ -156,7 +156,7 @@ class LoopAtMass:
 
     def open_loop_poles(self) -> np.ndarray:
         """Poles of L, rad/s."""
-        return roots(self.opened)
+        return roots(self.loop_denominator)
 
     def open_loop_zeros(self) -> np.ndarray:
         """Zeros of L, rad/s."""
@@ -173,14 +173,14 @@ class LoopAtMass:
             ValueError: where a root lies there at every gain.
         """
         try:
-            return crossings(Affine(self.opened, self.returned))
+            return crossings(Affine(self.loop_denominator, self.returned))
         except ArithmeticError as error:
             reason = "this loop has an undamped mode on the imaginary axis that no gain can move (uncontrollable)"
             raise ValueError(reason) from error
 
     def loop_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """L at the given frequencies, complex."""
-        return _respond(self.returned, frequency_Hz) / _respond(self.opened, frequency_Hz)
+        return _respond(self.returned, frequency_Hz) / _respond(self.loop_denominator, frequency_Hz)
 
     def compliance_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """Closed-loop x / F_d in m/N at the given frequencies, complex."""
@@ -188,7 +188,7 @@ class LoopAtMass:
 
     def sensitivity_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """S = 1 / (1 + L) at the given frequencies, complex."""
-        return _respond(self.opened, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+        return _respond(self.loop_denominator, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
 
     def effort_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """C S, current over volts at the controller's input, A/V at the given frequencies, complex.
@@ -211,13 +211,13 @@ class LoopAtMass:
         """
         if not self.stable:
             return inf
-        top, bottom = squared_magnitude(self.opened), squared_magnitude(self.characteristic)
+        top, bottom = squared_magnitude(self.loop_denominator), squared_magnitude(self.characteristic)
         stationary = top.derivative() * bottom - top * bottom.derivative()
         interior = [] if stationary.is_zero() else [root for root, _ in real_roots(stationary) if root > 0]
         candidates = [0.0] + [float(root.mid()) for root in interior]
         degree = self.characteristic.degree()
-        at_infinity = float(abs(self.opened[degree] / self.characteristic[degree]))
-        return max(at_infinity, *(_magnitude_ratio(self.opened, self.characteristic, x) for x in candidates))
+        at_infinity = float(abs(self.loop_denominator[degree] / self.characteristic[degree]))
+        return max(at_infinity, *(_magnitude_ratio(self.loop_denominator, self.characteristic, x) for x in candidates))
 
     def bandwidth_Hz(self, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N) -> float:
         """Highest frequency up to which |x / F_d| is at or below the limit at every lower frequency.
@@ -237,7 +237,7 @@ class LoopAtMass:
 
     def crossovers_Hz(self) -> list[float]:
         """Frequencies at which |L| = 1, ascending."""
-        difference = squared_magnitude(self.returned) - squared_magnitude(self.opened)
+        difference = squared_magnitude(self.returned) - squared_magnitude(self.loop_denominator)
         return [sqrt(float(root.mid())) / (2 * pi) for root, _ in real_roots(difference) if root > 0]
 
     def margins(self) -> Margins:
@@ -290,7 +290,7 @@ def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
     """Critical gain, raised from its own, of a loop whose controller has a gain of one."""
 
     def stable(gain: float) -> bool:
-        return is_hurwitz(unit.opened + unit.returned * exact(gain))
+        return is_hurwitz(unit.loop_denominator + unit.returned * exact(gain))
 
     least = own if own and stable(own) else 0.0
     above = [crossing for crossing in unit.gain_crossings() if crossing.value > least]

@@ -68,7 +68,7 @@ def assert_alike(prototype: Prototype) -> None:
     assert len(members) == len(loops)
     for (member, loop), outer in product(zip(members, loops, strict=True), OUTER):
         opened, closed, pushed = derived(member.rig, outer)
-        bare, stated = (p[0] + exact(outer) * p[1] for p in (loop.opened, loop.closed))
+        bare, stated = (p[0] + exact(outer) * p[1] for p in (loop.loop_denominator, loop.closed))
         leading = stated[stated.degree()]
         assert bare / bare[bare.degree()] == opened
         assert stated / leading == closed

@@ -219,7 +219,7 @@ def test_an_end_mass_that_acts_by_more_than_its_acceleration_is_found_out(monkey
 
 def test_a_filter_and_a_lag_are_two_poles(lag: Prototype):
     both = with_effects(lag, "sensor_lag").but(sensor=Sensor(gain_V_per_m=1180.0, filter_Hz=400.0))
-    assert loop(both).opened.constant.degree() == loop(lag).opened.constant.degree() + 2
+    assert loop(both).loop_denominator.constant.degree() == loop(lag).loop_denominator.constant.degree() + 2
     assert mA(both) < mA(with_effects(lag, "sensor_lag"))
 
 

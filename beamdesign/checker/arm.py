@@ -135,7 +135,7 @@ class Plane:
 
     Attributes:
         closed: characteristic polynomial.
-        opened: denominator of L.
+        loop_denominator: denominator of L.
         returned: numerator of L.
         compliances: numerators over `closed`, by the claim that is about them.
         law: the controller behind the displacement sensor.
@@ -150,14 +150,14 @@ class Plane:
         rest = 3 * arm.offset[0] / (4 * arm.stiffness * arm.length**2)
         self._rest, self._seen_rest = rest * arm.offset[0], rest * arm.sensor[0]
         self._fed, self._pushed, self.law = loop.displacement[0], loop.disturbance, loop.law
-        open_, closed = loop.opened, loop.closed
+        open_, closed = loop.loop_denominator, loop.closed
         # With the displacement cut off, and added sensors not.
         cut = closed[0] - loop.displacement[0], closed[1] - loop.displacement[1]
         if loop.displacement[1] != 0 or cut[1] != S * S * self._pushed:
             raise Unreadable("the payload does not act on the tip that the force acts on")
         self.closed = _affine(lambda m: self._determinant(*self._tip(cut, m, self._fed), m))
-        self.opened = _affine(lambda m: self._determinant(*self._tip(open_, m, ZERO), m))
-        self.returned = self.closed[0] - self.opened[0], self.closed[1] - self.opened[1]
+        self.loop_denominator = _affine(lambda m: self._determinant(*self._tip(open_, m, ZERO), m))
+        self.returned = self.closed[0] - self.loop_denominator[0], self.closed[1] - self.loop_denominator[1]
         self.compliances = {
             "tip_compliance": _affine(lambda m: self._pushed * self._twisted(m)),
             "load_compliance": _affine(lambda m: self._load(*self._tip(cut, m, self._fed), m)),
@@ -190,7 +190,7 @@ class Plane:
         """Denominator and numerator of what a claim bounds."""
         if kind in self.compliances:
             return self.closed, self.compliances[kind]
-        return magnitudes(kind, self.opened, self.returned, ZERO, self.law)
+        return magnitudes(kind, self.loop_denominator, self.returned, ZERO, self.law)
 
 
 def _affine(value: Callable[[fmpq], fmpq_poly]) -> Polynomials:

@@ -199,7 +199,7 @@ def _characteristic(expression: Expression, rig: Rig) -> fmpq_mpoly:
     at = mechanics(figure, elements, masses, list(numerators), ring, disturbed=False)
     around, back = electronics(figure, elements, numerators, denominator, ring)
     factor = value.get("effect_gain", fmpq(1)) * variable.get(expression.transport, fmpq(1))
-    return at.opened * around + factor * sum((by * at.sensed[name] for name, by in back.items()), none)
+    return at.determinant * around + factor * sum((by * at.sensed[name] for name, by in back.items()), none)
 
 
 def _names(expression: Expression) -> Iterator[str]:

@@ -230,26 +230,26 @@ class Bound:
 
 
 def magnitudes(
-    kind: str, opened: Polynomials, returned: Polynomials, disturbance: fmpq_poly, law: Polynomials
+    kind: str, loop_denominator: Polynomials, returned: Polynomials, disturbance: fmpq_poly, law: Polynomials
 ) -> tuple[Polynomials, Polynomials]:
     """Denominator and numerator of what a claim bounds, each over the mass; `law` is the controller.
 
-    With p = opened + returned: x / F_d = disturbance / p, S = opened / p, L = returned / opened, and C S is
-    (opened / law denominator) (law numerator) / p, the controller's denominator being a factor of `opened`; C is from
+    With D the loop's denominator and p = D + returned: x / F_d = disturbance / p, S = D / p, L = returned / D, and C S
+    is (D / law denominator) (law numerator) / p, the controller's denominator being a factor of D; C is from
     the displacement sensor's volts to the current.
     """
-    closed = opened[0] + returned[0], opened[1] + returned[1]
+    closed = loop_denominator[0] + returned[0], loop_denominator[1] + returned[1]
     match kind:
         case "compliance":
             return closed, (disturbance, ZERO)
         case "peak_sensitivity":
-            return closed, opened
+            return closed, loop_denominator
         case "loop_gain":
-            return opened, returned
-    if any(divmod(part, law[1])[1] != 0 for part in opened):
+            return loop_denominator, returned
+    if any(divmod(part, law[1])[1] != 0 for part in loop_denominator):
         raise Unreadable("the controller's poles are not those of the open loop")
     above, below = law
-    return closed, (opened[0] / below * above, opened[1] / below * above)
+    return closed, (loop_denominator[0] / below * above, loop_denominator[1] / below * above)
 
 
 # What the certificate states.
@@ -309,19 +309,19 @@ class Member:
 
     def at(self, gain: fmpq) -> tuple[fmpq_poly, fmpq_poly]:
         """Its characteristic polynomial at one gain, constant and slope in the mass."""
-        opened, returned = self.loop.opened, self.loop.returned
-        return opened[0] + gain * returned[0], opened[1] + gain * returned[1]
+        loop_denominator, returned = self.loop.loop_denominator, self.loop.returned
+        return loop_denominator[0] + gain * returned[0], loop_denominator[1] + gain * returned[1]
 
     def is_stable_over(self, masses: Pair, s: fmpq_poly = S, times: Pair = ONCE) -> bool:
         """Whether it is stable on the rectangle, with s replaced, its gains also times any factor of a range."""
-        opened, returned = ((p[0](s), p[1](s)) for p in (self.loop.opened, self.loop.returned))
+        loop_denominator, returned = ((p[0](s), p[1](s)) for p in (self.loop.loop_denominator, self.loop.returned))
         gain = self.loop.gain
-        return stable_on_rectangle(opened, returned, masses, (gain[0] * times[0], gain[1] * times[1]))
+        return stable_on_rectangle(loop_denominator, returned, masses, (gain[0] * times[0], gain[1] * times[1]))
 
     def _slack(self, bound: Bound, gain: fmpq) -> Slack:
         loop = self.loop
         returned = gain * loop.returned[0], gain * loop.returned[1]
-        return Slack(bound.limit, *magnitudes(bound.kind, loop.opened, returned, loop.disturbance, loop.law))
+        return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, returned, loop.disturbance, loop.law))
 
     def keeps(self, bound: Bound, masses: Pair) -> bool:
         """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least."""
@@ -333,12 +333,12 @@ class Member:
             return False
         if bound.kind == "loop_gain" or gains[0] == gains[1]:
             return True
-        opened, returned = self.loop.opened, self.loop.returned
+        loop_denominator, returned = self.loop.loop_denominator, self.loop.returned
         if returned[1] != 0:
             raise Unreadable("mass and gain multiply each other, so that sides do not decide what is to be performed")
         none = fmpq_poly([0])
         for mass in {*masses}:
-            at = opened[0] + mass * opened[1]
+            at = loop_denominator[0] + mass * loop_denominator[1]
             (_, _), top = magnitudes(bound.kind, (at, none), (none, none), self.loop.disturbance, self.loop.law)
             if not Slack(bound.limit, (at, returned[0]), top).nonnegative(*gains, bound.until, bound.start):
                 return False

@@ -58,13 +58,13 @@ class Mechanics:
     """Beams, mount, rod and oil: the determinant, and numerators over it.
 
     Attributes:
-        opened: the determinant.
+        determinant: of its equations.
         moved: what a force on the tip does to the tip, m/N.
         sensed: what a flow does to what is sensed, by its name; of the displacement per volt of the sensor, in m.
         crossed: of each of them, what a force and a flow together do: determinants with both columns replaced.
     """
 
-    opened: Polynomial
+    determinant: Polynomial
     moved: Polynomial
     sensed: dict[str, Polynomial]
     crossed: dict[str, Polynomial]

@@ -156,11 +156,11 @@ def _within(table: Table, key: str, ends: Pair) -> Pair:
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop over the mass m and a factor g on its gain: opened + g returned, each (constant, slope) in the mass.
+    """A loop over the mass m and a factor g on its gain: denominator + g returned, each (constant, slope) in the mass.
 
     Attributes:
         name: where its spans stand, in words; empty where there are none.
-        opened: denominator of L, times that of the controller.
+        loop_denominator: denominator of L, times that of the controller.
         returned: numerator of L.
         disturbance: numerator of the closed loop's compliance.
         displacement: the part of `returned` that comes from the displacement sensor.
@@ -170,7 +170,7 @@ class Loop:
     """
 
     name: str
-    opened: Polynomials
+    loop_denominator: Polynomials
     returned: Polynomials
     disturbance: fmpq_poly
     displacement: Polynomials
@@ -181,7 +181,7 @@ class Loop:
     @property
     def closed(self) -> Polynomials:
         """The characteristic polynomial at a factor of one."""
-        return self.opened[0] + self.returned[0], self.opened[1] + self.returned[1]
+        return self.loop_denominator[0] + self.returned[0], self.loop_denominator[1] + self.returned[1]
 
 
 class Rig:
@@ -292,7 +292,7 @@ class Rig:
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
         return Loop(
             name,
-            (bare.opened * around, (loaded.opened - bare.opened) * around),
+            (bare.determinant * around, (loaded.determinant - bare.determinant) * around),
             (returned, heavier - returned),
             bare.moved * around + inside,
             (own[0], own[1] - own[0]),

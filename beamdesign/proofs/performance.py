@@ -37,7 +37,7 @@ class Closed(Protocol):
     """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
 
     @property
-    def opened(self) -> Affine:
+    def loop_denominator(self) -> Affine:
         """Denominator of L."""
 
     @property
@@ -61,8 +61,8 @@ MAGNITUDES: dict[Kind, Magnitude] = {
     "compliance": Magnitude("disturbance", "characteristic", "|x/F_d|"),
     "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
     "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
-    "peak_sensitivity": Magnitude("opened", "characteristic", "|1/(1+L)|"),
-    "loop_gain": Magnitude("returned", "opened", "|L|"),
+    "peak_sensitivity": Magnitude("loop_denominator", "characteristic", "|1/(1+L)|"),
+    "loop_gain": Magnitude("returned", "loop_denominator", "|L|"),
     "controller_effort": Magnitude("demanded", "characteristic", "|C S|"),
 }
 
@@ -281,7 +281,7 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
     """The least limit of a magnitude that is proved of a loop that is stable, to 1e-4 and rounded up to 5 digits."""
     above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
     if kind == "peak_sensitivity":
-        start = sampled_peak(loop.opened, loop.returned, *ends)
+        start = sampled_peak(loop.loop_denominator, loop.returned, *ends)
     else:
         start = sampled_ratio(above, below, from_Hz, *ends)
     return least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
@@ -321,9 +321,9 @@ def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
     return sorted({float(mass) for mass in np.linspace(nearest(low), nearest(high), 5)})
 
 
-def sampled_peak(opened: Affine, returned: Affine, low: fmpq, high: fmpq) -> float:
+def sampled_peak(loop_denominator: Affine, returned: Affine, low: fmpq, high: fmpq) -> float:
     """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
-    parts = (opened.constant, opened.slope, returned.constant, returned.slope)
+    parts = (loop_denominator.constant, loop_denominator.slope, returned.constant, returned.slope)
     degree = max(polynomial.degree() for polynomial in parts)
     constant, slope, fed_back, fed_back_slope = (_floats(part, degree) for part in parts)
 

@@ -58,19 +58,19 @@ class Inside:
 
 
 def axis_inside(
-    opened: Affine, returned: Affine, masses: tuple[fmpq, fmpq], factors: tuple[fmpq, fmpq]
+    loop_denominator: Affine, returned: Affine, masses: tuple[fmpq, fmpq], factors: tuple[fmpq, fmpq]
 ) -> Inside | None:
-    """A point inside a rectangle at which opened + g returned has a root on the imaginary axis; None if there is none.
+    """A point inside a rectangle at which denominator + g returned has a root on the imaginary axis; None if none has.
 
     Args:
-        opened: over the mass.
+        loop_denominator: over the mass.
         returned: likewise.
         masses: least and largest.
         factors: least and largest; all four sides are stable.
     """
     if masses[0] == masses[1] or factors[0] == factors[1] or returned.slope.is_zero():
         return None  # the sides decide
-    parts = _Parts(opened, returned)
+    parts = _Parts(loop_denominator, returned)
     if parts.discriminant.is_zero():
         return Inside(float("nan"), float("nan"), float("nan"), decided=False)
     left = None
@@ -90,9 +90,13 @@ def axis_inside(
 class _Parts:
     """E and O as bilinear functions of m and g, and R(g) = q_0 + q_1 g + q_2 g^2, all over x = w^2."""
 
-    def __init__(self, opened: Affine, returned: Affine):
+    def __init__(self, loop_denominator: Affine, returned: Affine):
         self.even, self.odd = zip(
-            *(even_odd(p) for p in (opened.constant, opened.slope, returned.constant, returned.slope)), strict=True
+            *(
+                even_odd(p)
+                for p in (loop_denominator.constant, loop_denominator.slope, returned.constant, returned.slope)
+            ),
+            strict=True,
         )
         (e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg) = self.even, self.odd
         self.q0 = e * o_m - o * e_m
@@ -228,10 +232,10 @@ class Rectangle:
 
     def inside(self, rate: fmpq | None = None) -> Inside | None:
         """A point inside with a root on the axis, or to the right of -rate, where the sides have none; None if none."""
-        opened, returned = self.loop.opened, self.loop.returned
+        loop_denominator, returned = self.loop.loop_denominator, self.loop.returned
         if rate is not None:
-            opened, returned = shifted(opened, rate), shifted(returned, rate)
-        return axis_inside(opened, returned, (self.low, self.high), (self.least, self.most))
+            loop_denominator, returned = shifted(loop_denominator, rate), shifted(returned, rate)
+        return axis_inside(loop_denominator, returned, (self.low, self.high), (self.least, self.most))
 
     @property
     def stable(self) -> bool:
@@ -260,7 +264,7 @@ def over_gain(loop: Loop, mass: fmpq) -> Loop:
     The factor is one on the valve or its flow and not on the controller, so that C S has it in its denominator alone.
     """
     return Loop(
-        Affine(loop.opened.at(mass), _ZERO),
+        Affine(loop.loop_denominator.at(mass), _ZERO),
         Affine(_ZERO, loop.returned.at(mass)),
         loop.disturbance,
         None if loop.demanded is None else Affine(loop.demanded.at(mass), _ZERO),

@@ -130,7 +130,7 @@ def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), 
     model, law = found.rest.rig, controller.sensed_law()
     named = {name: name for name in model.figures if name in values}
     named |= {key: name for name, key in _frozen(found).items()} | further
-    opened, seen = model.over_parameters(law.sensors, context, named)
+    loop_denominator, seen = model.over_parameters(law.sensors, context, named)
     if stages:
         sides = {"n": context.constant(1), "d": context.constant(1)}
         for k, one in enumerate(stages, 1):
@@ -149,6 +149,8 @@ def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), 
         denominator = sum((c * s**i for i, c in enumerate(law.denominator.coeffs())), zero)
     gain = variable["controller_gain"] * variable.get(_FACTOR, 1) * variable[TRANSPORT]
     returned = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
-    form = read_once(opened * denominator + gain * returned, [name for name in values if name != "delay"], TRANSPORT)
+    form = read_once(
+        loop_denominator * denominator + gain * returned, [name for name in values if name != "delay"], TRANSPORT
+    )
     positive = [name for name in values if name not in _frozen(found)]
     return Family(prototype.name, form.p, values, form.leaves, form.bound, {TRANSPORT: "delay"}, form.groups, positive)

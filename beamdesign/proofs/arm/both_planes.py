@@ -129,7 +129,7 @@ class BothPlanes:
         force = np.zeros((len(s), 3, 3), dtype=complex) + motions.T
         for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
             # What the tip gives way by is the slope in its mass, but for s^2: with no current, of the loop cut open.
-            passive = loop.cut if servo else loop.opened
+            passive = loop.cut if servo else loop.loop_denominator
             scale = _values(fmpq_poly(passive.slope.coeffs()[2:]), s)
             stiffness[:, i, i] = _values(passive.constant, s) / scale
             if servo:

@@ -214,12 +214,12 @@ def plane_figures(prototype: Prototype, name: Name, figures: ArmFigures | None =
 class PlaneLoop:
     """The loop of one plane in exact polynomials of s, all affine in the payload m (kg).
 
-    Over the characteristic polynomial stand `opened` (sensitivity), `returned` (with the opposite sign, the command),
+    Over the characteristic stand `loop_denominator` (sensitivity), `returned` (with the opposite sign, the command),
     `tip`, `load` and `roll`.
 
     Attributes:
         figures: of the payload in this plane.
-        opened: denominator of the loop transfer function.
+        loop_denominator: denominator of the loop transfer function.
         returned: its numerator.
         demanded: numerator of C S.
         tip: tip displacement per force on the tip, m/N.
@@ -228,7 +228,7 @@ class PlaneLoop:
     """
 
     figures: PlaneFigures
-    opened: Affine
+    loop_denominator: Affine
     returned: Affine
     demanded: Affine
     tip: Affine
@@ -238,17 +238,21 @@ class PlaneLoop:
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial."""
-        return self.opened + self.returned
+        return self.loop_denominator + self.returned
 
     def at(self, payload: float) -> LoopAtMass:
         """The loop at one payload, kg; its compliance is that of the tip."""
         mass = exact(payload)
-        return LoopAtMass(self.opened.at(mass), self.returned.at(mass), self.tip.at(mass), self.demanded.at(mass))
+        return LoopAtMass(
+            self.loop_denominator.at(mass), self.returned.at(mass), self.tip.at(mass), self.demanded.at(mass)
+        )
 
     def at_load(self, payload: float) -> LoopAtMass:
         """The same with the compliance of the payload's centre."""
         mass = exact(payload)
-        return LoopAtMass(self.opened.at(mass), self.returned.at(mass), self.load.at(mass), self.demanded.at(mass))
+        return LoopAtMass(
+            self.loop_denominator.at(mass), self.returned.at(mass), self.load.at(mass), self.demanded.at(mass)
+        )
 
 
 def single_loop(prototype: Prototype, name: Name) -> Loop:
@@ -296,16 +300,16 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
     assert single.demanded is not None  # the loop of a prototype knows its controller
     fed = single.returned.constant - single.added.constant
     cut, seen, seen_roll = single.cut.constant, figures.sensed_travel, figures.sensed_lever
-    opened = joined(single.opened)
+    loop_denominator = joined(single.loop_denominator)
     returned = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll)) + joined(single.added)
-    characteristic = opened + returned
+    characteristic = loop_denominator + returned
     # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
     load = figures.travel**2 * single.disturbance * t + e**2 * cut
     load += e * (seen * e - figures.travel * seen_roll) * fed - figures.sensed_residual * figures.travel * fed * t
     roll = Affine(e * (cut + seen * fed), _S2 * fed * e * figures.travel * figures.sensed_residual)
     return PlaneLoop(
         figures,
-        opened,
+        loop_denominator,
         returned,
         joined(single.demanded),
         joined(Affine(single.disturbance, zero)),
