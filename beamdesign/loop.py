@@ -30,16 +30,16 @@ class Loop:
 
     Attributes:
         loop_denominator: denominator of L, the plant's times the controller's.
-        returned: numerator of L; free of m where the displacement alone is fed back.
+        loop_numerator: numerator of L; free of m where the displacement alone is fed back.
         disturbance: numerator of the closed-loop compliance x / F_d, free of m.
         demanded: numerator of C S, current over noise of the displacement sensor and, but for the sign and a law's own
             `b_command`, over command volts; C is what the controller makes of that sensor. Of the same denominator as
             S; None where it is not known.
-        added: the part of `returned` that comes from added sensors, all but the displacement's; zero without any.
+        added: the part of `loop_numerator` that comes from added sensors, all but the displacement's; zero without any.
     """
 
     loop_denominator: Affine
-    returned: Affine
+    loop_numerator: Affine
     disturbance: fmpq_poly
     demanded: Affine | None = None
     added: Affine = field(default_factory=lambda: Affine(fmpq_poly([0]), fmpq_poly([0])))
@@ -47,7 +47,7 @@ class Loop:
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial p0 + m p1."""
-        return self.loop_denominator + self.returned
+        return self.loop_denominator + self.loop_numerator
 
     @cached_property
     def cut(self) -> Affine:
@@ -56,14 +56,14 @@ class Loop:
 
     @property
     def gain_and_mass_apart(self) -> bool:
-        """Whether a factor on the gain and the mass do not multiply each other: `returned` is free of m."""
-        return self.returned.slope.is_zero()
+        """Whether a factor on the gain and the mass do not multiply each other: `loop_numerator` is free of m."""
+        return self.loop_numerator.slope.is_zero()
 
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
         mass = exact(outer_end_mass)
         demanded = None if self.demanded is None else self.demanded.at(mass)
-        return LoopAtMass(self.loop_denominator.at(mass), self.returned.at(mass), self.disturbance, demanded)
+        return LoopAtMass(self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.disturbance, demanded)
 
 
 def close_loop(plant: Plant, controller: Controller) -> Loop:
@@ -79,7 +79,7 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
     crossed = (part * above for part, above in zip(plant.crossed, law.numerators, strict=True))
     return Loop(
         loop_denominator=plant.denominator * law.denominator,
-        returned=sum(others, own),
+        loop_numerator=sum(others, own),
         disturbance=sum(crossed, plant.disturbance * law.denominator),
         demanded=plant.denominator * law.numerators[0],
         added=sum(others, own * fmpq(0)),
@@ -109,7 +109,7 @@ def _member_loop(prototype: Prototype, member: Member) -> Loop:
     factor = member.gain.high
     if factor == 1:
         return closed
-    return replace(closed, returned=closed.returned * exact(factor), added=closed.added * exact(factor))
+    return replace(closed, loop_numerator=closed.loop_numerator * exact(factor), added=closed.added * exact(factor))
 
 
 @dataclass(frozen=True)
@@ -136,14 +136,14 @@ class LoopAtMass:
     """The loop at one outer end mass, exact; see `Loop` for the polynomials."""
 
     loop_denominator: fmpq_poly
-    returned: fmpq_poly
+    loop_numerator: fmpq_poly
     disturbance: fmpq_poly
     demanded: fmpq_poly | None = None
 
     @cached_property
     def characteristic(self) -> fmpq_poly:
         """Closed-loop characteristic polynomial."""
-        return self.loop_denominator + self.returned
+        return self.loop_denominator + self.loop_numerator
 
     @property
     def stable(self) -> bool:
@@ -160,7 +160,7 @@ class LoopAtMass:
 
     def open_loop_zeros(self) -> np.ndarray:
         """Zeros of L, rad/s."""
-        return roots(self.returned)
+        return roots(self.loop_numerator)
 
     def compliance_zeros(self) -> np.ndarray:
         """Zeros of x / F_d, rad/s."""
@@ -173,14 +173,14 @@ class LoopAtMass:
             ValueError: where a root lies there at every gain.
         """
         try:
-            return crossings(Affine(self.loop_denominator, self.returned))
+            return crossings(Affine(self.loop_denominator, self.loop_numerator))
         except ArithmeticError as error:
             reason = "this loop has an undamped mode on the imaginary axis that no gain can move (uncontrollable)"
             raise ValueError(reason) from error
 
     def loop_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """L at the given frequencies, complex."""
-        return _respond(self.returned, frequency_Hz) / _respond(self.loop_denominator, frequency_Hz)
+        return _respond(self.loop_numerator, frequency_Hz) / _respond(self.loop_denominator, frequency_Hz)
 
     def compliance_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """Closed-loop x / F_d in m/N at the given frequencies, complex."""
@@ -237,7 +237,7 @@ class LoopAtMass:
 
     def crossovers_Hz(self) -> list[float]:
         """Frequencies at which |L| = 1, ascending."""
-        difference = squared_magnitude(self.returned) - squared_magnitude(self.loop_denominator)
+        difference = squared_magnitude(self.loop_numerator) - squared_magnitude(self.loop_denominator)
         return [sqrt(float(root.mid())) / (2 * pi) for root, _ in real_roots(difference) if root > 0]
 
     def margins(self) -> Margins:
@@ -290,7 +290,7 @@ def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
     """Critical gain, raised from its own, of a loop whose controller has a gain of one."""
 
     def stable(gain: float) -> bool:
-        return is_hurwitz(unit.loop_denominator + unit.returned * exact(gain))
+        return is_hurwitz(unit.loop_denominator + unit.loop_numerator * exact(gain))
 
     least = own if own and stable(own) else 0.0
     above = [crossing for crossing in unit.gain_crossings() if crossing.value > least]

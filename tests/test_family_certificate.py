@@ -138,7 +138,7 @@ def test_a_gain_between_stable_ends_is_looked_at(paper: Prototype):
     for low, high in found.stable_ranges_kg:
         for mass in np.linspace(low, high, 9)[1:-1]:
             for factor in np.linspace(0.0, 1.0, 21):
-                polynomial = loop.loop_denominator.at(exact(mass)) + exact(factor) * loop.returned.constant
+                polynomial = loop.loop_denominator.at(exact(mass)) + exact(factor) * loop.loop_numerator.constant
                 roots = np.roots([float(c) for c in reversed(polynomial.coeffs())])
                 assert roots.real.max() < 1e-9 * abs(roots).max()
     assert check(found.text).valid
@@ -158,7 +158,7 @@ def test_figures_of_a_rectangle_are_those_of_a_dense_grid_inside(tame: Prototype
         return np.polyval([float(c) for c in reversed(polynomial.coeffs())], s)
 
     constant, slope = value(loop.loop_denominator.constant), value(loop.loop_denominator.slope)
-    returned, disturbance = value(loop.returned.constant), value(loop.disturbance)
+    returned, disturbance = value(loop.loop_numerator.constant), value(loop.disturbance)
     masses, factors = np.linspace(0.0, 6.8, 41)[:, None, None], np.geomspace(0.5, 2.0, 31)[:, None]
     opened = constant + masses * slope
     closed = opened + factors * returned

@@ -292,13 +292,13 @@ def test_an_island_of_instability_inside_stable_sides_is_found() -> None:
     poly, ends = fmpq_poly, (fmpq(1, 2), fmpq(3, 2))
     side = poly([4, 1, 1])
     for e, island in ((fmpq(1, 25), True), (fmpq(-1, 25), False)):
-        loop_denominator, returned = Affine(poly([e - 1, 1, 1, 1]), side), Affine(side, poly([2]))
-        found = axis_inside(loop_denominator, returned, ends, ends)
-        families = [loop_denominator + returned * end for end in ends]
-        families += [Affine(loop_denominator.at(end), returned.at(end)) for end in ends]
+        denominator, numerator = Affine(poly([e - 1, 1, 1, 1]), side), Affine(side, poly([2]))
+        found = axis_inside(denominator, numerator, ends, ends)
+        families = [denominator + numerator * end for end in ends]
+        families += [Affine(denominator.at(end), numerator.at(end)) for end in ends]
         assert all(is_stable_over(family, *ends) for family in families)
         assert (found is not None) is island
-        pairs = ((one.constant, one.slope) for one in (loop_denominator, returned))
+        pairs = ((one.constant, one.slope) for one in (denominator, numerator))
         assert stable_on_rectangle(*pairs, ends, ends) is not island
         if found is not None:
             assert found.decided
@@ -455,10 +455,10 @@ def test_an_arm_takes_it(rig: Prototype) -> None:
     tube = {"width_m": 0.140, "wall_m": 0.0023, "free_length_m": 1.475, "material": "6061-T6"}
     link = rig.but(outer_beam=rig.outer_beam.but(**tube), arm=Arm(end_polar_inertia_kg_m2=0.01))
     plane, own = plane_loop(link, "z").at(2.5), loop(link).at(2.5)
-    assert (plane.characteristic, plane.loop_denominator, plane.returned) == (
+    assert (plane.characteristic, plane.loop_denominator, plane.loop_numerator) == (
         own.characteristic,
         own.loop_denominator,
-        own.returned,
+        own.loop_numerator,
     )
     assert (plane.disturbance, plane.demanded) == (own.disturbance, own.demanded)
     off = link.but(arm=Arm(end_polar_inertia_kg_m2=0.01, offset_m=(0.05, 0.1, 0.0), sensor_m=(0.0, 0.05, 0.0)))

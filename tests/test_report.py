@@ -429,7 +429,7 @@ def test_stable_gain_intervals_are_those_without_poles_on_the_right(remedy: Prot
     closed = loop(remedy)
     here = closed.at(mass)
     opened, returned = (
-        np.array([float(value) for value in reversed(p.coeffs())]) for p in (here.loop_denominator, here.returned)
+        np.array([float(value) for value in reversed(p.coeffs())]) for p in (here.loop_denominator, here.loop_numerator)
     )
     intervals = stable_gains(closed, mass)
     for factor in np.geomspace(0.02, 30.0, 60):

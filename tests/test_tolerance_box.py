@@ -198,7 +198,7 @@ def test_rig_with_delay_agrees_with_its_loop_response(rig):
     bare = loop(fixed).at(0.0)
     crossovers = [
         sqrt(root.real)
-        for root in roots_of(squared_magnitude(bare.returned) - squared_magnitude(bare.loop_denominator))
+        for root in roots_of(squared_magnitude(bare.loop_numerator) - squared_magnitude(bare.loop_denominator))
         if root.real > 0 and abs(root.imag) < 1e-9 * abs(root)
     ]
     phases = np.angle(bare.loop_response(np.array(crossovers) / (2 * pi)))

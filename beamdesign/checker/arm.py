@@ -136,7 +136,7 @@ class Plane:
     Attributes:
         closed: characteristic polynomial.
         loop_denominator: denominator of L.
-        returned: numerator of L.
+        loop_numerator: numerator of L.
         compliances: numerators over `closed`, by the claim that is about them.
         law: the controller behind the displacement sensor.
     """
@@ -157,7 +157,7 @@ class Plane:
             raise Unreadable("the payload does not act on the tip that the force acts on")
         self.closed = _affine(lambda m: self._determinant(*self._tip(cut, m, self._fed), m))
         self.loop_denominator = _affine(lambda m: self._determinant(*self._tip(open_, m, ZERO), m))
-        self.returned = self.closed[0] - self.loop_denominator[0], self.closed[1] - self.loop_denominator[1]
+        self.loop_numerator = self.closed[0] - self.loop_denominator[0], self.closed[1] - self.loop_denominator[1]
         self.compliances = {
             "tip_compliance": _affine(lambda m: self._pushed * self._twisted(m)),
             "load_compliance": _affine(lambda m: self._load(*self._tip(cut, m, self._fed), m)),
@@ -190,7 +190,7 @@ class Plane:
         """Denominator and numerator of what a claim bounds."""
         if kind in self.compliances:
             return self.closed, self.compliances[kind]
-        return magnitudes(kind, self.loop_denominator, self.returned, ZERO, self.law)
+        return magnitudes(kind, self.loop_denominator, self.loop_numerator, ZERO, self.law)
 
 
 def _affine(value: Callable[[fmpq], fmpq_poly]) -> Polynomials:

@@ -230,26 +230,26 @@ class Bound:
 
 
 def magnitudes(
-    kind: str, loop_denominator: Polynomials, returned: Polynomials, disturbance: fmpq_poly, law: Polynomials
+    kind: str, denominator: Polynomials, numerator: Polynomials, disturbance: fmpq_poly, law: Polynomials
 ) -> tuple[Polynomials, Polynomials]:
     """Denominator and numerator of what a claim bounds, each over the mass; `law` is the controller.
 
-    With D the loop's denominator and p = D + returned: x / F_d = disturbance / p, S = D / p, L = returned / D, and C S
-    is (D / law denominator) (law numerator) / p, the controller's denominator being a factor of D; C is from
+    With D the loop's denominator, N its numerator and p = D + N: x / F_d = disturbance / p, S = D / p, L = N / D, and
+    C S is (D / law denominator) (law numerator) / p, the controller's denominator being a factor of D; C is from
     the displacement sensor's volts to the current.
     """
-    closed = loop_denominator[0] + returned[0], loop_denominator[1] + returned[1]
+    closed = denominator[0] + numerator[0], denominator[1] + numerator[1]
     match kind:
         case "compliance":
             return closed, (disturbance, ZERO)
         case "peak_sensitivity":
-            return closed, loop_denominator
+            return closed, denominator
         case "loop_gain":
-            return loop_denominator, returned
-    if any(divmod(part, law[1])[1] != 0 for part in loop_denominator):
+            return denominator, numerator
+    if any(divmod(part, law[1])[1] != 0 for part in denominator):
         raise Unreadable("the controller's poles are not those of the open loop")
     above, below = law
-    return closed, (loop_denominator[0] / below * above, loop_denominator[1] / below * above)
+    return closed, (denominator[0] / below * above, denominator[1] / below * above)
 
 
 # What the certificate states.
@@ -295,7 +295,7 @@ def _same(stated: Sequence[Table], loops: Sequence[Loop]) -> bool:
 
 
 def _proportional(stated: Sequence[fmpq_poly], loop: Loop) -> bool:
-    own = (*loop.closed, *loop.returned, loop.disturbance)
+    own = (*loop.closed, *loop.loop_numerator, loop.disturbance)
     lead = own[1].degree()
     factor = stated[1][lead] / own[1][lead]
     return factor > 0 and all(one * factor == other for one, other in zip(own, stated, strict=True))
@@ -309,19 +309,19 @@ class Member:
 
     def at(self, gain: fmpq) -> tuple[fmpq_poly, fmpq_poly]:
         """Its characteristic polynomial at one gain, constant and slope in the mass."""
-        loop_denominator, returned = self.loop.loop_denominator, self.loop.returned
-        return loop_denominator[0] + gain * returned[0], loop_denominator[1] + gain * returned[1]
+        denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
+        return denominator[0] + gain * numerator[0], denominator[1] + gain * numerator[1]
 
     def is_stable_over(self, masses: Pair, s: fmpq_poly = S, times: Pair = ONCE) -> bool:
         """Whether it is stable on the rectangle, with s replaced, its gains also times any factor of a range."""
-        loop_denominator, returned = ((p[0](s), p[1](s)) for p in (self.loop.loop_denominator, self.loop.returned))
+        denominator, numerator = ((p[0](s), p[1](s)) for p in (self.loop.loop_denominator, self.loop.loop_numerator))
         gain = self.loop.gain
-        return stable_on_rectangle(loop_denominator, returned, masses, (gain[0] * times[0], gain[1] * times[1]))
+        return stable_on_rectangle(denominator, numerator, masses, (gain[0] * times[0], gain[1] * times[1]))
 
     def _slack(self, bound: Bound, gain: fmpq) -> Slack:
         loop = self.loop
-        returned = gain * loop.returned[0], gain * loop.returned[1]
-        return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, returned, loop.disturbance, loop.law))
+        numerator = gain * loop.loop_numerator[0], gain * loop.loop_numerator[1]
+        return Slack(bound.limit, *magnitudes(bound.kind, loop.loop_denominator, numerator, loop.disturbance, loop.law))
 
     def keeps(self, bound: Bound, masses: Pair) -> bool:
         """Whether an inequality holds on the rectangle: on its sides, on which both magnitudes are least."""
@@ -333,14 +333,14 @@ class Member:
             return False
         if bound.kind == "loop_gain" or gains[0] == gains[1]:
             return True
-        loop_denominator, returned = self.loop.loop_denominator, self.loop.returned
-        if returned[1] != 0:
+        denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
+        if numerator[1] != 0:
             raise Unreadable("mass and gain multiply each other, so that sides do not decide what is to be performed")
         none = fmpq_poly([0])
         for mass in {*masses}:
-            at = loop_denominator[0] + mass * loop_denominator[1]
+            at = denominator[0] + mass * denominator[1]
             (_, _), top = magnitudes(bound.kind, (at, none), (none, none), self.loop.disturbance, self.loop.law)
-            if not Slack(bound.limit, (at, returned[0]), top).nonnegative(*gains, bound.until, bound.start):
+            if not Slack(bound.limit, (at, numerator[0]), top).nonnegative(*gains, bound.until, bound.start):
                 return False
         return True
 

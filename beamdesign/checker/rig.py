@@ -156,14 +156,14 @@ def _within(table: Table, key: str, ends: Pair) -> Pair:
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop over the mass m and a factor g on its gain: denominator + g returned, each (constant, slope) in the mass.
+    """A loop over the mass m and a factor g on its gain: denominator + g numerator, each (constant, slope) in the mass.
 
     Attributes:
         name: where its spans stand, in words; empty where there are none.
         loop_denominator: denominator of L, times that of the controller.
-        returned: numerator of L.
+        loop_numerator: numerator of L.
         disturbance: numerator of the closed loop's compliance.
-        displacement: the part of `returned` that comes from the displacement sensor.
+        displacement: the part of `loop_numerator` that comes from the displacement sensor.
         law: the controller behind it, numerator and denominator.
         gain: factors over which it is to be stable.
         performing: factors over which it is to perform, None where it is not to.
@@ -171,7 +171,7 @@ class Loop:
 
     name: str
     loop_denominator: Polynomials
-    returned: Polynomials
+    loop_numerator: Polynomials
     disturbance: fmpq_poly
     displacement: Polynomials
     law: Polynomials
@@ -181,7 +181,7 @@ class Loop:
     @property
     def closed(self) -> Polynomials:
         """The characteristic polynomial at a factor of one."""
-        return self.loop_denominator[0] + self.returned[0], self.loop_denominator[1] + self.returned[1]
+        return self.loop_denominator[0] + self.loop_numerator[0], self.loop_denominator[1] + self.loop_numerator[1]
 
 
 class Rig:
@@ -287,13 +287,13 @@ class Rig:
             for mass in (0, 1)
         )
         around, back = electronics(self.figures, elements, law.numerators, law.denominator, fmpq_poly)
-        returned, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
+        fed, heavier = (sum((by * at.sensed[name] for name, by in back.items()), ZERO) for at in (bare, loaded))
         own = tuple(back[SENSED[0]] * at.sensed[SENSED[0]] for at in (bare, loaded))
         inside = sum((by * bare.crossed[name] for name, by in back.items()), ZERO)
         return Loop(
             name,
             (bare.determinant * around, (loaded.determinant - bare.determinant) * around),
-            (returned, heavier - returned),
+            (fed, heavier - fed),
             bare.moved * around + inside,
             (own[0], own[1] - own[0]),
             law.of_displacement,

@@ -201,23 +201,21 @@ class Family:
         return self.is_stable(low) and self.is_stable(high) and self.verdict(low, high) is True
 
 
-def stable_on_rectangle(loop_denominator: Polynomials, returned: Polynomials, masses: Pair, gains: Pair) -> bool:
-    """Whether denominator + g returned is stable for every mass and factor g, both affine in the mass.
+def stable_on_rectangle(denominator: Polynomials, numerator: Polynomials, masses: Pair, gains: Pair) -> bool:
+    """Whether denominator + g numerator is stable for every mass and factor g, both affine in the mass.
 
     On a polytope of polynomials of constant degree the edges decide (Bartlett, Hollot and Huang, 1988). Where mass and
     factor multiply each other it is none, and what is inside is looked at as well.
     """
-    over_mass = [Family(loop_denominator[0] + g * returned[0], loop_denominator[1] + g * returned[1]) for g in {*gains}]
-    over_gain = [
-        Family(loop_denominator[0] + m * loop_denominator[1], returned[0] + m * returned[1]) for m in {*masses}
-    ]
+    over_mass = [Family(denominator[0] + g * numerator[0], denominator[1] + g * numerator[1]) for g in {*gains}]
+    over_gain = [Family(denominator[0] + m * denominator[1], numerator[0] + m * numerator[1]) for m in {*masses}]
     sides = all(side.is_stable_over(*masses) for side in over_mass)
     sides = sides and (gains[0] == gains[1] or all(side.is_stable_over(*gains) for side in over_gain))
-    flat = masses[0] == masses[1] or gains[0] == gains[1] or returned[1] == 0
-    return sides and (flat or _clear_inside(loop_denominator, returned, masses, gains))
+    flat = masses[0] == masses[1] or gains[0] == gains[1] or numerator[1] == 0
+    return sides and (flat or _clear_inside(denominator, numerator, masses, gains))
 
 
-def _clear_inside(loop_denominator: Polynomials, returned: Polynomials, masses: Pair, gains: Pair) -> bool:
+def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair, gains: Pair) -> bool:
     """Whether no point inside a rectangle with stable sides has a root on the axis.
 
     If some had, one would have the least w^2 of all, since they keep away from the sides and from w = 0. There the two
@@ -225,7 +223,7 @@ def _clear_inside(loop_denominator: Polynomials, returned: Polynomials, masses: 
     e o' - o e' = 0 twice at once, else a slightly smaller w^2 would be, too. So w^2 is a root of the discriminant of
     that quadratic in m. Each of these is followed until its m, or the g that goes with it, is seen to be outside.
     """
-    (e, o), (e_m, o_m), (e_g, o_g), (e_mg, o_mg) = (parts(p) for p in (*loop_denominator, *returned))
+    (e, o), (e_m, o_m), (e_g, o_g), (e_mg, o_mg) = (parts(p) for p in (*denominator, *numerator))
     square, straight, constant = (
         e_m * o_mg - o_m * e_mg,
         e_m * o_g + e * o_mg - o_m * e_g - o * e_mg,

@@ -30,8 +30,8 @@ def loop_table(loop: Loop) -> Tables:
     named = {
         "p0": loop.characteristic.constant,
         "p1": loop.characteristic.slope,
-        "returned": loop.returned.constant,
-        "returned_slope": loop.returned.slope,
+        "returned": loop.loop_numerator.constant,
+        "returned_slope": loop.loop_numerator.slope,
         "disturbance": loop.disturbance,
     }
     factor, divisor = fmpq(1), fmpq(0)

@@ -41,7 +41,7 @@ class Closed(Protocol):
         """Denominator of L."""
 
     @property
-    def returned(self) -> Affine:
+    def loop_numerator(self) -> Affine:
         """Numerator of L."""
 
     @property
@@ -62,7 +62,7 @@ MAGNITUDES: dict[Kind, Magnitude] = {
     "tip_compliance": Magnitude("tip", "characteristic", "|x/F_d|"),
     "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
     "peak_sensitivity": Magnitude("loop_denominator", "characteristic", "|1/(1+L)|"),
-    "loop_gain": Magnitude("returned", "loop_denominator", "|L|"),
+    "loop_gain": Magnitude("loop_numerator", "loop_denominator", "|L|"),
     "controller_effort": Magnitude("demanded", "characteristic", "|C S|"),
 }
 
@@ -281,7 +281,7 @@ def least_of(kind: Kind, loop: Closed, ends: tuple[fmpq, fmpq], from_Hz: float =
     """The least limit of a magnitude that is proved of a loop that is stable, to 1e-4 and rounded up to 5 digits."""
     above, below = (getattr(loop, name) for name in MAGNITUDES[kind][:2])
     if kind == "peak_sensitivity":
-        start = sampled_peak(loop.loop_denominator, loop.returned, *ends)
+        start = sampled_peak(loop.loop_denominator, loop.loop_numerator, *ends)
     else:
         start = sampled_ratio(above, below, from_Hz, *ends)
     return least_proved(start, lambda limit: keeps(kind, loop, limit, ends, from_Hz), _LARGEST_LIMIT)
@@ -321,9 +321,9 @@ def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
     return sorted({float(mass) for mass in np.linspace(nearest(low), nearest(high), 5)})
 
 
-def sampled_peak(loop_denominator: Affine, returned: Affine, low: fmpq, high: fmpq) -> float:
+def sampled_peak(denominator: Affine, numerator: Affine, low: fmpq, high: fmpq) -> float:
     """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
-    parts = (loop_denominator.constant, loop_denominator.slope, returned.constant, returned.slope)
+    parts = (denominator.constant, denominator.slope, numerator.constant, numerator.slope)
     degree = max(polynomial.degree() for polynomial in parts)
     constant, slope, fed_back, fed_back_slope = (_floats(part, degree) for part in parts)
 

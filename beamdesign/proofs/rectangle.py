@@ -58,19 +58,19 @@ class Inside:
 
 
 def axis_inside(
-    loop_denominator: Affine, returned: Affine, masses: tuple[fmpq, fmpq], factors: tuple[fmpq, fmpq]
+    denominator: Affine, numerator: Affine, masses: tuple[fmpq, fmpq], factors: tuple[fmpq, fmpq]
 ) -> Inside | None:
-    """A point inside a rectangle at which denominator + g returned has a root on the imaginary axis; None if none has.
+    """A point inside a rectangle at which denominator + g numerator has a root on the imaginary axis; None if none has.
 
     Args:
-        loop_denominator: over the mass.
-        returned: likewise.
+        denominator: over the mass.
+        numerator: likewise.
         masses: least and largest.
         factors: least and largest; all four sides are stable.
     """
-    if masses[0] == masses[1] or factors[0] == factors[1] or returned.slope.is_zero():
+    if masses[0] == masses[1] or factors[0] == factors[1] or numerator.slope.is_zero():
         return None  # the sides decide
-    parts = _Parts(loop_denominator, returned)
+    parts = _Parts(denominator, numerator)
     if parts.discriminant.is_zero():
         return Inside(float("nan"), float("nan"), float("nan"), decided=False)
     left = None
@@ -90,14 +90,9 @@ def axis_inside(
 class _Parts:
     """E and O as bilinear functions of m and g, and R(g) = q_0 + q_1 g + q_2 g^2, all over x = w^2."""
 
-    def __init__(self, loop_denominator: Affine, returned: Affine):
-        self.even, self.odd = zip(
-            *(
-                even_odd(p)
-                for p in (loop_denominator.constant, loop_denominator.slope, returned.constant, returned.slope)
-            ),
-            strict=True,
-        )
+    def __init__(self, denominator: Affine, numerator: Affine):
+        parts = (denominator.constant, denominator.slope, numerator.constant, numerator.slope)
+        self.even, self.odd = zip(*map(even_odd, parts), strict=True)
         (e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg) = self.even, self.odd
         self.q0 = e * o_m - o * e_m
         self.q1 = e * o_mg + e_g * o_m - o * e_mg - o_g * e_m
@@ -232,10 +227,10 @@ class Rectangle:
 
     def inside(self, rate: fmpq | None = None) -> Inside | None:
         """A point inside with a root on the axis, or to the right of -rate, where the sides have none; None if none."""
-        loop_denominator, returned = self.loop.loop_denominator, self.loop.returned
+        denominator, numerator = self.loop.loop_denominator, self.loop.loop_numerator
         if rate is not None:
-            loop_denominator, returned = shifted(loop_denominator, rate), shifted(returned, rate)
-        return axis_inside(loop_denominator, returned, (self.low, self.high), (self.least, self.most))
+            denominator, numerator = shifted(denominator, rate), shifted(numerator, rate)
+        return axis_inside(denominator, numerator, (self.low, self.high), (self.least, self.most))
 
     @property
     def stable(self) -> bool:
@@ -255,7 +250,7 @@ class Rectangle:
 
 def scaled(loop: Loop, factor: fmpq) -> Loop:
     """A loop with its gain times a factor."""
-    return loop if factor == 1 else replace(loop, returned=loop.returned * factor)
+    return loop if factor == 1 else replace(loop, loop_numerator=loop.loop_numerator * factor)
 
 
 def over_gain(loop: Loop, mass: fmpq) -> Loop:
@@ -265,7 +260,7 @@ def over_gain(loop: Loop, mass: fmpq) -> Loop:
     """
     return Loop(
         Affine(loop.loop_denominator.at(mass), _ZERO),
-        Affine(_ZERO, loop.returned.at(mass)),
+        Affine(_ZERO, loop.loop_numerator.at(mass)),
         loop.disturbance,
         None if loop.demanded is None else Affine(loop.demanded.at(mass), _ZERO),
     )

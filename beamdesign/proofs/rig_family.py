@@ -148,9 +148,9 @@ def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), 
         ]
         denominator = sum((c * s**i for i, c in enumerate(law.denominator.coeffs())), zero)
     gain = variable["controller_gain"] * variable.get(_FACTOR, 1) * variable[TRANSPORT]
-    returned = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
+    loop_numerator = sum((one * by for one, by in zip(numerators, seen, strict=True)), zero)
     form = read_once(
-        loop_denominator * denominator + gain * returned, [name for name in values if name != "delay"], TRANSPORT
+        loop_denominator * denominator + gain * loop_numerator, [name for name in values if name != "delay"], TRANSPORT
     )
     positive = [name for name in values if name not in _frozen(found)]
     return Family(prototype.name, form.p, values, form.leaves, form.bound, {TRANSPORT: "delay"}, form.groups, positive)

@@ -132,7 +132,7 @@ def plot_root_locus(axes: Axes, loop: LoopAtMass, factors: Sequence[float], mark
     """
 
     def poles(factor: float) -> np.ndarray:
-        return LoopAtMass(loop.loop_denominator, loop.returned * exact(factor), loop.disturbance).poles()
+        return LoopAtMass(loop.loop_denominator, loop.loop_numerator * exact(factor), loop.disturbance).poles()
 
     branches = _branches([poles(factor) for factor in factors])
     axes.plot(branches.real, branches.imag, color="0.45", linewidth=1.3)

@@ -255,7 +255,7 @@ def stable_gains(loop: Loop, mass_kg: float) -> list[tuple[float, float]]:
     stable = []
     for start, end in pairwise(edges):
         inside = (start + end) / 2 if end < inf else 2 * start + 1
-        if end > start and is_hurwitz(here.loop_denominator + here.returned * exact(inside)):
+        if end > start and is_hurwitz(here.loop_denominator + here.loop_numerator * exact(inside)):
             stable.append((start, end))
     return stable
 

@@ -184,7 +184,7 @@ def test_poles_and_zeros():
 def test_roots_that_stay_finite_at_a_very_high_gain():
     """The paper's recipe for zeros: raise the feedback gain and see which eigenvalues do not run off."""
     closed = loop(proportional(1.0))
-    at = replace(closed, returned=closed.returned * exact(1e12)).at(0.0)
+    at = replace(closed, loop_numerator=closed.loop_numerator * exact(1e12)).at(0.0)
     finite = [root for root in at.poles() if abs(root) < 1e4]
     np.testing.assert_allclose(np.sort_complex(finite), np.sort_complex(at.open_loop_zeros()), rtol=1e-3)
 

@@ -98,7 +98,7 @@ class BothPlanes:
         for i, loop in enumerate(self.loops):
             rows[i][i] += loop.cut.constant
             for j in range(3):
-                rows[i][j] += sensed[i, j] * (loop.returned.constant - loop.added.constant)
+                rows[i][j] += sensed[i, j] * (loop.loop_numerator.constant - loop.added.constant)
         rows[2][2] += self.torsion
         (a, b, c), (d, e, f), (g, h, k) = rows
         return a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g)
@@ -133,7 +133,7 @@ class BothPlanes:
             scale = _values(fmpq_poly(passive.slope.coeffs()[2:]), s)
             stiffness[:, i, i] = _values(passive.constant, s) / scale
             if servo:
-                fed = _values(loop.returned.constant - loop.added.constant, s) / scale
+                fed = _values(loop.loop_numerator.constant - loop.added.constant, s) / scale
                 stiffness[:, i, :] += fed[:, None] * sensed[i]
                 force[:, i, 1 + i] -= fed * int(plane.sensed_residual.p) / int(plane.sensed_residual.q)
         stiffness[:, 2, 2] = _values(self.torsion, s)

@@ -214,13 +214,13 @@ def plane_figures(prototype: Prototype, name: Name, figures: ArmFigures | None =
 class PlaneLoop:
     """The loop of one plane in exact polynomials of s, all affine in the payload m (kg).
 
-    Over the characteristic stand `loop_denominator` (sensitivity), `returned` (with the opposite sign, the command),
+    Over `characteristic` stand `loop_denominator` (sensitivity), `loop_numerator` (with its sign changed, the command),
     `tip`, `load` and `roll`.
 
     Attributes:
         figures: of the payload in this plane.
         loop_denominator: denominator of the loop transfer function.
-        returned: its numerator.
+        loop_numerator: its numerator.
         demanded: numerator of C S.
         tip: tip displacement per force on the tip, m/N.
         load: displacement of the payload's centre per force on it, m/N.
@@ -229,7 +229,7 @@ class PlaneLoop:
 
     figures: PlaneFigures
     loop_denominator: Affine
-    returned: Affine
+    loop_numerator: Affine
     demanded: Affine
     tip: Affine
     load: Affine
@@ -238,20 +238,20 @@ class PlaneLoop:
     @cached_property
     def characteristic(self) -> Affine:
         """Closed-loop characteristic polynomial."""
-        return self.loop_denominator + self.returned
+        return self.loop_denominator + self.loop_numerator
 
     def at(self, payload: float) -> LoopAtMass:
         """The loop at one payload, kg; its compliance is that of the tip."""
         mass = exact(payload)
         return LoopAtMass(
-            self.loop_denominator.at(mass), self.returned.at(mass), self.tip.at(mass), self.demanded.at(mass)
+            self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.tip.at(mass), self.demanded.at(mass)
         )
 
     def at_load(self, payload: float) -> LoopAtMass:
         """The same with the compliance of the payload's centre."""
         mass = exact(payload)
         return LoopAtMass(
-            self.loop_denominator.at(mass), self.returned.at(mass), self.load.at(mass), self.demanded.at(mass)
+            self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.load.at(mass), self.demanded.at(mass)
         )
 
 
@@ -298,11 +298,13 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
 
     assert single.demanded is not None  # the loop of a prototype knows its controller
-    fed = single.returned.constant - single.added.constant
+    fed = single.loop_numerator.constant - single.added.constant
     cut, seen, seen_roll = single.cut.constant, figures.sensed_travel, figures.sensed_lever
     loop_denominator = joined(single.loop_denominator)
-    returned = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll)) + joined(single.added)
-    characteristic = loop_denominator + returned
+    loop_numerator = Affine(seen * fed * t, _S2 * fed * e * (seen * e - figures.travel * seen_roll)) + joined(
+        single.added
+    )
+    characteristic = loop_denominator + loop_numerator
     # A force on the payload is free of its mass up to the characteristic polynomial: the mass stands beside it.
     load = figures.travel**2 * single.disturbance * t + e**2 * cut
     load += e * (seen * e - figures.travel * seen_roll) * fed - figures.sensed_residual * figures.travel * fed * t
@@ -310,7 +312,7 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
     return PlaneLoop(
         figures,
         loop_denominator,
-        returned,
+        loop_numerator,
         joined(single.demanded),
         joined(Affine(single.disturbance, zero)),
         Affine(load + figures.residual * characteristic.constant, figures.residual * characteristic.slope),
