@@ -32,16 +32,16 @@ class Loop:
         loop_denominator: denominator of L, the plant's times the controller's.
         loop_numerator: numerator of L; free of m where the displacement alone is fed back.
         disturbance: numerator of the closed-loop compliance x / F_d, free of m.
-        demanded: numerator of C S, current over noise of the displacement sensor and, but for the sign and a law's own
-            `b_command`, over command volts; C is what the controller makes of that sensor. Of the same denominator as
-            S; None where it is not known.
+        effort_numerator: numerator of C S, current over noise of the displacement sensor and, but for the sign and a
+            law's own `b_command`, over command volts; C is what the controller makes of that sensor. Of the same
+            denominator as S; None where it is not known.
         added: the part of `loop_numerator` that comes from added sensors, all but the displacement's; zero without any.
     """
 
     loop_denominator: Affine
     loop_numerator: Affine
     disturbance: fmpq_poly
-    demanded: Affine | None = None
+    effort_numerator: Affine | None = None
     added: Affine = field(default_factory=lambda: Affine(fmpq_poly([0]), fmpq_poly([0])))
 
     @cached_property
@@ -62,8 +62,8 @@ class Loop:
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
         mass = exact(outer_end_mass)
-        demanded = None if self.demanded is None else self.demanded.at(mass)
-        return LoopAtMass(self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.disturbance, demanded)
+        effort = None if self.effort_numerator is None else self.effort_numerator.at(mass)
+        return LoopAtMass(self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.disturbance, effort)
 
 
 def close_loop(plant: Plant, controller: Controller) -> Loop:
@@ -81,7 +81,7 @@ def close_loop(plant: Plant, controller: Controller) -> Loop:
         loop_denominator=plant.denominator * law.denominator,
         loop_numerator=sum(others, own),
         disturbance=sum(crossed, plant.disturbance * law.denominator),
-        demanded=plant.denominator * law.numerators[0],
+        effort_numerator=plant.denominator * law.numerators[0],
         added=sum(others, own * fmpq(0)),
     )
 
@@ -138,7 +138,7 @@ class LoopAtMass:
     loop_denominator: fmpq_poly
     loop_numerator: fmpq_poly
     disturbance: fmpq_poly
-    demanded: fmpq_poly | None = None
+    effort_numerator: fmpq_poly | None = None
 
     @cached_property
     def characteristic(self) -> fmpq_poly:
@@ -196,9 +196,9 @@ class LoopAtMass:
         Raises:
             ValueError: for a loop whose controller is not known apart from its plant.
         """
-        if self.demanded is None:
+        if self.effort_numerator is None:
             raise ValueError("the controller of this loop is not known apart from its plant")
-        return _respond(self.demanded, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+        return _respond(self.effort_numerator, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
 
     def static_compliance(self) -> float:
         """Closed-loop x / F_d at zero frequency, m/N."""

@@ -460,7 +460,7 @@ def test_an_arm_takes_it(rig: Prototype) -> None:
         own.loop_denominator,
         own.loop_numerator,
     )
-    assert (plane.disturbance, plane.demanded) == (own.disturbance, own.demanded)
+    assert (plane.disturbance, plane.effort_numerator) == (own.disturbance, own.effort_numerator)
     off = link.but(arm=Arm(end_polar_inertia_kg_m2=0.01, offset_m=(0.05, 0.1, 0.0), sensor_m=(0.0, 0.05, 0.0)))
     found = certify_plane(off, "z", 0.0, 3.0)
     model, plane = Plane(tomllib.loads(found.text)), plane_loop(off, "z").at(2.5)

@@ -63,7 +63,7 @@ MAGNITUDES: dict[Kind, Magnitude] = {
     "load_compliance": Magnitude("load", "characteristic", "|x/F_d|"),
     "peak_sensitivity": Magnitude("loop_denominator", "characteristic", "|1/(1+L)|"),
     "loop_gain": Magnitude("loop_numerator", "loop_denominator", "|L|"),
-    "controller_effort": Magnitude("demanded", "characteristic", "|C S|"),
+    "controller_effort": Magnitude("effort_numerator", "characteristic", "|C S|"),
 }
 
 

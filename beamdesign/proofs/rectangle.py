@@ -262,7 +262,7 @@ def over_gain(loop: Loop, mass: fmpq) -> Loop:
         Affine(loop.loop_denominator.at(mass), _ZERO),
         Affine(_ZERO, loop.loop_numerator.at(mass)),
         loop.disturbance,
-        None if loop.demanded is None else Affine(loop.demanded.at(mass), _ZERO),
+        None if loop.effort_numerator is None else Affine(loop.effort_numerator.at(mass), _ZERO),
     )
 
 

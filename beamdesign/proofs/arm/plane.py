@@ -19,7 +19,7 @@ depend on where the displacement is measured: p0 and q are those of the loop tha
 A payload with offsets to both sides couples both planes and is in `beamdesign.proofs.arm.both_planes`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -221,7 +221,7 @@ class PlaneLoop:
         figures: of the payload in this plane.
         loop_denominator: denominator of the loop transfer function.
         loop_numerator: its numerator.
-        demanded: numerator of C S.
+        effort_numerator: numerator of C S.
         tip: tip displacement per force on the tip, m/N.
         load: displacement of the payload's centre per force on it, m/N.
         roll: rotation about the axis per force on the payload's centre, rad/N.
@@ -230,7 +230,7 @@ class PlaneLoop:
     figures: PlaneFigures
     loop_denominator: Affine
     loop_numerator: Affine
-    demanded: Affine
+    effort_numerator: Affine
     tip: Affine
     load: Affine
     roll: Affine
@@ -243,16 +243,12 @@ class PlaneLoop:
     def at(self, payload: float) -> LoopAtMass:
         """The loop at one payload, kg; its compliance is that of the tip."""
         mass = exact(payload)
-        return LoopAtMass(
-            self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.tip.at(mass), self.demanded.at(mass)
-        )
+        families = self.loop_denominator, self.loop_numerator, self.tip, self.effort_numerator
+        return LoopAtMass(*(one.at(mass) for one in families))
 
     def at_load(self, payload: float) -> LoopAtMass:
         """The same with the compliance of the payload's centre."""
-        mass = exact(payload)
-        return LoopAtMass(
-            self.loop_denominator.at(mass), self.loop_numerator.at(mass), self.load.at(mass), self.demanded.at(mass)
-        )
+        return replace(self.at(payload), disturbance=self.load.at(exact(payload)))
 
 
 def single_loop(prototype: Prototype, name: Name) -> Loop:
@@ -297,7 +293,7 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         """A polynomial that is affine in the impedance on the tip, with the payload's m s^2 g / (1 + m s^2 e^2 / t)."""
         return Affine(part.constant * t, g * part.slope * t + e**2 * _S2 * part.constant)
 
-    assert single.demanded is not None  # the loop of a prototype knows its controller
+    assert single.effort_numerator is not None  # the loop of a prototype knows its controller
     fed = single.loop_numerator.constant - single.added.constant
     cut, seen, seen_roll = single.cut.constant, figures.sensed_travel, figures.sensed_lever
     loop_denominator = joined(single.loop_denominator)
@@ -313,7 +309,7 @@ def couple(single: Loop, figures: PlaneFigures) -> PlaneLoop:
         figures,
         loop_denominator,
         loop_numerator,
-        joined(single.demanded),
+        joined(single.effort_numerator),
         joined(Affine(single.disturbance, zero)),
         Affine(load + figures.residual * characteristic.constant, figures.residual * characteristic.slope),
         roll,
