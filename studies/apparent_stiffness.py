@@ -46,7 +46,8 @@ def main() -> None:
         print(
             f"{stiffness:g} N/m: within 10 % up to {best.band_Hz:.4g} Hz, command up to {best.command_Hz:.4g} Hz,"
             f" {contact}, lasting contact up to {best.stiffest_wall_N_per_m:.4g} N/m, one-sided walls up to"
-            f" {best.bouncing.stiffness_N_per_m:.4g} N/m; {servo}, force filter {best.law.force_filter_Hz:g} Hz",
+            f" {best.unilateral_contact.stiffness_N_per_m:.4g} N/m; {servo},"
+            f" force filter {best.law.force_filter_Hz:g} Hz",
             flush=True,
         )
     save(plot_apparent_stiffness(new_figure(230.0, 105.0), prototype, found), given.picture.with_suffix(""), ("svg",))

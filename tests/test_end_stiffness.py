@@ -285,9 +285,9 @@ def test_popovs_criterion_is_what_is_proved_of_one_sided_walls(rig: Prototype, j
     """1 / k + Re[(1 + j w q) x / F] by the impedances, on a grid, and against the exact quadratic in the mass."""
     frequencies = np.geomspace(0.01, 3000, 3000)
     w = 2 * np.pi * frequencies
-    assert judged["soft"].bouncing.whole
+    assert judged["soft"].unilateral_contact.whole
     for found in judged.values():
-        wall, q = found.bouncing.stiffness_N_per_m, found.bouncing.multiplier_s
+        wall, q = found.unilateral_contact.stiffness_N_per_m, found.unilateral_contact.multiplier_s
         assert wall > 0
         for mass in (0.0, 1.7, 6.8):
             popov = 1 / wall + ((1 + 1j * w * q) / apparent(rig, found.law, mass, frequencies)).real
@@ -521,7 +521,7 @@ def test_the_structured_servo_comes_to_rest_at_the_walls_that_are_proved_and_not
     """Proved to 0.26 MN/m, leaning as well as striking; at 1 MN/m, which refutes it, the simulated tip runs away."""
     rig = read_prototype(PROTOTYPES / "structured.toml")
     found = judge(rig, None, MASSES_KG, WALL)
-    assert 2e5 < found.bouncing.stiffness_N_per_m <= found.stiffest_wall_N_per_m < 1e6
+    assert 2e5 < found.unilateral_contact.stiffness_N_per_m <= found.stiffest_wall_N_per_m < 1e6
     nudge, strike = Step(amplitude_N=20.0, at_s=0.05, length_s=0.02), Step(amplitude_N=150.0, at_s=0.05, length_s=0.5)
     given = Scenario(
         name="walls",

@@ -241,7 +241,7 @@ def _servo(record: "Prototype", source: Path) -> "Cascade":
 _STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo_stiffness_N_per_m=servo_N_per_m
     stiffness_band_Hz=band_Hz command_bandwidth_Hz=command_Hz command_at_rest peak_sensitivity stable
     passive=passivity.holds wall_stable=contact.holds stiffest_wall_N_per_m
-    one_sided_wall_N_per_m=bouncing.stiffness_N_per_m"""
+    one_sided_wall_N_per_m=unilateral_contact.stiffness_N_per_m"""
 
 
 def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:

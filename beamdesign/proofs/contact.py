@@ -156,7 +156,7 @@ _S = fmpq_poly([0, 1])
 
 
 @dataclass(frozen=True)
-class Bouncing:
+class UnilateralContact:
     """One-sided springs with which the loop comes to rest, for every end mass of a range.
 
     Attributes:
@@ -181,10 +181,10 @@ def popov_slack(tip: Tip, stiffness: fmpq, multiplier: fmpq) -> Coefficients:
     )
 
 
-def bouncing(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> Bouncing:
+def unilateral_contact(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> UnilateralContact:
     """Find the stiffest one-sided wall, up to the one given (N/m), that is proved for every end mass (kg)."""
     if not is_stable_over(tip.over_mass, *masses):
-        return Bouncing(0.0, 0.0, False)
+        return UnilateralContact(0.0, 0.0, False)
 
     def proves(wall: fmpq, multiplier: float) -> bool:
         slack = popov_slack(tip, wall * _STRICTLY, exact(multiplier))
@@ -192,7 +192,7 @@ def bouncing(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> Bouncing:
 
     for multiplier in MULTIPLIERS_S:
         if proves(stiffness, multiplier):
-            return Bouncing(nearest(stiffness), multiplier, True)
+            return UnilateralContact(nearest(stiffness), multiplier, True)
     best, chosen = fmpq(1), None
     for multiplier in MULTIPLIERS_S:
         if not proves(best * fmpq(11, 10), multiplier):
@@ -203,8 +203,8 @@ def bouncing(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> Bouncing:
             low, high = (middle, high) if proves(middle, multiplier) else (low, middle)
         best = low
     if chosen is None:
-        return Bouncing(0.0, 0.0, False)
-    return Bouncing(nearest(shortened(best, 4)), chosen, False)
+        return UnilateralContact(0.0, 0.0, False)
+    return UnilateralContact(nearest(shortened(best, 4)), chosen, False)
 
 
 # Up to which frequency the end has the stiffness that it is told to have, and follows its command.

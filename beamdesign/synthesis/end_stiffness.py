@@ -25,14 +25,14 @@ from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.contact import (
-    Bouncing,
     Contact,
+    UnilateralContact,
     Wall,
-    bouncing,
     guaranteed_command_band,
     guaranteed_stiffness_band,
     prove_contact,
     stiffest_wall,
+    unilateral_contact,
 )
 from beamdesign.proofs.passivity import Environment, Passivity, active_bands, passivity, troublemaker
 from beamdesign.proofs.performance import least_of
@@ -142,7 +142,7 @@ class EndStiffness:
         troublemaker: a passive environment that makes a loop grow which is stable, but not passive.
         contact: with the walls asked about.
         stiffest_wall_N_per_m: up to which every wall of the range is stable with every end mass.
-        bouncing: one-sided walls that it may touch and leave.
+        unilateral_contact: one-sided walls that it may touch and leave.
     """
 
     law: CompliantLaw | None
@@ -158,7 +158,7 @@ class EndStiffness:
     troublemaker: Environment | None
     contact: Contact
     stiffest_wall_N_per_m: float
-    bouncing: Bouncing
+    unilateral_contact: UnilateralContact
 
     def meets(self, need: Need) -> bool:
         """Whether contact is proved to be as asked."""
@@ -227,7 +227,7 @@ def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float
         troublemaker(port, passive.bands, low) if stable else None,
         contact,
         nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(port, (low, high), wall),
-        bouncing(port, (low, high), wall.stiffness[1]),
+        unilateral_contact(port, (low, high), wall.stiffness[1]),
     )
 
 

@@ -106,7 +106,7 @@ def _tables(found: EndStiffness, wall: Wall) -> Tables:
         "stability": {"stable": found.stable},
         "passivity": passivity,
         "contact": contact,
-        "bouncing": stated(picked(found.bouncing, "stiffness_N_per_m multiplier_s")),
+        "bouncing": stated(picked(found.unilateral_contact, "stiffness_N_per_m multiplier_s")),
         "stiffness": {
             "end_stiffness_N_per_m": text(exact(found.end_stiffness_N_per_m)),
             "share": text(exact(SHARE)),
@@ -152,7 +152,7 @@ def in_words(found: EndStiffness, wall: Wall) -> list[str]:
         reach = found.stiffest_wall_N_per_m
         lines.append(f"Refuted: stable against {walls}; {found.contact.reason}.")
         lines.append(f"Proved: stable against walls up to {reach:g} N/m." if reach > 0 else "No wall is proved stable.")
-    touched = found.bouncing
+    touched = found.unilateral_contact
     if touched.stiffness_N_per_m > 0:
         lines.append(
             f"Proved: comes to rest at any one-sided wall up to {touched.stiffness_N_per_m:g} N/m, touching and"
