@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
+from beamdesign.build.tolerances import why_no_box
 from beamdesign.files import write_whole
 from beamdesign.loop import CriticalGain, critical_gain, loop
-from beamdesign.structure.lumped import lumped_beam
-from beamdesign.synthesis.operating_limits import envelope, rated_current
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify
@@ -27,8 +26,9 @@ from beamdesign.proofs.rig_family import rig_values
 from beamdesign.prototype import Prototype, write_prototype
 from beamdesign.records import to_toml
 from beamdesign.scenario import CHANNELS, Input, LoadSteps, Multisine, Scenario, ScenarioRecord, inputs_of
-from beamdesign.build.tolerances import why_no_box
 from beamdesign.spelling import shorter
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.synthesis.operating_limits import envelope, rated_current
 
 MEASURED_WITHIN = 0.05
 """Relative error allowed to the measurement of a compliance or a critical gain, beyond the bands."""

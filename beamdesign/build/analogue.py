@@ -8,15 +8,15 @@ from typing import Literal
 import numpy as np
 from flint import fmpq
 
+from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, values_between
+from beamdesign.build.realisation.sections import Factor, apart, factored
 from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify
-from beamdesign.rational import nearest
 from beamdesign.proofs.rig_family import Family, rig_family
 from beamdesign.prototype import Prototype
-from beamdesign.build.realisation.sections import Factor, apart, factored
-from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighbours, values_between
+from beamdesign.rational import nearest
 
 SERIES: tuple[tuple[Series, Series], ...] = (("E24", "E6"), ("E96", "E6"), ("E96", "E12"))
 RESISTORS, CAPACITORS = (0.01, 0.05), (0.05, 0.1)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from beamdesign.controllers import Controller
 from beamdesign.build.realisation.law import Arithmetic, LinearLaw, coefficients_of, float64, linear_law, one_period
 from beamdesign.build.realisation.sections import DiscreteLaw, discretised, factored, highest_Hz, laws_of
+from beamdesign.controllers import Controller
 
 DIGITS = 12
 _PER_CROSSOVER = 40.0

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-from beamdesign.structure import section
 from beamdesign.prototype import Beam, Prototype
-from beamdesign.report.drawing import drawable
 from beamdesign.quantity_text import tube_text
+from beamdesign.report.drawing import drawable
 from beamdesign.spelling import in_dxf, one_line
+from beamdesign.structure import section
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing

@@ -5,14 +5,6 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from beamdesign.files import fresh_folder, write_whole
-from beamdesign.json_text import json_text
-from beamdesign.proofs.certificate import Guaranteed
-from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
-from beamdesign.records import Record, to_toml
-from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Table, to_html, to_markdown
-from beamdesign.quantity_text import at_least, at_most, decimal, quantity
-from beamdesign.scenario import LoadSteps, Multisine, ScenarioRecord
 from beamdesign.build.acceptance import (
     MEASURED_WITHIN,
     AcceptanceAtMass,
@@ -32,6 +24,14 @@ from beamdesign.build.words_control import (
     guaranteed,
     tolerance_part,
 )
+from beamdesign.files import fresh_folder, write_whole
+from beamdesign.json_text import json_text
+from beamdesign.proofs.certificate import Guaranteed
+from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
+from beamdesign.quantity_text import at_least, at_most, decimal, quantity
+from beamdesign.records import Record, to_toml
+from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Table, to_html, to_markdown
+from beamdesign.scenario import LoadSteps, Multisine, ScenarioRecord
 
 BASIS = {
     "guaranteed": "proved",

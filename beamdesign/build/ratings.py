@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from beamdesign.build.tolerances import why_no_box
 from beamdesign.loop import loop
-from beamdesign.synthesis.operating_limits import Envelope, demand, envelope, smaller_side
+from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import rig_family
 from beamdesign.prototype import InStage, Prototype
-from beamdesign.plant.effects import library
-from beamdesign.build.tolerances import why_no_box
+from beamdesign.synthesis.operating_limits import Envelope, demand, envelope, smaller_side
 
 if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Guaranteed

@@ -9,13 +9,15 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from beamdesign.synthesis.checks import Check, CheckedPair
+from beamdesign.build.acceptance import acceptance
+from beamdesign.build.folder import document_of
+from beamdesign.build.specification import specification_of
 from beamdesign.files import write_set
 from beamdesign.loop import loop
-from beamdesign.structure.lumped import LumpedBeam, lumped_beam, notes
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.lyapunov import CHANGES_NAME
 from beamdesign.prototype import Beam, InStage, Prototype
+from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
 from beamdesign.report.page import (
@@ -32,12 +34,10 @@ from beamdesign.report.page import (
     to_markdown,
 )
 from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
-from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.report.statements import price_words, statements
 from beamdesign.report.trade import TradePoint, read_trade
-from beamdesign.build.acceptance import acceptance
-from beamdesign.build.folder import document_of
-from beamdesign.build.specification import specification_of
+from beamdesign.structure.lumped import LumpedBeam, lumped_beam, notes
+from beamdesign.synthesis.checks import Check, CheckedPair
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun
 
 FILES = {

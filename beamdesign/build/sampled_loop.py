@@ -20,11 +20,11 @@ import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.controllers import SENSED
+from beamdesign.plant.linearised import SEEN
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
-from beamdesign.rational import nearest
 from beamdesign.prototype import Prototype
-from beamdesign.plant.linearised import SEEN
+from beamdesign.rational import nearest
 
 _BITS = 128
 _PIECES, _TRIED = 4000, 50

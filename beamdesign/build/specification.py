@@ -4,15 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from beamdesign.loop import loop
-from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.certificate import Certificate, Guaranteed
-from beamdesign.proofs.certifying import certify, guaranteed_by_all
-from beamdesign.proofs.lyapunov import Switching, switching
-from beamdesign.proofs.mass_family import stage_families
-from beamdesign.prototype import InStage, Prototype
-from beamdesign.build.realisation.loop import realised_loop
-from beamdesign.records import InputError
 from beamdesign.build.acceptance import (
     DURATION_S,
     AcceptanceAtMass,
@@ -28,9 +19,18 @@ from beamdesign.build.difference_equation import (
     upper_break_Hz,
 )
 from beamdesign.build.ratings import Ratings, SensorNeed, ratings, sensor_need
+from beamdesign.build.realisation.loop import realised_loop
 from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.build.tubes import StockChoice, stock_choices
+from beamdesign.loop import loop
+from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.certificate import Certificate, Guaranteed
+from beamdesign.proofs.certifying import certify, guaranteed_by_all
+from beamdesign.proofs.lyapunov import Switching, switching
+from beamdesign.proofs.mass_family import stage_families
+from beamdesign.prototype import InStage, Prototype
+from beamdesign.records import InputError
 from beamdesign.synthesis.design_run import DesignRun
 
 STANDARD_GRAVITY = 9.80665

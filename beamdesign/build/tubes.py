@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from beamdesign.structure import beam
-from beamdesign.structure import section
-from beamdesign.structure.lumped import lumped_beam
-from beamdesign.structure.materials import material
 from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.quantity_text import tube_text
+from beamdesign.structure import beam, section
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.materials import material
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
 

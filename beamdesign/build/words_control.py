@@ -4,16 +4,16 @@ import hashlib
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from math import isinf
 
-from beamdesign.proofs.lyapunov import CHANGES_NAME, describe
-from beamdesign.rational import nearest
-from beamdesign.report.page import Block, Code, Items, Paragraph, Part, Table
-from beamdesign.quantity_text import decimal, mass_range_text, quantity
-from beamdesign.report.statements import proved_statements
 from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.sampled_loop import SampledVerdict
 from beamdesign.build.specification import LawSpecification, Specification
 from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.build.words_build import masses_text, optional
+from beamdesign.proofs.lyapunov import CHANGES_NAME, describe
+from beamdesign.quantity_text import decimal, mass_range_text, quantity
+from beamdesign.rational import nearest
+from beamdesign.report.page import Block, Code, Items, Paragraph, Part, Table
+from beamdesign.report.statements import proved_statements
 
 
 def guaranteed(law: LawSpecification) -> Part:

@@ -5,10 +5,10 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from beamdesign.files import write_set
 from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, c_files
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.build.realisation.verdict import Judgement
+from beamdesign.files import write_set
 
 
 def notes(found: Judgement, masses_kg: tuple[float, float]) -> tuple[str, ...]:

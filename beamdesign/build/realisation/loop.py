@@ -16,12 +16,12 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
-from beamdesign.polynomial import exact
-from beamdesign.rational import nearest
-from beamdesign.prototype import Prototype
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.realise import Realisation, floats
 from beamdesign.build.sampled_loop import HeldPlant, SampledVerdict, held_plant, prove_sampled
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest
 
 _BITS = 128
 

@@ -14,8 +14,6 @@ from typing import Literal
 import numpy as np
 from flint import fmpq_mat
 
-from beamdesign.controllers import Controller, TransferFunction
-from beamdesign.prototype import Prototype
 from beamdesign.build.realisation.law import (
     Coefficient,
     LinearLaw,
@@ -26,6 +24,8 @@ from beamdesign.build.realisation.law import (
     states_of,
 )
 from beamdesign.build.realisation.sections import Channel, DiscreteLaw, Section, discretised
+from beamdesign.controllers import Controller, TransferFunction
+from beamdesign.prototype import Prototype
 
 LEAST_WORD, LARGEST_WORD = 8, 32
 FULL_SCALE_V = 10.0

@@ -17,14 +17,14 @@ from math import atan, degrees, inf, log10, pi
 import numpy as np
 from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.controllers import Controller
-from beamdesign.loop import LoopAtMass, loop
-from beamdesign.polynomial import exact
-from beamdesign.prototype import Prototype
 from beamdesign.build.realisation.loop import RealisedLoop, realised_loop, rounded_loop
 from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, floats, l1_norms, l2_norms
 from beamdesign.build.realisation.sections import laws_of
 from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
+from beamdesign.controllers import Controller
+from beamdesign.loop import LoopAtMass, loop
+from beamdesign.polynomial import exact
+from beamdesign.prototype import Prototype
 
 _BITS = 256
 _KEPT_BITS = 80
