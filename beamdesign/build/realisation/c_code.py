@@ -5,10 +5,12 @@ The law has one statement per operation, in the order in which `law.one_period` 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 from math import pi, sin
+from pathlib import Path
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from beamdesign.build.realisation.emulation import FixedPoint, Float32, to_word
 from beamdesign.build.realisation.law import Arithmetic, one_period
@@ -17,7 +19,6 @@ from beamdesign.spelling import in_c
 
 VECTORS = 96
 """Samples of the self-test."""
-_PER_LINE = 6
 _OVERFLOW = {
     "l1": ": within them no signal can overflow; larger ones are limited.",
     "l2": "; a signal that a word cannot hold is limited, which long large errors can bring about.",
@@ -57,205 +58,45 @@ def _test_error(k: int) -> float:
     return 0.002 * sin(2.4 * k)
 
 
+@cache
+def _templates() -> Environment:
+    """The templates, compiled once."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"spaced": lambda name: name.replace("_", " "), "literal": _literal}
+    return environment
+
+
 def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) -> dict[str, str]:
-    """Text of every file by its name.
+    """Text of every file by its name, from the templates beside this module.
 
     Args:
         realisation: the controller.
         name: of the prototype.
         notes: lines for the head of the header, such as what is proved.
     """
-    return {
-        HEADER: _header(realisation, name, notes),
-        LAW: _law(realisation, name),
-        SELF_TEST: _self_test(realisation, name),
+    fixed, made = realisation.word_length is not None, vectors(realisation)
+    kind = "controller_word" if fixed else "float"
+    given = {
+        "law": realisation,
+        "name": in_c(name),
+        "notes": [in_c(note) for note in notes],
+        "fixed": fixed,
+        "kind": kind,
+        "overflow": _OVERFLOW[realisation.scaling] if fixed else ".",
+        "others": realisation.channels[1:],
+        "arguments": ", ".join(f"{kind} {channel.name}" for channel in realisation.channels),
+        "gains": {channel.gain_name: channel.unit for channel in realisation.channels},
+        "statements": c_lines(realisation),
+        "count": VECTORS,
+        "tables": {f"{name}s": values for name, values in made.readings.items()} | {"currents": made.currents},
     }
-
-
-def _comment(lines: list[str]) -> list[str]:
-    return ["/*", *(f" * {in_c(line)}".rstrip() for line in lines), " */"]
-
-
-def _header(realisation: Realisation, name: str, notes: tuple[str, ...]) -> str:
-    fixed = realisation.word_length is not None
-    limit, scale = realisation.largest_current_A, realisation.full_scale_V
-    unit = "words" if fixed else "floats"
-    others = realisation.channels[1:]
-    more = "".join(f", {one.name.replace('_', ' ')} ({one.unit})" for one in others)
-    about = [
-        f"Controller of {name}: from error (command minus sensor voltage, V){more} to valve current (A).",
-        "",
-        f"Call controller_step once per sample at {realisation.rate_Hz:g} Hz and hold its current until the next.",
-        f"Call controller_reset before the first sample. Both take and give {unit}, in the units below.",
-        *(
-            f"The {one.name.replace('_', ' ')} is taken as it is read, up to {most:g} {one.unit}, zero in the middle."
-            for one, most in zip(others, realisation.full_scales[1:], strict=True)
-        ),
-        f"Made for errors up to {scale:g} V" + (_OVERFLOW[realisation.scaling] if fixed else "."),
-        f"The current is limited to {limit:g} A. While it is, lag sections do not move further in its direction",
-        "(anti-windup); all other sections are stable filters of unit static gain and run on.",
-        "No memory is allocated, nothing blocks, nothing depends on the platform beyond C99"
-        + ("." if fixed else " and IEEE 754 floats of 32 bits."),
-        "" if fixed else "Compile with -std=c99 or -ffp-contract=off: fused operations change the last bit.",
-        "" if fixed else "An error that is not a number stays in the states until the next reset: look for it before.",
-        *notes,
-    ]  # fmt: skip
-    lines = [*_comment([line for k, line in enumerate(about) if line or k == 1]), "#ifndef CONTROLLER_H"]
-    lines += ["#define CONTROLLER_H", ""]
-    linkage = ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""], ["#ifdef __cplusplus", "}", "#endif", ""]
-    if fixed:
-        short = (realisation.word_length or 0) <= 16
-        lines += [
-            "#include <stdint.h>", "",
-            f"#define CONTROLLER_RATE_HZ {realisation.rate_Hz!r}",
-            f"#define CONTROLLER_WORD_LENGTH {realisation.word_length} /* bits, with the sign */",
-            *(
-                f"#define CONTROLLER_{one.name.upper()}_PLACES ({places})"
-                f" /* {one.name.replace('_', ' ')} in {one.unit} = word / 2^places */"
-                for one, places in zip(realisation.channels, realisation.places, strict=True)
-            ),
-            f"#define CONTROLLER_CURRENT_PLACES ({realisation.current_places}) /* current in A = word / 2^places */",
-            "",
-            f"typedef {'int16_t' if short else 'int32_t'} controller_word;",
-            f"typedef {'int32_t' if short else 'int64_t'} controller_wide;",
-        ]  # fmt: skip
-        kind, state = "controller_word", "controller_wide"
-        units = [
-            f"{one.unit} / 2^{places + realisation.state_extra}"
-            for one, places in zip(realisation.channels, realisation.places, strict=True)
-        ]
-    else:
-        lines += [f"#define CONTROLLER_RATE_HZ {realisation.rate_Hz!r}"]
-        kind = state = "float"
-        units = [one.unit for one in realisation.channels]
-    meaning = {"x": "what the section has followed of its input", "w": "how fast it follows"}
-    lines += ["", "typedef struct {"]
-    for x, place in realisation.state_channels.items():
-        lines.append(f"    {state} {x}; /* {units[place]}: section {x[1:]}, {meaning[x[0]]} */")
-    given = _arguments(realisation)
-    lines += [
-        "    int limited; /* 1 or -1 while the current is at its upper or lower limit, else 0 */",
-        "} controller_state;", "", *linkage[0],
-        f"/* At rest under {'constant readings' if others else 'a constant error'}: the next current is that of the"
-        " static gain. */",
-        f"void controller_reset(controller_state *state, {given});", "",
-        f"/* One sample: current from {'readings' if others else 'error'}. */",
-        f"{kind} controller_step(controller_state *state, {given});", "",
-        "/* 0 where this machine computes as it should, else the number of the first sample that differs. */",
-        "int controller_self_test(void);", "", *linkage[1], "#endif", "",
-    ]  # fmt: skip
-    return "\n".join(lines)
-
-
-def _arguments(realisation: Realisation) -> str:
-    """Of step and reset, in C."""
-    kind = "float" if realisation.word_length is None else "controller_word"
-    return ", ".join(f"{kind} {channel.name}" for channel in realisation.channels)
-
-
-def _law(realisation: Realisation, name: str) -> str:
-    fixed = realisation.word_length is not None
-    lines = [*_comment([f"Controller of {name}; see {HEADER}."]), f'#include "{HEADER}"', ""]
-    gains = {channel.gain_name: channel.unit for channel in realisation.channels}
-    for key, one in realisation.coefficients.items():
-        unit = f" A/{gains[key]}" if key in gains else ""
-        if fixed:
-            lines.append(
-                f"#define {key.upper()} ((controller_wide){one.integer}) /* / 2^places: {one.asked:.9g}{unit} */"
-            )
-            if key not in gains:
-                lines.append(f"#define {key.upper()}_PLACES {one.places}")
-        else:
-            lines.append(f"#define {key.upper()} {_literal(one.asked)} /* {one.asked:.9g}{unit} */")
-    kind = "controller_word" if fixed else "float"
-    if fixed:
-        most = 2 ** ((realisation.word_length or 0) - 1) - 1
-        lines += [
-            *(f"#define CURRENT_SHIFT{n[4:].upper()} {places}" for n, places in realisation.current_shifts.items()),
-            f"#define CURRENT_LIMIT ((controller_wide){realisation.current_limit})"
-            f" /* {realisation.largest_current_A:g} A */",
-            f"#define WORD_MOST ((controller_wide){most})",
-        ]
-        if realisation.states:
-            lines += [
-                f"#define STATE_EXTRA {realisation.state_extra} /* places beyond those of a word */",
-                "#define STATE_MOST (WORD_MOST << STATE_EXTRA)",
-            ]
-        lines += [
-            "",
-            "/* Drops binary places; to the nearest, halves away from zero. */",
-            "static controller_wide shifted(controller_wide value, int places)",
-            "{",
-            "    const controller_wide half = ((controller_wide)1 << places) >> 1;",
-            "    return value >= 0 ? (value + half) >> places : -((half - value) >> places);",
-            "}",
-            "",
-            "static controller_wide limited(controller_wide value, controller_wide most)",
-            "{",
-            "    return value > most ? most : value < -most ? -most : value;",
-            "}",
-        ]
-    else:
-        lines += [f"#define CURRENT_LIMIT {_literal(realisation.largest_current_A)} /* A */"]
-    given = _arguments(realisation)
-    lines += ["", f"void controller_reset(controller_state *state, {given})", "{"]
-    names = [channel.name for channel in realisation.channels]
-    heard = {names[place] for place in realisation.state_channels.values()}
-    lines += [f"    (void){n};" for n in names if n not in heard]
-    zero = "0" if fixed else "0.0f"
-    for x, place in realisation.state_channels.items():
-        value = names[place]
-        if fixed:
-            value = f"limited({value}, WORD_MOST) * ((controller_wide)1 << STATE_EXTRA)"
-        lines.append(f"    state->{x} = {value if x[0] == 'x' else zero};")
-    lines += ["    state->limited = 0;", "}", "", f"{kind} controller_step(controller_state *state, {given})", "{"]
-    lines += [f"    {line}".rstrip() for line in c_lines(realisation)]
-    result = "state->limited == 0 ? current : state->limited > 0 ? CURRENT_LIMIT : -CURRENT_LIMIT"
-    lines += ["", f"    return {f'(controller_word)({result})' if fixed else result};", "}", ""]
-    return "\n".join(lines)
-
-
-def _self_test(realisation: Realisation, name: str) -> str:
-    made = vectors(realisation)
-    fixed = realisation.word_length is not None
-    kind = "controller_word" if fixed else "float"
-    lines = _comment(
-        [
-            f"Self-test of the controller of {name}: {VECTORS} samples from reset at zero, to the last bit.",
-            "Compile with -DCONTROLLER_SELF_TEST_MAIN for a program whose exit status is 0 where it passes.",
-        ]
-    )
-    lines += [f'#include "{HEADER}"', ""]
-    readings = {f"{name}s": values for name, values in made.readings.items()}
-    for title, values in (readings | {"currents": made.currents}).items():
-        texts = [str(int(v)) if fixed else _literal(v) for v in values]
-        lines.append(f"static const {kind} {title}[{VECTORS}] = {{")
-        lines += [f"    {', '.join(texts[k : k + _PER_LINE])}," for k in range(0, VECTORS, _PER_LINE)]
-        lines += ["};", ""]
-    lines += [
-        "int controller_self_test(void)",
-        "{",
-        "    controller_state state;",
-        "    int k;",
-        "",
-        f"    controller_reset(&state, {', '.join('0' for _ in readings)});",
-        f"    for (k = 0; k < {VECTORS}; k++) {{",
-        f"        if (controller_step(&state, {', '.join(f'{title}[k]' for title in readings)}) != currents[k]) {{",
-        "            return k + 1;",
-        "        }",
-        "    }",
-        "    return 0;",
-        "}",
-        "",
-        "#ifdef CONTROLLER_SELF_TEST_MAIN",
-        "int main(void)",
-        "{",
-        "    return controller_self_test() != 0;",
-        "}",
-        "#endif",
-        "",
-    ]
-    return "\n".join(lines)
+    return {file: _templates().get_template(f"{file}.j2").render(given) for file in (HEADER, LAW, SELF_TEST)}
 
 
 def _literal(value: float) -> str:
