@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from math import isfinite
 from operator import attrgetter
 from typing import Any
@@ -22,7 +22,9 @@ def picked(found: Any, names: str) -> dict[str, Any]:
 def plain(value: Any) -> Any:
     """Records, arrays and their figures as dictionaries, lists and numbers of Python; anything else as its text."""
     if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if hasattr(value, "model_dump"):
+        return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, Mapping):
         return {str(name): plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):

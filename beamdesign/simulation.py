@@ -15,6 +15,7 @@ from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.parameters import parameters_of, problem_without_controller, structure_of
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
+from beamdesign.result import Result
 from beamdesign.sampled import sampled_law
 from beamdesign.scenario import Scenario, ScenarioRecord, inputs_of
 from beamdesign.structure.lumped import figures
@@ -123,8 +124,8 @@ class SimulatedRecord:
         return np.asarray(self.samples[:, self.columns.index(name)])
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(Result):
     """All records of a scenario."""
 
     records: tuple[SimulatedRecord, ...]

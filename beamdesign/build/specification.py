@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
+from typing import Any
 
 from beamdesign.build.acceptance import (
     DURATION_S,
@@ -23,6 +25,7 @@ from beamdesign.build.realisation.loop import realised_loop
 from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.build.tubes import StockChoice, stock_choices
+from beamdesign.json_text import finite
 from beamdesign.loop import loop
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
@@ -30,7 +33,9 @@ from beamdesign.proofs.certifying import certify, guaranteed_by_all
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import InStage, Prototype
+from beamdesign.quantity_text import at_least, at_most, decimal
 from beamdesign.records import InputError
+from beamdesign.result import Result
 from beamdesign.synthesis.design_run import DesignRun
 
 STANDARD_GRAVITY = 9.80665
@@ -89,8 +94,8 @@ class LawSpecification:
     plan: AcceptancePlan | None = None
 
 
-@dataclass(frozen=True)
-class Specification:
+@dataclass(frozen=True, repr=False)
+class Specification(Result):
     """Everything; the parts after `laws` are None where the loop is not stable over the range.
 
     Of a design run it is what follows from the design without a further search: no sensor, tolerances, circuit or code.
@@ -123,6 +128,51 @@ class Specification:
     tolerances_reason: str = ""
     governing: str = ""
     reason: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `beamdesign spec` writes of it."""
+        from beamdesign.build.folder import json_fields
+
+        return finite(json_fields(self))
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Figure, value, and what it rests on."""
+        from beamdesign.build.words_build import masses_text, optional
+
+        guaranteed, tolerances, sensor = self.guaranteed, self.tolerances, self.sensor
+        if guaranteed is None or sensor is None:
+            return []
+        rows = [
+            ("for every outer end mass of", masses_text(self.masses_kg), ""),
+            ("guaranteed bandwidth", at_least(guaranteed.bandwidth_Hz, "Hz"), "proved"),
+            ("guaranteed peak sensitivity", at_most(guaranteed.peak_sensitivity, "1"), "proved"),
+        ]
+        for law in self.laws:
+            name = f"stage {law.stage.number}: " if law.stage.number else ""
+            for one in law.analogue:
+                verdicts = [f"{100 * t.resistors:g}/{100 * t.capacitor:g} % {t.verdict}" for t in one.tolerances]
+                words = f"{name}circuit of {one.circuit.resistors}, {one.circuit.capacitors}"
+                rows.append((words, "; ".join(verdicts), ""))
+            assert law.digital is not None
+            late = law.digital.one_period_late
+            basis = (
+                "not worked out" if late is None else {True: "proved", False: "refuted", None: "undecided"}[late.stable]
+            )
+            rows.append((f"{name}code at, current one period late", f"{law.digital.equation.rate_Hz:g} Hz", basis))
+        rows += [
+            ("sensor bandwidth, at least", optional(sensor.stable_from_Hz, "Hz", ROUND_CEILING), "proved"),
+            ("sensor resolution, at most", f"{decimal(1e6 * sensor.resolution_m)} µm", "computed"),
+        ]
+        if tolerances is None:
+            rows.append(("tolerances", "none proved", self.tolerances_reason))
+        else:
+            tightest, share = tolerances.figures[0], decimal(100 * tolerances.equal, 3, ROUND_FLOOR)
+            alone = f"± {decimal(100 * tightest.alone, 3, ROUND_FLOOR)} %"
+            rows += [
+                (f"tightest figure alone: {tightest.name}", alone, "proved"),
+                ("all figures at once, equal shares", f"± {share} %", "proved"),
+            ]
+        return rows
 
 
 def specify(

@@ -110,7 +110,7 @@ def _proved(
     write_certificate(path, certificate.text)
     _say(record, certificate)
     say(f"certificate: {path}")
-    fields = _fields(certificate) | (_between(record, certificate, path) if record.effects else {})
+    fields = certificate.to_dict() | (_between(record, certificate, path) if record.effects else {})
     holds = certificate.holds
     if robust > 0:
         from beamdesign.cli.tune import certified_rigs
@@ -165,7 +165,7 @@ def _say(record: "Prototype", certificate: "Certificate") -> None:
     if certificate.crossings:
         rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in certificate.crossings]
         say_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
-    for side, crossing in _neighbours(certificate).items():
+    for side, crossing in certificate.next_crossings.items():
         if crossing is not None:
             say(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
     if certificate.guaranteed is not None:
@@ -209,36 +209,6 @@ def _beyond_peak(found: "Guaranteed", goal: "Goal") -> list[str]:
 
 def _hertz(crossing: "Crossing") -> str:
     return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
-
-
-def _neighbours(certificate: "Certificate") -> dict[str, "Crossing | None"]:
-    """The next crossings outside the range, as far as masses go."""
-    below, above = certificate.stability.below, certificate.stability.above
-    return {"below": below if below is not None and below.value >= 0 else None, "above": above}
-
-
-_WITNESS = (
-    "outer_end_mass_kg=witness_outer_end_mass_kg frequency_Hz=witness_frequency_Hz gain_factor=witness_gain_factor"
-)
-
-
-def _fields(certificate: "Certificate") -> dict[str, Any]:
-    return {
-        **picked(certificate, "stable stable_ranges_kg method scope outer_end_mass_kg holds reason guaranteed"),
-        "crossings": [_crossing(crossing) for crossing in certificate.crossings],
-        "next_crossings": {side: _crossing(crossing) for side, crossing in _neighbours(certificate).items()},
-        "claims": [
-            {
-                **picked(claim, "kind limit bandwidth_Hz from_Hz holds reason"),
-                "witness": None if claim.witness is None else picked(claim, _WITNESS),
-            }
-            for claim in certificate.claims
-        ],
-    }
-
-
-def _crossing(crossing: "Crossing | None") -> dict[str, float] | None:
-    return None if crossing is None else picked(crossing, "outer_end_mass_kg=value frequency_Hz")
 
 
 def _replay(path: Path, record: "Prototype | None") -> Result:

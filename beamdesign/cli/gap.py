@@ -169,10 +169,7 @@ def say_diagnosis(found: "Diagnosis") -> None:
 
 
 def _say_causes(found: "Diagnosis") -> None:
-    rows = [(c.name, c.subsystem, f"{c.probability:.1%}", f"{c.share:.0%}") for c in found.causes]
-    if isfinite(found.probability_unknown):
-        rows.append(("none that is known here", "", f"{found.probability_unknown:.1%}", ""))
-    say_table("causes", ("cause", "subsystem", "probability", "share of the gap"), rows)
+    say_table("causes", ("cause", "subsystem", "probability", "share of the gap"), found.rows())
     for cause in found.causes:
         if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
             for key, q in cause.parameters.items():

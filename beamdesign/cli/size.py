@@ -9,11 +9,9 @@ import typer
 from beamdesign.cli.command import Figure, Result, command
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import progress, say, say_table
-from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.synthesis.checks import CheckedPair
-    from beamdesign.synthesis.sizing import Sizing
+    pass
 
 DEFAULT_TIP_FORCE_N = 2000.0
 _STUDY_TABLES = ("load", "sections", "clearance", "safety")
@@ -58,14 +56,16 @@ def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
     with progress("sizing") as update:
         found = find_sections(problem, update)
     say(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
-    _say_pairs(found)
+    say_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
+    if found.price_of_rounding_kg is not None:
+        say(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
     say_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
     if found.free:
         free = found.free
         say(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
         prices = [(name, price) for name, price in free.shadow_prices.items() if price]
         say_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
-    return _study_fields(found)
+    return found.to_dict()
 
 
 def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
@@ -94,34 +94,7 @@ def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
         "safety": Safety().model_dump(),
         "sections": Sections().model_dump(exclude={"choose"}),
     }
-    return _pair_fields(pair) | {"governing": pair.governing, "feasible": pair.feasible, "assumed": assumed}
-
-
-def _say_pairs(found: "Sizing") -> None:
-    pairs: list[tuple[str, CheckedPair]] = []
-    if found.free:
-        pairs.append(("free sizes", found.free.pair))
-    if found.stock:
-        pairs.append(("stock sizes", found.stock.pair))
-    if found.given:
-        pairs.append(("given sections", found.given))
-    if not found.feasible:
-        pairs.append(("nearest pair", found.chosen))
-    rows = [
-        (name, _millimetres(pair.outer), _millimetres(pair.inner), pair.beam_mass_kg, _verdict(pair))
-        for name, pair in pairs
-    ]
-    say_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), rows)
-    if found.price_of_rounding_kg is not None:
-        say(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
-
-
-def _verdict(pair: "CheckedPair") -> str:
-    return "all pass" if pair.feasible else f"{len(pair.failing)} fail"
-
-
-def _millimetres(tube: tuple[float, float]) -> str:
-    return f"{1e3 * tube[0]:.4g} x {1e3 * tube[1]:.3g}"
+    return pair.to_dict() | {"governing": pair.governing, "feasible": pair.feasible, "assumed": assumed}
 
 
 def say_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
@@ -139,27 +112,3 @@ def say_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
         for check in checks
     ]
     say_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
-
-
-def _pair_fields(pair: "CheckedPair") -> dict[str, Any]:
-    return {
-        "outer": pair.outer._asdict(),
-        "inner": pair.inner._asdict(),
-        "beam_mass_kg": pair.beam_mass_kg,
-        "checks": [picked(check, "name value limit utilisation unit at_least satisfied") for check in pair.checks],
-    }
-
-
-def _study_fields(found: "Sizing") -> dict[str, Any]:
-    def compared(pair: "CheckedPair | None") -> Mapping[str, Any] | None:
-        return None if pair is None else _pair_fields(pair) | picked(pair, "feasible governing")
-
-    free, stock = found.free, found.stock
-    return _pair_fields(found.chosen) | {
-        **picked(found, "governing feasible reason choose kkt_residual shadow_prices price_of_rounding_kg"),
-        "active": list(free.active) if free else [],
-        "relaxations": [picked(item, "key asked enough") for item in found.relaxations],
-        "free": compared(free.pair if free else None),
-        "stock": compared(stock.pair if stock else None),
-        "given": compared(found.given),
-    }

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
@@ -9,7 +10,8 @@ import numpy as np
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
-from beamdesign.json_text import plain
+from beamdesign.json_text import finite, plain
+from beamdesign.result import Result
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
 
@@ -203,8 +205,8 @@ class CauseSet:
 Rig = TypeVar("Rig", bound=AnyPrototype)
 
 
-@dataclass(frozen=True)
-class Diagnosis(Generic[Rig]):
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Generic[Rig], Result):
     """The answer, from whatever evidence; kinds of evidence with more to say have a record of their own under it.
 
     Attributes:
@@ -250,6 +252,24 @@ class Diagnosis(Generic[Rig]):
     hypotheses: tuple[CauseSet, ...] = ()
     errors: tuple[Errors, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
+
+    @property
+    def status(self) -> str:
+        """The verdict."""
+        return self.verdict
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `diagnosis_fields`."""
+        return finite(diagnosis_fields(self))
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        """The causes, the most probable first: name, subsystem, probability, share of the gap."""
+        rows: list[tuple[Any, ...]] = [
+            (one.name, one.subsystem, f"{one.probability:.1%}", f"{one.share:.0%}") for one in self.causes
+        ]
+        if isfinite(self.probability_unknown):
+            rows.append(("none that is known here", "", f"{self.probability_unknown:.1%}", ""))
+        return rows
 
     @property
     def own_fields(self) -> dict[str, Any]:

@@ -3,14 +3,16 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import inf, isinf
-from typing import Literal
+from typing import Any, Literal
 
 from flint import fmpq
 
 from beamdesign.crossing import Crossing
+from beamdesign.json_text import finite, picked
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest
+from beamdesign.result import Result
 
 METHOD = (
     "exact rational arithmetic: all masses with a root on the imaginary axis isolated by elimination,"
@@ -135,8 +137,13 @@ class Guaranteed:
     controller_effort_A_per_V: float | None = None
 
 
-@dataclass(frozen=True)
-class Decided:
+_WITNESS = (
+    "outer_end_mass_kg=witness_outer_end_mass_kg frequency_Hz=witness_frequency_Hz gain_factor=witness_gain_factor"
+)
+
+
+@dataclass(frozen=True, repr=False)
+class Decided(Result):
     """Stability of a loop over a range of outer end masses, with its proof.
 
     Attributes:
@@ -165,7 +172,7 @@ class Decided:
         return self.stability.reason
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate(Decided):
     """What is proved of a prototype over a range of outer end masses.
 
@@ -190,6 +197,37 @@ class Certificate(Decided):
     def stable_ranges_kg(self) -> list[tuple[float, float]]:
         """The stable ranges inside what was asked, ends at crossings rounded inwards."""
         return self.stability.stable_ranges
+
+    @property
+    def next_crossings(self) -> dict[str, Crossing | None]:
+        """The next crossings outside the range, as far as masses go."""
+        below, above = self.stability.below, self.stability.above
+        return {"below": below if below is not None and below.value >= 0 else None, "above": above}
+
+    @property
+    def yes(self) -> bool:
+        """Whether all that was asked holds."""
+        return self.holds
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `beamdesign certify` writes of it, without the text of the proof."""
+
+        def place(crossing: Crossing | None) -> dict[str, float] | None:
+            return None if crossing is None else picked(crossing, "outer_end_mass_kg=value frequency_Hz")
+
+        fields = {
+            **picked(self, "stable stable_ranges_kg method scope outer_end_mass_kg holds reason guaranteed"),
+            "crossings": [place(crossing) for crossing in self.crossings],
+            "next_crossings": {side: place(crossing) for side, crossing in self.next_crossings.items()},
+            "claims": [
+                {
+                    **picked(claim, "kind limit bandwidth_Hz from_Hz holds reason"),
+                    "witness": None if claim.witness is None else picked(claim, _WITNESS),
+                }
+                for claim in self.claims
+            ],
+        }
+        return finite(fields)
 
     @property
     def reason(self) -> str:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem
 from beamdesign.structure import beam, section
 from beamdesign.structure.materials import Material, material
@@ -264,6 +265,15 @@ class CheckedPair:
     def misses(self) -> str:
         """What these are and need to be, in words."""
         return "; ".join(check.missed for check in self.failing)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        return {
+            "outer": self.outer._asdict(),
+            "inner": self.inner._asdict(),
+            "beam_mass_kg": self.beam_mass_kg,
+            "checks": [picked(check, "name value limit utilisation unit at_least satisfied") for check in self.checks],
+        }
 
     def __str__(self) -> str:
         """The sizes in words."""

@@ -13,6 +13,7 @@ from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.result import Result
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.sizing import Sizing, size
@@ -21,8 +22,8 @@ from beamdesign.synthesis.tuning import Tuning, limited, tune
 CERTIFICATE_NAME = "certificate.toml"
 
 
-@dataclass(frozen=True)
-class DesignRun:
+@dataclass(frozen=True, repr=False)
+class DesignRun(Result):
     """What each step gave; a step after a failed one is None.
 
     Attributes:

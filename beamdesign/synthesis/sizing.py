@@ -6,14 +6,16 @@ Where no pair of tubes fits, which requirement to relax: each alone, as little a
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
+from beamdesign.json_text import finite, picked
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
+from beamdesign.result import Result
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.checks import (
@@ -201,8 +203,8 @@ Progress = Callable[[float, str], object]
 _GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
 
 
-@dataclass(frozen=True)
-class Sizing:
+@dataclass(frozen=True, repr=False)
+class Sizing(Result):
     """What sizing found.
 
     Attributes:
@@ -228,6 +230,51 @@ class Sizing:
     given: CheckedPair | None
     price_of_rounding_kg: float | None
     relaxations: tuple[Relaxation, ...] = ()
+
+    @property
+    def yes(self) -> bool:
+        """Whether there are such sections."""
+        return self.feasible
+
+    def rows(self) -> list[tuple[str, str, str, float, str]]:
+        """The pairs that were found: which, both tubes in mm, mass in kg, and what their checks say."""
+        pairs = {
+            "free sizes": self.free and self.free.pair,
+            "stock sizes": self.stock and self.stock.pair,
+            "given sections": self.given,
+            "nearest pair": None if self.feasible else self.chosen,
+        }
+
+        def millimetres(tube: SquareTube) -> str:
+            return f"{1e3 * tube[0]:.4g} x {1e3 * tube[1]:.3g}"
+
+        return [
+            (
+                name,
+                millimetres(pair.outer),
+                millimetres(pair.inner),
+                pair.beam_mass_kg,
+                "all pass" if pair.feasible else f"{len(pair.failing)} fail",
+            )
+            for name, pair in pairs.items()
+            if pair
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `beamdesign size` writes of it."""
+
+        def compared(pair: CheckedPair | None) -> dict[str, Any] | None:
+            return None if pair is None else pair.to_dict() | picked(pair, "feasible governing")
+
+        fields = self.chosen.to_dict() | {
+            **picked(self, "governing feasible reason choose kkt_residual shadow_prices price_of_rounding_kg"),
+            "active": list(self.free.active) if self.free else [],
+            "relaxations": [picked(item, "key asked enough") for item in self.relaxations],
+            "free": compared(self.free.pair if self.free else None),
+            "stock": compared(self.stock.pair if self.stock else None),
+            "given": compared(self.given),
+        }
+        return finite(fields)
 
     @property
     def outer(self) -> SquareTube:

@@ -33,6 +33,7 @@ from beamdesign.proofs.mass_family import stage_families
 from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
+from beamdesign.result import Result
 from beamdesign.synthesis.law_search import Found, Search, Told, from_seeds, search
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import RigSpread
@@ -53,8 +54,8 @@ NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
 
 
-@dataclass(frozen=True)
-class Tuning:
+@dataclass(frozen=True, repr=False)
+class Tuning(Result):
     """Outcome of `tune`.
 
     Attributes:

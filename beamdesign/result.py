@@ -1,0 +1,58 @@
+"""What every public function gives: a record that states its answer, and shows itself in a terminal and a notebook."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from math import isfinite
+from typing import Any
+
+from beamdesign.json_text import finite
+
+
+class Result:
+    """Base of the frozen records that public functions give.
+
+    A record of this kind may have a field or a property `reason`: why the answer is no.
+    """
+
+    @property
+    def yes(self) -> bool:
+        """Whether the answer is yes; of a command the exit status is 1 where it is no."""
+        return not getattr(self, "reason", "")
+
+    @property
+    def status(self) -> str:
+        """The answer in a word."""
+        return "yes" if self.yes else "no"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as they stand in a JSON file; what is not finite is None."""
+        return finite(self)
+
+    def rows(self) -> Sequence[tuple[Any, ...]]:
+        """Its figures for people, the same in a terminal and on a page: name with the unit in it, and value."""
+        return list(_figures(self.to_dict()))
+
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name}={shown(value)}" for name, value, *_ in self.rows() if not isinstance(value, str))
+        words = "; ".join(part for part in (self.status, str(getattr(self, "reason", "")), figures) if part)
+        return f"<{type(self).__name__}: {words}>"
+
+    def _repr_html_(self) -> str:
+        cells = ("".join(f"<td>{escape(shown(cell))}</td>" for cell in row) for row in self.rows())
+        reason = str(getattr(self, "reason", ""))
+        heading = f"{type(self).__name__}: {self.status}" + (f": {reason}" if reason else "")
+        return f"<p>{escape(heading)}</p><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+
+
+def _figures(fields: Mapping[str, Any], inside: str = "") -> Iterator[tuple[str, Any]]:
+    """What of some fields is a figure or a word, those of tables inside by their names and a dot."""
+    for name, value in fields.items():
+        if isinstance(value, Mapping):
+            yield from _figures(value, f"{inside}{name}.")
+        elif isinstance(value, str | int | float) and value != "" and name != "reason":
+            yield f"{inside}{name}", value
+
+
+def shown(cell: Any) -> str:
+    """A cell of a table as text: floats with four significant digits."""
+    return f"{cell:.4g}" if isinstance(cell, float) and isfinite(cell) else str(cell)
