@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from math import pi
+from typing import Any
 
 import numpy as np
 from flint import fmpq_poly
@@ -81,7 +82,9 @@ class Samples:
     def joined(self, other: "Samples") -> "Samples":
         """With the points of another, of rigs that are off likewise, in rows of their own."""
         arrays = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        whole = {name: np.concatenate([value, getattr(other, name)], axis=-1) for name, value in arrays.items()}
+        whole: dict[str, Any] = {
+            name: np.concatenate([value, getattr(other, name)], axis=-1) for name, value in arrays.items()
+        }
         off = tuple(
             (larger.joined(more), smaller.joined(less))
             for (larger, smaller), (more, less) in zip(self.off, other.off, strict=True)
