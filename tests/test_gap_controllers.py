@@ -224,7 +224,7 @@ def test_the_believed_loop_is_that_of_python_control(law: Controller) -> None:
 @pytest.mark.parametrize("law", [STRUCTURED, SENSORS, HEARING], ids=["structured", "sensors", "command"])
 def test_every_record_is_simulated_with_its_own_law(law: Controller) -> None:
     """Without noise a record is that of its model, also where the model is made to follow it."""
-    from beamdesign.diagnosis.fitting.evidence import followed
+    from beamdesign.diagnosis.fitting.evidence import with_output_injection
 
     plan = scenario(0.4)
     rows = tuple(row.but(controller=law) for row in plan.record[1:2]) + plan.record[4:5]
@@ -233,7 +233,7 @@ def test_every_record_is_simulated_with_its_own_law(law: Controller) -> None:
     placement = NOTHING.placement(data.prototype)
     z = np.zeros(len(placement.unknowns))
     for piece in record_evidence(data):
-        for one in (piece, followed(piece)):
+        for one in (piece, with_output_injection(piece)):
             made = one.predicted(placement, z)
             assert made is not None
             error = np.abs(made - one.measured).max(axis=0) / np.abs(one.measured).max(axis=0)

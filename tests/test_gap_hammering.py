@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from beamdesign.diagnosis import second_look
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.fitting.evidence import evidence_of, followed, record_evidence, spread
+from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence, spread, with_output_injection
 from beamdesign.diagnosis.fitting.fit import fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.search import Search
@@ -167,7 +167,7 @@ def test_a_model_that_follows_itself_makes_the_motion_it_makes_alone():
     piece = record_evidence(data)[1]
     alone = piece.predicted(placement, z)
     own = replace(data.records[1], measured={"current_A": alone[:, 0], "displacement_m": alone[:, 1]})
-    made = followed(record_evidence(replace(data, records=(own,)))[0]).predicted(placement, z)
+    made = with_output_injection(record_evidence(replace(data, records=(own,)))[0]).predicted(placement, z)
     assert made is not None
     assert np.abs(made - alone).max(axis=0) == pytest.approx(0, abs=2e-3 * np.abs(alone).max())
     error = np.sqrt(np.mean((made - alone) ** 2, axis=0)) / np.std(alone, axis=0)
@@ -175,7 +175,7 @@ def test_a_model_that_follows_itself_makes_the_motion_it_makes_alone():
 
 
 def test_only_play_makes_a_record_unpredictable():
-    piece = followed(record_evidence(loose_set())[0])
+    piece = with_output_injection(record_evidence(loose_set())[0])
     size = np.abs(piece.taken.weight.lines(piece.taken.measured)) ** 2
     shares = []
     for hypothesis, given in ((NOTHING, {}), (LOOSE, {"play_m": PLAY_M, "rod_mass_kg": ROD_kg, "counted_share": 1.0})):

@@ -13,7 +13,7 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
 from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
-from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, followed
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
 from beamdesign.diagnosis.gains.classes import explain_gains
@@ -135,18 +135,20 @@ def diagnose(
     chosen = tuple(c.name for c in ranked if c.name in best.hypothesis.causes)
     records = [piece for piece in evidence if isinstance(piece, RecordEvidence)]
     from_rest = tuple(errors(piece, data.prototype, tuned, outside, best) for piece in records)
-    measured = in_step = gap(from_rest, kept_out)
+    measured = synchronised = gap(from_rest, kept_out)
     if again is not None:
         # What cannot be predicted from rest neither confirms nor refutes what is chosen: models that follow it do.
-        in_step = gap([errors(followed(piece), data.prototype, tuned, outside, best) for piece in records], kept_out)
-        measured = in_step if again.oscillates else measured
-    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(in_step))
+        synchronised = gap(
+            [errors(with_output_injection(piece), data.prototype, tuned, outside, best) for piece in records], kept_out
+        )
+        measured = synchronised if again.oscillates else measured
+    verdict = verdict_of(judged, examined.limits_confidence or not confirmed(synchronised))
     progress(1.0, "where the gap lies")
     where = locate(data, found, best, evidence, [c for c in ranked if c.name in chosen], judged.unknown)
     return Diagnosis(
         data.name,
         verdict,
-        sentences(verdict, ranked, chosen, measured, where, in_step=again is not None and again.oscillates),
+        sentences(verdict, ranked, chosen, measured, where, synchronised=again is not None and again.oscillates),
         ranked,
         chosen,
         judged.unknown,
@@ -191,7 +193,7 @@ def rivals(found: Search, judged: Judgement) -> list[Fit]:
 
 
 def sentences(
-    verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where, in_step: bool = False
+    verdict: Verdict, causes: Sequence[Cause], chosen: Sequence[str], gap: Gap, where: Where, synchronised: bool = False
 ) -> str:
     """The verdict for people: what it is, and how far the gap closes.
 
@@ -201,11 +203,11 @@ def sentences(
         chosen: names of those that are held responsible.
         gap: as measured.
         where: it lies.
-        in_step: whether errors are those of models that follow the records.
+        synchronised: whether errors are those of models that follow the records.
     """
     errors = (
-        f"On records left out of the fits that measure it, the {'error in step' if in_step else 'prediction error'} "
-        "falls from "
+        "On records left out of the fits that measure it, the "
+        f"{'error in step' if synchronised else 'prediction error'} falls from "
         f"{gap.before:.1%} of the signal "
         f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
         f"the sensor's noise alone is {gap.noise_floor:.1%}."

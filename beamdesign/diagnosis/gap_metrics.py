@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from beamdesign.diagnosis.diagnosis import BandGap, Errors, Gap, RecordGap
-from beamdesign.diagnosis.fitting.evidence import FollowedRecord, RecordEvidence
+from beamdesign.diagnosis.fitting.evidence import InjectedRecord, RecordEvidence
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.prototype import Prototype
@@ -19,7 +19,7 @@ _AMPLIFIED = 2.0
 
 
 def errors(
-    piece: RecordEvidence | FollowedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit | None = None
+    piece: RecordEvidence | InjectedRecord, prototype: Prototype, null: Fit, chosen: Fit, written: Fit | None = None
 ) -> Errors:
     """Simulate a record with the believed, the tuned and the diagnosed model.
 

@@ -152,8 +152,8 @@ def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nd
     own = found.column("t_s")
     seen = times[times <= own[-1] + 1e-9 * period]
     held = found.column("current_A")[np.searchsorted(own, seen + 1e-9 * period, side="right") - 1]
-    heard = CubicSpline(own, found.column("sensor_V"))(seen) / believed_sensor_gain
-    return np.column_stack([given.times[: len(seen)], held, heard])
+    sensed = CubicSpline(own, found.column("sensor_V"))(seen) / believed_sensor_gain
+    return np.column_stack([given.times[: len(seen)], held, sensed])
 
 
 def predict_set(

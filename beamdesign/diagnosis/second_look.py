@@ -2,7 +2,7 @@
 
 Two kinds of motion cannot be predicted from rest by any model, however right: that of a joint which hammers in its
 play, and that of a loop which oscillates by itself. A hair's difference in a figure or at the beginning makes another
-motion of them. Fits that follow the records (see `FollowedRecord`) are not led astray by that, and are believed only
+motion of them. Fits that follow the records (see `InjectedRecord`) are not led astray by that, and are believed only
 where what they find is one of these two.
 
 For a joint that hammers, all hypotheses are fitted again to records that the model follows, what hammering makes
@@ -19,9 +19,9 @@ from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.fitting.evidence import (
     DISPLACEMENT,
     PLAY,
-    FollowedRecord,
+    InjectedRecord,
     RecordEvidence,
-    followed_evidence,
+    injected_evidence,
     record_evidence,
 )
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
@@ -62,7 +62,7 @@ def backlash_impacts(
     Returns:
         None where play explains less than half of what the tolerances, or that other cause, leave.
     """
-    evidence = followed_evidence(data)
+    evidence = injected_evidence(data)
     rig = data.prototype
     progress(0.0, "play, looked for")
     base = beside or before.null
@@ -126,7 +126,7 @@ def refit_backlash_impacts(data: Dataset, best: Fit) -> Fit:
         best: the fit.
     """
     placement = best.hypothesis.placement(data.prototype)
-    seen = _blurred(followed_evidence(data), placement, best.z)
+    seen = _blurred(injected_evidence(data), placement, best.z)
     again = fit(best.hypothesis, placement, seen, best.z, _LOOK) if seen is not None else best
     return best if again.reason else again
 
@@ -164,7 +164,7 @@ def _at(placement: Placement, play: float, stiffness: float, null: Fit) -> np.nd
 def _blurred(
     evidence: Iterable[Evidence], placement: Placement, z: np.ndarray, secant: float = _SECANTS[0]
 ) -> list[Evidence] | None:
-    found = [replace(e, secant=secant).blurred(placement, z) if isinstance(e, FollowedRecord) else e for e in evidence]
+    found = [replace(e, secant=secant).blurred(placement, z) if isinstance(e, InjectedRecord) else e for e in evidence]
     return None if any(e is None for e in found) else [e for e in found if e is not None]
 
 
@@ -311,7 +311,7 @@ class SecondLook:
             kept: fits of an earlier run.
         """
         if self.oscillates:
-            return refit(seen, best, workers, kept, in_step=True)
+            return refit(seen, best, workers, kept, synchronised=True)
         return refit(seen, plain, workers, kept)[0], refit_backlash_impacts(seen, best)
 
 
@@ -365,7 +365,7 @@ def _rings(data: Dataset, before: Search) -> bool:
 
 def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> SecondLook | None:
     try:
-        found = search(data, workers, progress, kept, in_step=True, worth=_WORTH)
+        found = search(data, workers, progress, kept, synchronised=True, worth=_WORTH)
     except InputError:  # not even in step is the believed loop stable
         return None
     judged = judge(found)

@@ -38,7 +38,7 @@ class Structure:
         filtered: whether the prototype's own low-pass filter follows the sensor.
         effects: names, sorted.
         rig: one of `RIGS`.
-        heard: share of the model's own volts that its controller hears; the rest has to come with the command, from a
+        own_share: of the model's own volts that its controller hears; the rest has to come with the command, from a
             record that the model is made to follow.
         wall: whether a wall stands before the outer tip.
     """
@@ -47,7 +47,7 @@ class Structure:
     filtered: bool = False
     effects: tuple[str, ...] = ()
     rig: str = "twin_beam"
-    heard: float = 1.0
+    own_share: float = 1.0
     wall: bool = False
 
 
@@ -114,8 +114,8 @@ def join(kinds: Structure, effects: Sequence[Effect]) -> Assembly:
         for effect in effects
     }
     for name, signal_of in laws.items():
-        if name == "error_V" and kinds.heard != 1.0:  # what a record brings with the command, taken out of it again
-            port["command_V"] += (1 - kinds.heard) * port["measured_V"]
+        if name == "error_V" and kinds.own_share != 1.0:  # what a record brings with the command, taken out of it again
+            port["command_V"] += (1 - kinds.own_share) * port["measured_V"]
         signal = signal_of(port, figure, state)
         for effect in effects:
             if name in effect.laws:

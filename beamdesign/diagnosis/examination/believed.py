@@ -91,13 +91,15 @@ def believed_loop(
     force, current, volts = b[:, 0], b[:, 1], c[1]
     own, entering, leaving, straight = state_space(controller.equations, controller.figures())
     # What the law hears: error = command - volts, command, inner tip, load pressure.
-    heard, commanded = np.vstack([-volts, 0 * volts, c[2], c[3]]), np.array([1.0, 1.0, 0.0, 0.0])
-    closed = np.block([[a + np.outer(current, straight @ heard), np.outer(current, leaving)], [entering @ heard, own]])
+    sensed, commanded = np.vstack([-volts, 0 * volts, c[2], c[3]]), np.array([1.0, 1.0, 0.0, 0.0])
+    closed = np.block(
+        [[a + np.outer(current, straight @ sensed), np.outer(current, leaving)], [entering @ sensed, own]]
+    )
     driven = np.zeros((len(closed), 2))
     driven[: len(a), 0] = force
     driven[:, 1] = np.concatenate([current * (straight @ commanded), entering @ commanded])
     seen, through = np.zeros((4, len(closed))), np.zeros((4, 2))
-    seen[0], through[0, 1] = np.concatenate([straight @ heard, leaving]), straight @ commanded
+    seen[0], through[0, 1] = np.concatenate([straight @ sensed, leaving]), straight @ commanded
     seen[1:, : len(a)] = volts / prototype.sensor.gain_V_per_m, c[3], c[2]
     return BelievedLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
 
@@ -184,10 +186,10 @@ def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> 
         return None
     command, count = record.inputs[:, 1], len(record.times)
     given = {"error_V": command - sensor_gain * record.measured["displacement_m"], "command_V": command}
-    heard = np.column_stack([(given | dict(record.measured)).get(name, np.zeros(count)) for name in HEARD])
+    sensed = np.column_stack([(given | dict(record.measured)).get(name, np.zeros(count)) for name in HEARD])
     a, b, c, d = state_space(controller.equations, controller.figures())
     if not len(a):
-        return np.asarray(heard @ d)
+        return np.asarray(sensed @ d)
     # Exact for what goes straight from sample to sample.
     a, b, _, d, _ = cont2discrete((a, b, c[None, :], d[None, :]), record.step, "foh")
     fading = c[None, :]
@@ -198,7 +200,7 @@ def demanded(record: TimeRecord, controller: Controller, sensor_gain: float) -> 
     if not np.all(np.isfinite(fading)):
         return None
     pulses = np.vstack([d, fading[:-1] @ b])
-    asked = fftconvolve(pulses, heard, axes=0)[:count].sum(axis=1)
+    asked = fftconvolve(pulses, sensed, axes=0)[:count].sum(axis=1)
     size = np.abs(fading).max(axis=0)
     columns = np.column_stack([fading / np.where(size > 0, size, 1.0), np.ones(count)])
     shares = np.linalg.lstsq(columns, record.measured["current_A"] - asked, rcond=1e-6)[0]

@@ -1,7 +1,7 @@
 """What was measured as evidence: time records here, critical gains and frequency responses in files of their own.
 
 A record is simulated with given figures, and its derivatives with it. A model may be made to follow it instead, for
-motion that cannot be repeated: see `FollowedRecord`.
+motion that cannot be repeated: see `InjectedRecord`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -118,7 +118,7 @@ def _working(placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> 
     play = parameters[assembly.parameters.index("joint_backlash.play_m")]
     inner = rest[assembly.states.index("inner_m")]
     bearing[assembly.states.index("joint_backlash.rod_m")] = inner + play / 2 + _BEARING_M
-    return [(rest, 1.0), (bearing, _BRIEFLY if assembly.kinds.heard == 1.0 else _FOLLOWING)]
+    return [(rest, 1.0), (bearing, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING)]
 
 
 _BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75
@@ -283,26 +283,25 @@ def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
     return tuple(found)
 
 
-HEARD = 0.3
-"""Share of its own volts that the model's controller hears. With none of them the loop is open, and the least error
-in flow adds up to a drift that no fit can heed."""
+OWN_SHARE = 0.3
+"""Share of its own volts that the model's controller hears: one less the gain of the output injection. With none the
+loop is open, and the least error in flow adds up to a drift that no fit can heed."""
 PLAY = "joint_backlash"
 _SHARE = 0.15
 _MEMBERS = 4
 
 
 @dataclass(frozen=True)
-class FollowedRecord(RecordEvidence):
+class InjectedRecord(RecordEvidence):
     """A time record that the model follows: what was measured stands in its command.
 
     In a joint with play, rod and beam hammer on each other. Two motions that begin a nanometre apart soon have nothing
-    in common, so that a model with the right law and the right figures does no better from rest than one without. It
-    keeps in step when its controller hears mostly the volts that were measured, and only a share `HEARD` of its own:
-    what the hammering has done so far is then in the record, and need not be predicted. That is an observer with a
-    fixed gain, and synchronisation by coupling to data (H. D. I. Abarbanel, Predicting the Future, Springer 2013,
-    section 3). The plant, which every hypothesis about such a joint is about, still has to make all of the
-    displacement. What remains unpredictable even so is measured, and counts as noise for every hypothesis alike: see
-    `spread`.
+    in common, so that the right model does no better from rest than any other. One keeps in step when its controller
+    hears mostly the volts that were measured, and only a share `OWN_SHARE` of its own: what the hammering has done so
+    far is then in the record, and need not be predicted. That is an observer with a fixed gain, and synchronisation by
+    coupling to data (H. D. I. Abarbanel, Predicting the Future, Springer 2013, section 3). The plant, which every
+    hypothesis about such a joint is about, still has to make all of the displacement. What remains unpredictable even
+    so is measured, and counts as noise for every hypothesis alike: see `spread`.
 
     Attributes:
         taken: the record as it was taken.
@@ -319,7 +318,7 @@ class FollowedRecord(RecordEvidence):
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N, C) channels of the model."""
-        return super().predicted(_following(placement), z)
+        return super().predicted(_injected(placement), z)
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z.
@@ -329,7 +328,7 @@ class FollowedRecord(RecordEvidence):
         sides, so that what is unpredictable here is not in all of them.
         """
         if PLAY not in placement.assembly.kinds.effects:
-            return super().linearised(_following(placement), z)
+            return super().linearised(_injected(placement), z)
         here = self.residual(placement, z)
         if here is None:
             return None
@@ -345,7 +344,7 @@ class FollowedRecord(RecordEvidence):
                 slopes[:, k] = (ends[0][1] - ends[1][1]) / (ends[0][0] - ends[1][0])
         return here, slopes
 
-    def blurred(self, placement: Placement, z: np.ndarray) -> "FollowedRecord | None":
+    def blurred(self, placement: Placement, z: np.ndarray) -> "InjectedRecord | None":
         """The record with what a model cannot predict of it counted as noise; None where the model's loop diverges."""
         power = spread(self, placement, z)
         return None if power is None else replace(self, weight=blurred(self.taken.weight, power))
@@ -358,20 +357,22 @@ def _secant(unknown: Unknown, z: float, step: float) -> tuple[float, float]:
     return step, -step
 
 
-def followed(taken: RecordEvidence) -> FollowedRecord:
+def with_output_injection(taken: RecordEvidence) -> InjectedRecord:
     """A record as one that a model follows."""
     record, rig = taken.record, taken.job.prototype
     inputs = record.inputs.copy()
-    inputs[:, 1] -= (1 - HEARD) * rig.sensor.gain_V_per_m * record.measured["displacement_m"]
-    return FollowedRecord(Replay(replace(record, inputs=inputs), rig), taken.weight, taken.measured, taken)
+    inputs[:, 1] -= (1 - OWN_SHARE) * rig.sensor.gain_V_per_m * record.measured["displacement_m"]
+    return InjectedRecord(Replay(replace(record, inputs=inputs), rig), taken.weight, taken.measured, taken)
 
 
-def followed_evidence(data: Dataset) -> tuple[Evidence, ...]:
+def injected_evidence(data: Dataset) -> tuple[Evidence, ...]:
     """Everything in a data set, its time records as ones that a model follows."""
-    return tuple(followed(piece) if isinstance(piece, RecordEvidence) else piece for piece in evidence_of(data))
+    return tuple(
+        with_output_injection(piece) if isinstance(piece, RecordEvidence) else piece for piece in evidence_of(data)
+    )
 
 
-def spread(piece: FollowedRecord, placement: Placement, z: np.ndarray) -> np.ndarray | None:
+def spread(piece: InjectedRecord, placement: Placement, z: np.ndarray) -> np.ndarray | None:
     """(F, C) mean power, about every line, of the difference of motions that differ by the sensor's noise alone.
 
     It is that of one motion from their mean; None where the model's loop diverges.
@@ -390,10 +391,10 @@ def spread(piece: FollowedRecord, placement: Placement, z: np.ndarray) -> np.nda
     return banded(np.var(motions, axis=0, ddof=1), weight.frequencies_Hz)
 
 
-def _following(placement: Placement) -> Placement:
-    return replace(placement, assembly=_hearing(placement.assembly.kinds))
+def _injected(placement: Placement) -> Placement:
+    return replace(placement, assembly=_injected_equations(placement.assembly.kinds))
 
 
 @cache
-def _hearing(kinds: Structure) -> Assembly:
-    return assemble(replace(kinds, heard=HEARD))
+def _injected_equations(kinds: Structure) -> Assembly:
+    return assemble(replace(kinds, own_share=OWN_SHARE))

@@ -12,7 +12,7 @@ from signal import SIG_IGN, SIGINT, signal
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import evidence_of, followed_evidence
+from beamdesign.diagnosis.fitting.evidence import evidence_of, injected_evidence
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
@@ -43,12 +43,14 @@ class Task:
 class Fitters:
     """Processes that make fits, or this one where one worker is enough."""
 
-    def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, in_step: bool = False):
-        self.data, self.evidence = data, _evidence(data, in_step)
+    def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, synchronised: bool = False):
+        self.data, self.evidence = data, _evidence(data, synchronised)
         # The same task to records that are followed is another fit.
-        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and in_step else kept
+        self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and synchronised else kept
         self._others = active_children()
-        self._pool = ProcessPoolExecutor(workers, initializer=_begin, initargs=(data, in_step)) if workers > 1 else None
+        self._pool = (
+            ProcessPoolExecutor(workers, initializer=_begin, initargs=(data, synchronised)) if workers > 1 else None
+        )
 
     def __enter__(self) -> "Fitters":
         return self
@@ -89,14 +91,14 @@ class Fitters:
 _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 
 
-def _begin(data: Dataset, in_step: bool) -> None:
+def _begin(data: Dataset, synchronised: bool) -> None:
     global _here
     signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
-    _here = data.prototype, _evidence(data, in_step)
+    _here = data.prototype, _evidence(data, synchronised)
 
 
-def _evidence(data: Dataset, in_step: bool) -> tuple[Evidence, ...]:
-    return followed_evidence(data) if in_step else evidence_of(data)
+def _evidence(data: Dataset, synchronised: bool) -> tuple[Evidence, ...]:
+    return injected_evidence(data) if synchronised else evidence_of(data)
 
 
 def _fitted_here(task: Task) -> Fit:
@@ -164,7 +166,7 @@ def search(
     workers: int = 1,
     progress: Progress = lambda share, words: None,
     kept: FitCache | None = None,
-    in_step: bool = False,
+    synchronised: bool = False,
     worth: float = np.inf,
 ) -> Search:
     """Fit all hypotheses to a data set.
@@ -174,13 +176,13 @@ def search(
         workers: processes.
         progress: told the share done and what is being fitted.
         kept: fits of an earlier run, where those of this one are kept as well.
-        in_step: whether models follow the records, see `FollowedRecord`, instead of predicting them from rest.
+        synchronised: whether models follow the records, see `InjectedRecord`, instead of predicting them from rest.
         worth: share of the excess misfit that the best single cause has to stay below for pairs to be tried.
 
     Raises:
         InputError: where the believed prototype's own loop is unstable as the records were taken.
     """
-    with Fitters(data, workers, kept, in_step) as fitters:
+    with Fitters(data, workers, kept, synchronised) as fitters:
         progress(0.0, "tolerances")
         (null,) = fitters([Task(NOTHING, {})])
         if null.reason:
@@ -218,7 +220,7 @@ def search(
 
 
 def refit(
-    data: Dataset, best: Fit, workers: int = 1, kept: FitCache | None = None, in_step: bool = False
+    data: Dataset, best: Fit, workers: int = 1, kept: FitCache | None = None, synchronised: bool = False
 ) -> tuple[Fit, Fit]:
     """Tolerances alone, and the hypothesis of a fit, fitted again to fewer data.
 
@@ -227,11 +229,11 @@ def refit(
         best: the fit; another one begins with its figures, so that it ends at the same optimum where there are several.
         workers: processes.
         kept: fits of an earlier run.
-        in_step: whether models follow the records.
+        synchronised: whether models follow the records.
     """
     # The same task to fewer data is another fit, and must not be taken from those to all of them.
     kept = replace(kept, part=tuple(piece.name for piece in evidence_of(data))) if kept is not None else None
-    with Fitters(data, workers, kept, in_step) as fitters:
+    with Fitters(data, workers, kept, synchronised) as fitters:
         (null,) = fitters([Task(NOTHING, {})])
         if best.hypothesis == NOTHING:
             return null, null

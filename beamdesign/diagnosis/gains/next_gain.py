@@ -125,13 +125,13 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
             yield Experiment(text, {"kind": "critical_gain"} | settings, pieces, float(len(pieces)))
 
     std = min((g.relative_std for g in data.gains), default=0.03)
-    unheard = [g for g in data.gains if g.frequency_Hz is None]
-    if unheard:
+    without_frequency = [g for g in data.gains if g.frequency_Hz is None]
+    if without_frequency:
         yield from gains(
-            f"Repeat the {len(unheard)} critical gains and note the frequency of each oscillation to"
+            f"Repeat the {len(without_frequency)} critical gains and note the frequency of each oscillation to"
             f" {FREQUENCY_STD:.0%}.",
             {"record": "frequency_Hz"},
-            [taken(g) for g in unheard],
+            [taken(g) for g in without_frequency],
         )
     for law in _laws(data):
         known = {(g.outer_end_mass, g.inner_end_mass) for g in data.gains if _same(g.controller, law)}

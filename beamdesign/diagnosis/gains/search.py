@@ -63,14 +63,14 @@ def search_few(
         alone[hypothesis] = fit_from_starts(hypothesis, prototype, evidence, null.values)
         progress(_SINGLES * (k + 1) / len(listed), "single causes")
     silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
-    heard = [h for h in listed if h.names[0] not in silent]
-    best = sorted((h for h in heard if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
+    visible = [h for h in listed if h.names[0] not in silent]
+    best = sorted((h for h in visible if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
     if best and alone[best[0]].misfit > _EXPLAINED * expected:
-        best = heard
+        best = visible
     pairs = [
         a | b
-        for k, a in enumerate(heard)
-        for b in heard[k + 1 :]
+        for k, a in enumerate(visible)
+        for b in visible[k + 1 :]
         if (a.effects or b.effects) and (a in best or b in best)
     ]
     quick = []
