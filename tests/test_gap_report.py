@@ -27,9 +27,9 @@ from beamdesign.diagnosis.diagnosis import (
     Errors,
     Estimate,
     Gap,
+    Indicator,
     NextExperiment,
     Where,
-    Witness,
     diagnosis_fields,
 )
 from beamdesign.diagnosis.fitting.evidence import record_evidence
@@ -46,8 +46,8 @@ from beamdesign.report.gap_tables import (
     chosen_fit,
     closed_text,
     fitted_figures,
+    indicator_table,
     shade,
-    witness_table,
 )
 
 SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"
@@ -82,7 +82,7 @@ def found(data: Dataset) -> Diagnosis:
         (15.0, 150.0),
         "with payload",
         "linear",
-        (Witness("equation <b>", "sensor", 0.8, "says 5 < 6 & more", maps),),
+        (Indicator("equation <b>", "sensor", 0.8, "says 5 < 6 & more", maps),),
         "It lies in the sensor.",
     )
     lag = Cause("sensor_lag", "sensor", 0.93, 0.9, {"break_Hz": Estimate(250.0, 3.0)}, ("flow_gain is odd",))
@@ -276,14 +276,16 @@ def test_figures_beyond_two_tolerances_stand_out(data: Dataset) -> None:
 
 
 def test_tables_of_witnesses_become_maps_where_their_columns_are_of_one_kind() -> None:
-    banded = witness_table({"record": ("a", "b"), "condition": ("x", "y"), "1-5 Hz": (1.0, 2.0), "5-9 Hz": (4.0, 0.0)})
+    banded = indicator_table(
+        {"record": ("a", "b"), "condition": ("x", "y"), "1-5 Hz": (1.0, 2.0), "5-9 Hz": (4.0, 0.0)}
+    )
     assert isinstance(banded, HeatMap)
     assert banded.columns == ("1 to 5", "5 to 9")
     assert banded.rows[0][:2] == ("a", "x")
     assert [cell[1] for cell in banded.rows[0][2]] == [0.25, 1.0]
-    mixed = witness_table({"record": ("a",), "gain": (1.0,), "delay_s": (1e-3,), "limit_A": (None,)})
+    mixed = indicator_table({"record": ("a",), "gain": (1.0,), "delay_s": (1e-3,), "limit_A": (None,)})
     assert mixed == PlainTable(("record", "gain", "delay s", "limit A"), (("a", "1", "0.001", ""),))
-    assert witness_table({}) is None
+    assert indicator_table({}) is None
 
 
 def test_terms_are_what_is_known_of_the_papers_remedy(remedy: Prototype) -> None:

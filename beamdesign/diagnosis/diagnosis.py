@@ -105,7 +105,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Witness:
+class Indicator:
     """One independent way of looking for the place.
 
     Attributes:
@@ -132,7 +132,7 @@ class Where:
         band_Hz: where in frequency most of it is.
         condition: under which conditions it shows, in words.
         kind: `linear`, `static`, `hysteretic`, `drifting` or empty.
-        witnesses: each with its own opinion.
+        witnesses: its indicators, each on its own.
         sentence: that weighs them.
     """
 
@@ -140,7 +140,7 @@ class Where:
     band_Hz: tuple[float, float]
     condition: str
     kind: str = ""
-    witnesses: tuple[Witness, ...] = ()
+    witnesses: tuple[Indicator, ...] = ()
     sentence: str = ""
 
 

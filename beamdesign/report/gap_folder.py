@@ -31,9 +31,9 @@ from beamdesign.report.gap_tables import (
     controller_text,
     error_maps,
     fitted_figures,
+    indicator_table,
     share_text,
     terms_rows,
-    witness_table,
 )
 from beamdesign.report.page import page_template
 
@@ -142,7 +142,7 @@ def gap_report_html(
     held_out = {record.record for record in found.gap.records if record.held_out}
     seen = [] if data is None else sorted(found.errors, key=lambda e: e.name not in held_out)
     conditions = {} if data is None else {r.name: condition_text(r) for r in data.records}
-    witnesses = [(w, witness_table(w.table)) for w in found.where.witnesses]
+    witnesses = [(w, indicator_table(w.table)) for w in found.where.witnesses]
     template = page_template(
         "gap_report.html",
         share=share_text,

@@ -20,7 +20,7 @@ _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are 
 _WIDEST_Z = 5.0
 _TOLERATED_Z = 2.0
 _MOST_ROWS = 40
-_MANY = 5  # columns of positive figures in a witness's table that make a map of it
+_MANY = 5  # columns of positive figures in an indicator's table that make a map of it
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ def shade(value: float) -> float:
     return min(1.0, log10(value / _FAINTEST) / log10(_STRONGEST / _FAINTEST))
 
 
-def witness_table(table: Mapping[str, Sequence[object]]) -> HeatMap | PlainTable | None:
-    """What a witness has to show: a map where several columns of figures are of one kind, else a table.
+def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | PlainTable | None:
+    """What an indicator has to show: a map where several columns of figures are of one kind, else a table.
 
     They are where they are named after bands (`15-40 Hz`), or where there are many and all of them positive.
     """

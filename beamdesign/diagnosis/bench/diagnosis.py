@@ -10,7 +10,7 @@ from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held
 from beamdesign.diagnosis.bench.fit import HeldOut, SteadyFit
 from beamdesign.diagnosis.bench.hypothesis import FIGURES, NOTHING, parameters
 from beamdesign.diagnosis.bench.motions import SteadyMotion, steady
-from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, NextExperiment, RecordGap, Where, Witness
+from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Indicator, NextExperiment, RecordGap, Where
 from beamdesign.diagnosis.fitting.hypothesis import WRONG
 from beamdesign.plant.bench_simulation import BENCH_COLUMNS, replay
 
@@ -232,9 +232,9 @@ def where_of(table: Sequence[ConditionRow], stroke_m: float, causes: Sequence[Ca
         "Speed and pressures while the piston moves steadily, against those of the chosen causes fitted without each"
         f" condition; the largest error of speed is left at {worst.condition}, {_NAMES[worst.direction]}."
     )
-    witness = Witness("steady motions", place, 1.0 if place else 0.0, text, shown)
+    indicator = Indicator("steady motions", place, 1.0 if place else 0.0, text, shown)
     condition = "in steady motion, at every command that was tried"
-    return Where(place, (0.0, float(f"{fastest:.3g}")), condition if place else "", "static", (witness,))
+    return Where(place, (0.0, float(f"{fastest:.3g}")), condition if place else "", "static", (indicator,))
 
 
 def rows_of(replayed: Sequence[ReplayError]) -> tuple[RecordGap, ...]:

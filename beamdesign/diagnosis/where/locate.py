@@ -1,4 +1,4 @@
-"""Where a gap lies: several witnesses that look in different ways, and a sentence that weighs their opinions.
+"""Where a gap lies: several indicators that look in different ways, and a sentence that weighs them.
 
 A gap is told to be linear, static, hysteretic or drifting.
 """
@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import Cause, Where, Witness
+from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where
 from beamdesign.diagnosis.examination.believed import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
@@ -27,13 +27,13 @@ from beamdesign.prototype import Prototype
 
 
 @dataclass(frozen=True)
-class Opinion:
-    """What one witness holds.
+class WeighedIndicator:
+    """What one indicator holds, and what it counts.
 
     Attributes:
-        name: of the witness.
+        name: of the indicator.
         votes: by subsystem, from 0 to 1 in all.
-        weight: of this kind of witness against the others.
+        weight: of this kind of indicator against the others.
         text: in words.
         table: for a report.
     """
@@ -54,16 +54,16 @@ class Opinion:
         return "" if tied else ranked[0]
 
     @property
-    def witness(self) -> Witness:
+    def indicator(self) -> Indicator:
         """As a diagnosis records it; its strength is its lead over the second place."""
         ranked = sorted(self.votes.values(), reverse=True)
         lead = ranked[0] - (ranked[1] if len(ranked) > 1 else 0.0) if ranked else 0.0
-        return Witness(self.name, self.favourite, min(1.0, max(0.0, lead)), self.text, self.table)
+        return Indicator(self.name, self.favourite, min(1.0, max(0.0, lead)), self.text, self.table)
 
 
-def weighed(opinions: Sequence[Opinion]) -> dict[str, float]:
+def weighed(indicators: Sequence[WeighedIndicator]) -> dict[str, float]:
     """Sum of all votes times weights, by subsystem, largest first."""
-    total = {name: sum(o.weight * o.votes.get(name, 0.0) for o in opinions) for name in SUBSYSTEMS}
+    total = {name: sum(o.weight * o.votes.get(name, 0.0) for o in indicators) for name in SUBSYSTEMS}
     return dict(sorted(total.items(), key=lambda item: -item[1]))
 
 
@@ -74,7 +74,7 @@ _FIRST = 1.05  # what the first place counts for more, where two share alike
 _TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
 
 
-def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: float) -> Opinion:
+def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedIndicator:
     """Subsystems of the causes found, by their probability; of several at once the dominant one counts.
 
     Args:
@@ -99,7 +99,7 @@ def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: flo
     votes = {name: value / total * (1 - unknown) for name, value in votes.items()}
     named = ", ".join(chosen.hypothesis.causes) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
-    return Opinion("the fits", votes, _POSTERIOR, text)
+    return WeighedIndicator("the fits", votes, _POSTERIOR, text)
 
 
 def _by_share(search: Search, chosen: Fit) -> list[str]:
@@ -113,13 +113,13 @@ def _by_share(search: Search, chosen: Fit) -> list[str]:
     return sorted(chosen.hypothesis.names, key=lambda name: -without(name))
 
 
-def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion:
+def about_controller(prototype: Prototype, found: Sequence[Residual]) -> WeighedIndicator:
     """Measured current against K C(s) (command - F x): the one equation that the channels can check alone."""
     held = [controller_fit(item.evidence.record, prototype.sensor.gain_V_per_m) for item in found]
     fits = [fit for fit in held if fit is not None]
     if not fits:
         text = "No record holds all that its controller hears, so that its equation says nothing."
-        return Opinion("the controller's equation", {}, _CONTROLLER, text, {})
+        return WeighedIndicator("the controller's equation", {}, _CONTROLLER, text, {})
     # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
     worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
     table: dict[str, tuple[object, ...]] = {
@@ -131,7 +131,7 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion
     }
     if worst.residual < max(_SEEN, worst.noise):
         text = "Every record obeys its controller's equation."
-        return Opinion("the controller's equation", {}, _CONTROLLER, text, table)
+        return WeighedIndicator("the controller's equation", {}, _CONTROLLER, text, table)
     if worst.limit_A is not None:
         place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
     elif worst.with_delay < 0.5 * worst.with_gain:
@@ -142,10 +142,10 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Opinion
         place, why = "controller", "no gain, delay or limit explains it"
     strength = float(np.clip(worst.residual / 0.1, 0.0, 1.0))
     text = f"Record {worst.record} misses its controller's equation by {worst.residual:.1%} of the current: {why}."
-    return Opinion("the controller's equation", {place: strength}, _CONTROLLER, text, table)
+    return WeighedIndicator("the controller's equation", {place: strength}, _CONTROLLER, text, table)
 
 
-def about_equations(laws: Sequence[Explanation]) -> Opinion:
+def about_equations(laws: Sequence[Explanation]) -> WeighedIndicator:
     """Which subsystem's own laws, of its own local variables, explain the residual in conditions held out."""
     shares = {e.subsystem: float(np.clip(e.share, 0.0, 1.0)) for e in laws}
     cubes = {name: share**3 for name, share in shares.items()}
@@ -166,10 +166,10 @@ def about_equations(laws: Sequence[Explanation]) -> Opinion:
         "share": tuple(e.share for e in laws),
         "terms": tuple(", ".join(e.terms) for e in laws),
     }
-    return Opinion("the laws of each equation", votes, _LAWS, text, table)
+    return WeighedIndicator("the laws of each equation", votes, _LAWS, text, table)
 
 
-def about_figures(null: Fit, expected: float) -> Opinion:
+def about_figures(null: Fit, expected: float) -> WeighedIndicator:
     """Which tolerated figure had to move furthest when only tolerances were fitted.
 
     It counts where tolerances alone explain most: then a figure that moved too far did the work.
@@ -179,17 +179,17 @@ def about_figures(null: Fit, expected: float) -> Opinion:
         expected: misfit that noise alone leaves.
     """
     if null.reason or not len(null.z):
-        return Opinion("the tolerated figures", {}, _FIGURES, "No tolerated figure could be fitted.")
+        return WeighedIndicator("the tolerated figures", {}, _FIGURES, "No tolerated figure could be fitted.")
     moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
     furthest = max(moved, key=lambda name: abs(moved[name]))
     text = f"Fitted alone, {furthest} moves furthest: {moved[furthest]:+.1f} tolerances."
     table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
     if abs(moved[furthest]) < _STRAINED:
-        return Opinion("the tolerated figures", {}, _FIGURES, text, table)
+        return WeighedIndicator("the tolerated figures", {}, _FIGURES, text, table)
     place = subsystem(WRONG + RIG_TOLERANCES[furthest])
     strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
     strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
-    return Opinion("the tolerated figures", {place: strength}, _FIGURES, text, table)
+    return WeighedIndicator("the tolerated figures", {place: strength}, _FIGURES, text, table)
 
 
 _DRIFT = 0.5  # of the residual's power
@@ -253,26 +253,26 @@ def locate(
     if not chosen.hypothesis.names and unknown <= 0.5:
         return NO_GAP
     found = () if search.null.reason else residuals(data.prototype, search.null, evidence)
-    opinions = [posterior(search, chosen, causes, unknown)]
+    indicators = [posterior(search, chosen, causes, unknown)]
     laws: tuple[Explanation, ...] = ()
     seen: Setting | None = None
     if found:
         laws, seen = laws_of(found, search.null), setting(found)
-        opinions += [about_controller(data.prototype, found), about_equations(laws)]
-    opinions.append(about_figures(search.null, search.expected))
-    scores = weighed(opinions)
+        indicators += [about_controller(data.prototype, found), about_equations(laws)]
+    indicators.append(about_figures(search.null, search.expected))
+    scores = weighed(indicators)
     place = next(iter(scores))
     dominant = causes[0].name if causes else next(iter(chosen.hypothesis.names), "")
-    known = dominant and unknown <= 0.5 and opinions[0].favourite == place
+    known = dominant and unknown <= 0.5 and indicators[0].favourite == place
     kind = kind_of_effect(dominant) if known else ""
-    witnesses = [o.witness for o in opinions]
+    shown = [o.indicator for o in indicators]
     band, condition = (0.0, 0.0), ""
     if seen is not None:
         kind = kind or kind_of_residual(seen, laws)
-        witnesses.append(_shown(seen))
+        shown.append(_shown(seen))
         band, condition = seen.band_Hz, seen.condition
-    sentence = _sentence(place, scores, opinions, band, kind)
-    return Where(place, band, condition, kind, tuple(witnesses), sentence)
+    sentence = _sentence(place, scores, indicators, band, kind)
+    return Where(place, band, condition, kind, tuple(shown), sentence)
 
 
 def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
@@ -297,21 +297,25 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     return tuple(sorted(merged, key=lambda e: (e is not lead, -e.share)))
 
 
-def _shown(seen: Setting) -> Witness:
+def _shown(seen: Setting) -> Indicator:
     """Frequency, size, payload, input and direction: what kind of gap it is; it names no subsystem."""
     parts = [f"Most of the misfit is between {seen.band_Hz[0]:g} and {seen.band_Hz[1]:g} Hz"]
     parts.append(f"the relative error is {seen.condition}")
     if seen.distortion == seen.distortion:
         parts.append(f"{seen.distortion:.0%} of it lies away from the lines of the input")
     parts.append(f"it differs by {seen.asymmetry:.0%} between the two directions")
-    return Witness("bands and conditions", "", 0.0, "; ".join(parts) + ".", seen.table)
+    return Indicator("bands and conditions", "", 0.0, "; ".join(parts) + ".", seen.table)
 
 
 def _sentence(
-    place: str, scores: Mapping[str, float], opinions: Sequence[Opinion], band: tuple[float, float], kind: str
+    place: str,
+    scores: Mapping[str, float],
+    indicators: Sequence[WeighedIndicator],
+    band: tuple[float, float],
+    kind: str,
 ) -> str:
     """Who says so, who says otherwise, and by how much."""
-    speak = [o for o in opinions if o.favourite]
+    speak = [o for o in indicators if o.favourite]
     agree = [o.name for o in speak if o.favourite == place]
     others: dict[str, list[str]] = {}
     for o in speak:
