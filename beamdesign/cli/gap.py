@@ -157,11 +157,11 @@ def say_diagnosis(found: "Diagnosis") -> None:
     _say_gap(found)
     for words in found.notes:
         say(words)
-    told = found.separability
-    for alike in told.classes if told is not None else ():
+    separability = found.separability
+    for alike in separability.classes if separability is not None else ():
         say(f"known before any fit: these data cannot tell apart {', '.join(alike)}")
-    if told is not None and told.invisible:
-        say(f"known before any fit: these data cannot show {', '.join(told.invisible)}")
+    if separability is not None and separability.invisible:
+        say(f"known before any fit: these data cannot show {', '.join(separability.invisible)}")
     for rivals in found.classes:
         say(f"these data cannot tell apart: {'; '.join(rivals)}")
     if found.next_experiment is not None:

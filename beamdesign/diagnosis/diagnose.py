@@ -126,7 +126,7 @@ def diagnose(
     best = judged.best if verdict_of(judged, examined.limits_confidence) != "unknown" else found.null
     progress(0.96, "what the data can tell")
     evidence = evidence_of(data)
-    told = indistinguishable(data, evidence)
+    separable = indistinguishable(data, evidence)
     progress(0.97, "records held out")
     tuned, outside = plain, best
     if kept_out:
@@ -159,7 +159,7 @@ def diagnose(
         updated_prototype(data.prototype, best).but(tolerance=stated),
         words,
         found,
-        told,
+        separable,
         cause_sets(found, judged),
         from_rest,
     )

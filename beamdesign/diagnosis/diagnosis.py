@@ -306,10 +306,10 @@ def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
         "hypotheses": [one for one in found.hypotheses[:_LISTED] if one.probability > _LEAST_PROBABILITY],
         "data_set": found.name,
     }
-    if (told := found.separability) is not None:
+    if (separability := found.separability) is not None:
         fields["before_fitting"] = {
-            "not_told_apart": told.classes,
-            "nearly_alike": told.close,
-            "not_visible": told.invisible,
+            "not_told_apart": separability.classes,
+            "nearly_alike": separability.close,
+            "not_visible": separability.invisible,
         }
     return {name: plain(value) for name, value in (fields | found.own_fields).items()}

@@ -116,8 +116,8 @@ def _signals(data: Dataset) -> Iterator[tuple[Input, str]]:
             peak = float(f"{share * largest:.2g}")
             size: dict[str, Any] = {key: peak}
             for low, high in _BANDS_HZ:
-                told = f"{words}: many lines from {low:g} to {high:g} Hz with a peak of {peak:g} {unit}"
-                yield Multisine(low_Hz=low, high_Hz=high, **size), told
+                text = f"{words}: many lines from {low:g} to {high:g} Hz with a peak of {peak:g} {unit}"
+                yield Multisine(low_Hz=low, high_Hz=high, **size), text
             yield Sine(frequency_Hz=0.5, fade_s=0.2, **size), f"{words}: slow sine, 0.5 Hz, {peak:g} {unit}"
             if column == 0:
                 yield LoadSteps(rise_s=0.03, **size), f"{words}: load steps of {peak:g} {unit}, both ways"

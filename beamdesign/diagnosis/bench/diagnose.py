@@ -184,20 +184,20 @@ def _gap(
 
 
 def _verdict(names: Sequence[str], gap: Gap, marginal: Mapping[str, float], strained: bool) -> tuple[Verdict, str]:
-    told = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
+    errors_text = f"Held-out error {gap.before:.3f} before, {gap.after:.3f} after, {gap.noise_floor:.3f} of it noise."
     open_ = [name for name, p in marginal.items() if 1 - THRESHOLDS.bench_sure < p < THRESHOLDS.bench_sure]
     sure = [name for name in names if name not in open_]
     if gap.before < THRESHOLDS.bench_sound * gap.noise_floor or (
         gap.tuned < THRESHOLDS.bench_sound * gap.noise_floor and not strained
     ):
-        return "no_gap", f"The prototype predicts the bench within its tolerances. {told}"
+        return "no_gap", f"The prototype predicts the bench within its tolerances. {errors_text}"
     if not names or gap.closed < THRESHOLDS.bench_likely:
-        return "unknown", f"No set of causes known here explains the better part of the gap. {told}"
+        return "unknown", f"No set of causes known here explains the better part of the gap. {errors_text}"
     if open_:
         listed = ", ".join(f"{name} ({marginal[name]:.2f})" for name in open_)
         certain = " + ".join(sure) or "no single cause"
-        return "ambiguous", f"Responsible beyond doubt: {certain}; not decided: {listed}. {told}"
-    return "effect", f"Responsible: {' + '.join(names)}. {told}"
+        return "ambiguous", f"Responsible beyond doubt: {certain}; not decided: {listed}. {errors_text}"
+    return "effect", f"Responsible: {' + '.join(names)}. {errors_text}"
 
 
 def _causes(

@@ -63,7 +63,7 @@ class Fitters:
                 if child not in self._others:
                     child.terminate()
 
-    def __call__(self, tasks: Iterable[Task], told: Callable[[int], None] = lambda k: None) -> list[Fit]:
+    def __call__(self, tasks: Iterable[Task], progress: Callable[[int], None] = lambda k: None) -> list[Fit]:
         """Fits in the order of the tasks."""
         given = list(tasks)
         results: dict[int, Fit] = {}
@@ -74,7 +74,7 @@ class Fitters:
             results[k] = found
             if self._kept is not None:
                 self._kept.keep(given[k], found)
-            told(len(results))
+            progress(len(results))
         return [results[k] for k in range(len(given))]
 
     def _made(self, tasks: dict[int, Task]) -> Iterator[tuple[int, Fit]]:

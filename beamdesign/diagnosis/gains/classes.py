@@ -94,9 +94,9 @@ def explain_gains(
     placement = NOTHING.placement(data.prototype)
     nominal = np.zeros(len(placement.unknowns))
     moved = tuple(
-        replace(piece, offset=log(told / at.gain))
+        replace(piece, offset=log(foreseen / at.gain))
         if isinstance(piece, GainEvidence)
-        and (told := piece.measured.predicted_gain) is not None
+        and (foreseen := piece.measured.predicted_gain) is not None
         and (at := piece.predicted(placement, nominal)) is not None
         else piece
         for piece in evidence
@@ -371,11 +371,11 @@ def notes_on_predictions(evidence: Sequence[Figure], factor: CommonFactor | None
         if not isinstance(piece, GainEvidence) or piece.measured.predicted_gain is None:
             continue
         placement = NOTHING.placement(piece.prototype)
-        told, at = piece.measured.predicted_gain, piece.predicted(placement, np.zeros(len(placement.unknowns)))
-        if at is not None and abs(at.gain / told - 1) > _DIFFERS:
+        foreseen, at = piece.measured.predicted_gain, piece.predicted(placement, np.zeros(len(placement.unknowns)))
+        if at is not None and abs(at.gain / foreseen - 1) > _DIFFERS:
             said.append(
                 f"{piece.name}: the believed model gives {1e3 * at.gain:.3g} mA/V where the designers predicted"
-                f" {1e3 * told:.3g}, so that its gap holds what their models differ in."
+                f" {1e3 * foreseen:.3g}, so that its gap holds what their models differ in."
             )
     return tuple(said)
 

@@ -68,8 +68,8 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit], weights: Sequence[floa
         square = sum(weights[i] * weights[j] * min(distances[i, j], _ENOUGH) ** 2 for i, j in pairs) / total
         score = sqrt(square / experiment.effort)
         if best is None or score > best[0]:
-            told = {k for i, j in pairs if distances[i, j] >= 1.0 for k in (i, j)}
-            names = tuple(str(rivals[k].hypothesis) for k in sorted(told))
+            apart = {k for i, j in pairs if distances[i, j] >= 1.0 for k in (i, j)}
+            names = tuple(str(rivals[k].hypothesis) for k in sorted(apart))
             best = (score, sqrt(square), experiment, names)
     if best is None:
         return None
@@ -140,7 +140,7 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
             where = f"with {masses[0]:g} kg outside and {masses[1]:g} kg inside under {_words(law)}"
             yield from gains(
                 f"Measure the critical gain {where}, and the frequency of the oscillation.",
-                {"controller": _told(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]},
+                {"controller": _without_gain(law), "outer_end_mass_kg": masses[0], "inner_end_mass_kg": masses[1]},
                 [one],
             )
         load = float(f"{_LOAD_SHARE * 20e6 * data.prototype.actuator.piston_area_m2:.1g}")
@@ -148,7 +148,7 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
         yield from gains(
             f"Measure the critical gain under {_words(law)} with a constant load of {load:g} N on the tip, pushing and"
             " pulling: unequal sides of the piston give two gains, anything else one.",
-            {"controller": _told(law), "load_N": [load, -load]},
+            {"controller": _without_gain(law), "load_N": [load, -load]},
             [taken(loaded, load), taken(loaded, -load)],
         )
         bare = taken(MeasuredGain(law, 0.0, 0.0, std))
@@ -163,7 +163,7 @@ def experiments(data: Dataset, assumed: Fit) -> Iterator[Experiment]:
         yield Experiment(
             f"Measure the frequency response of the tip to a force, with phase, from 1 to 300 Hz under {_words(law)} at"
             f" {1e3 * quiet.gain_A_per_V:.3g} mA/V (half its critical gain).",
-            {"kind": "frequency_response", "controller": _told(law) | {"gain_A_per_V": quiet.gain_A_per_V}},
+            {"kind": "frequency_response", "controller": _without_gain(law) | {"gain_A_per_V": quiet.gain_A_per_V}},
             (piece,),
             3.0,
         )
@@ -190,7 +190,7 @@ def _same(a: Controller, b: Controller) -> bool:
     return a.but(gain_A_per_V=1.0) == b.but(gain_A_per_V=1.0)
 
 
-def _told(law: Controller) -> dict[str, object]:
+def _without_gain(law: Controller) -> dict[str, object]:
     return law.model_dump(exclude={"gain_A_per_V"})
 
 

@@ -288,9 +288,9 @@ def laws_of(found: Sequence[Residual], null: Fit) -> tuple[Explanation, ...]:
     merged = []
     for name in plain:
         one, other = plain[name], smooth[name]
-        told = one if one.share >= other.share else other
+        larger = one if one.share >= other.share else other
         mean = (max(one.share, 0.0) + max(other.share, 0.0)) / 2
-        merged.append(replace(told, share=mean))
+        merged.append(replace(larger, share=mean))
     most = max(e.share for e in merged)
     close = [e for e in merged if e.share > most - _ALIKE]
     lead = max(close, key=lambda e: plain[e.subsystem].share)
@@ -324,10 +324,10 @@ def _sentence(
     total = sum(scores.values()) or 1.0
     where = f" between {band[0]:g} and {band[1]:g} Hz" if band[1] > 0 else ""
     what = f", {kind}," if kind else ""
-    told = f"The gap{what} lies in the {place}{where}: so say {_listed(agree)}"
+    sentence = f"The gap{what} lies in the {place}{where}: so say {_listed(agree)}"
     if others:
-        told += "; " + ", ".join(f"{_listed(names)} would have it in the {sub}" for sub, names in others.items())
-    return f"{told}. Weighed, {scores[place] / total:.0%} is for the {place}."
+        sentence += "; " + ", ".join(f"{_listed(names)} would have it in the {sub}" for sub, names in others.items())
+    return f"{sentence}. Weighed, {scores[place] / total:.0%} is for the {place}."
 
 
 def _listed(names: Sequence[str]) -> str:
