@@ -12,7 +12,7 @@ from beamdesign.diagnosis.bench.data import read_bench_set, saturates_at
 from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set, probabilities
 from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, updated_prototype
 from beamdesign.diagnosis.bench.fit import held_out
-from beamdesign.diagnosis.bench.hypothesis import NOTHING, BenchHypothesis, believed, candidates
+from beamdesign.diagnosis.bench.hypothesis import NOTHING, BenchHypothesis, candidates, nominal
 from beamdesign.diagnosis.bench.motions import observations, scatter, steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
 from beamdesign.records import InputError
@@ -134,7 +134,7 @@ def test_the_amended_prototype_moves_as_the_bench_does(joint: BenchDiagnosis, tm
 
 def test_what_is_believed_already_is_no_news(joint: BenchDiagnosis, joint_set: Path):
     data = replace(read_bench_set(joint_set), prototype=joint.prototype)
-    known, figure = believed(joint.prototype)
+    known, figure = nominal(joint.prototype)
     assert known.names == joint.chosen
     assert figure["coulomb_N"] == joint.prototype.effects["seal_friction"]["coulomb_N"]
     found = diagnose_bench_set(data, [each for each in candidates(known) if each.causes <= known.causes + 1])

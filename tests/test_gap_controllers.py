@@ -22,7 +22,7 @@ from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
 from beamdesign.diagnosis.designer_terms import designer_terms, loops_of, payload_range
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis
-from beamdesign.diagnosis.examination.believed import CHANNELS, believed_loop, controller_fit, demanded
+from beamdesign.diagnosis.examination.nominal import CHANNELS, controller_fit, demanded, nominal_loop
 from beamdesign.diagnosis.experiment import menu
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
@@ -213,7 +213,7 @@ def test_the_believed_loop_is_that_of_python_control(law: Controller) -> None:
     rig = believed().but(controller=law, payload=believed().payload.but(inner_end_mass_kg=1.5))
     closed = state_space(rig, 2.0)
     at = np.geomspace(0.1, 400, 30)
-    found = believed_loop(rig, law, 2.0, 1.5)
+    found = nominal_loop(rig, law, 2.0, 1.5)
     assert found.stable == bool(np.all(closed.poles().real < 0))
     responses, expected = found.responses(at), np.moveaxis(closed(2j * pi * at), 2, 0)
     for name in {"current_A", "displacement_m", *law.added}:

@@ -271,7 +271,7 @@ def test_figures_beyond_two_tolerances_stand_out(data: Dataset) -> None:
     assert rows["outer mass"].place == 0.5
     # K_q of 11.3 cm3/s/mA, three times 5 % less: exp(-0.15).
     assert rows["flow gain"].fitted.startswith(f"{11.3 * np.exp(-0.15):.4g} ± ")
-    assert rows["valve frequency"].believed == "150 Hz"
+    assert rows["valve frequency"].nominal == "150 Hz"
     assert rows["flow gain"].spread == pytest.approx(0.1)
 
 

@@ -59,7 +59,7 @@ class LoopTerms:
         controller: of the loop, one law.
         inner_end_mass_kg: kg.
         outer_end_mass_kg: range over which everything is proved.
-        believed: before.
+        nominal: before.
         diagnosed: after.
         new: whether it was tuned on what was diagnosed.
     """
@@ -67,7 +67,7 @@ class LoopTerms:
     controller: Controller
     inner_end_mass_kg: float
     outer_end_mass_kg: tuple[float, float]
-    believed: Terms
+    nominal: Terms
     diagnosed: Terms
     new: bool = False
 

@@ -77,16 +77,16 @@ def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
     """
     path = index_of(Path(folder))
     entry, _ = read_index(path)
-    believed = read_prototype(path.parent / entry.prototype)
+    nominal = read_prototype(path.parent / entry.prototype)
     found = []
     for row in entry.record:
         times, disturbance, command = _columns(path.parent / row.file, ("t_s", "disturbance_N", "command_V"))
         masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
-        controller = row.controller or believed.controller
+        controller = row.controller or nominal.controller
         found.append(Inputs(Path(row.file).stem, times, disturbance, command, *masses, controller))
     if not found:
         raise InputError(path, [("record", "the set holds no time record to predict")])
-    return tuple(found), believed.sensor.gain_V_per_m
+    return tuple(found), nominal.sensor.gain_V_per_m
 
 
 def predict(prototype: Prototype, given: Inputs, believed_sensor_gain: float) -> Predicted:

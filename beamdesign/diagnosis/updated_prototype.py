@@ -19,10 +19,10 @@ def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
     """
     figures = lumped.figures(prototype) | {u: v for u, v in found.values.items() if "." not in u}
     # The model's dashpot goes with the root of K M of its beam; so does the fitted one.
-    believed = lumped.figures(prototype)
+    nominal = lumped.figures(prototype)
     for beam in ("outer", "inner"):
         for part in ("stiffness", "mass"):
-            figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / believed[f"{beam}_{part}"])
+            figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / nominal[f"{beam}_{part}"])
     effects: dict[str, dict[str, float]] = {name: dict(table) for name, table in prototype.effects.items()}
     for name in found.hypothesis.effects:
         own = {

@@ -82,7 +82,7 @@ def _design(terms: tuple[LoopTerms, ...]) -> list[dict[str, Any]]:
             "controller": loop.controller.model_dump(),
             "inner_end_mass_kg": loop.inner_end_mass_kg,
             "outer_end_mass_kg": list(loop.outer_end_mass_kg),
-            "believed": plain(loop.believed),
+            "believed": plain(loop.nominal),
             "diagnosed": plain(loop.diagnosed),
         }
         for loop in terms

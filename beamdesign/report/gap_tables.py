@@ -162,7 +162,7 @@ class FittedFigure:
 
     Attributes:
         name: in words.
-        believed: value.
+        nominal: value.
         fitted: value with its standard error.
         z: move over the tolerance.
         spread: standard error over the tolerance.
@@ -172,7 +172,7 @@ class FittedFigure:
     """
 
     name: str
-    believed: str
+    nominal: str
     fitted: str
     z: float
     spread: float
@@ -240,12 +240,12 @@ def terms_rows(loop: LoopTerms) -> list[tuple[str, str, str]]:
     """What is promised: figure, as believed, as diagnosed."""
     masses = mass_range_text(loop.outer_end_mass_kg)
     rows = [
-        ("proved stable outside", _ranges(loop.believed, masses), _ranges(loop.diagnosed, masses)),
-        (f"guaranteed bandwidth, {masses}", _bandwidth(loop.believed), _bandwidth(loop.diagnosed)),
-        (f"guaranteed peak sensitivity, {masses}", _peak(loop.believed), _peak(loop.diagnosed)),
+        ("proved stable outside", _ranges(loop.nominal, masses), _ranges(loop.diagnosed, masses)),
+        (f"guaranteed bandwidth, {masses}", _bandwidth(loop.nominal), _bandwidth(loop.diagnosed)),
+        (f"guaranteed peak sensitivity, {masses}", _peak(loop.nominal), _peak(loop.diagnosed)),
     ]
     rows += [
-        (f"critical gain at {mass:g} kg", _critical(loop.believed, mass), _critical(loop.diagnosed, mass))
+        (f"critical gain at {mass:g} kg", _critical(loop.nominal, mass), _critical(loop.diagnosed, mass))
         for mass in dict.fromkeys(loop.outer_end_mass_kg)
     ]
     return rows

@@ -23,8 +23,8 @@ from beamdesign.diagnosis.bench.hypothesis import (
     NOTHING,
     STEADY_EFFECTS,
     BenchHypothesis,
-    believed,
     candidates,
+    nominal,
     parameters,
     subsystem,
 )
@@ -76,7 +76,7 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
     actuator = data.prototype.actuator
     seen = observations(motions, actuator.asymmetry, data.prototype.servovalve.null_V)
     floor = scatter(seen, actuator.supply_pressure_Pa)
-    known = believed(data.prototype)[0]
+    known = nominal(data.prototype)[0]
     tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in among or candidates(known)]
     weights = probabilities(tried, data.conditions)
     order = np.argsort(-weights, kind="stable")
@@ -170,7 +170,7 @@ def _gap(
     floor: Mapping[str, float],
     replayed: Sequence[ReplayError],
 ) -> Gap:
-    known, figures = believed(prototype)
+    known, figures = nominal(prototype)
     retuned = next(each for each in ranked if each.hypothesis == known)
     rows = []
     for condition in best.error:

@@ -135,9 +135,9 @@ class BenchHypothesis:
         return " + ".join(words) or "tolerances only"
 
 
-def candidates(believed: BenchHypothesis | None = None) -> tuple[BenchHypothesis, ...]:
+def candidates(nominal: BenchHypothesis | None = None) -> tuple[BenchHypothesis, ...]:
     """Every combination of causes, with those already believed; lines and edges show only where flow heeds pressure."""
-    believed = believed or BenchHypothesis()
+    nominal = nominal or BenchHypothesis()
     yes = (False, True)
     found = [
         BenchHypothesis(orifices, areas, deadband, leakage, lines, edge, friction)
@@ -146,12 +146,12 @@ def candidates(believed: BenchHypothesis | None = None) -> tuple[BenchHypothesis
         for friction in FRICTIONS
         if orifices or not (lines or edge)
     ]
-    held = set(believed.figures) | set(believed.names)
+    held = set(nominal.figures) | set(nominal.names)
     found = [each for each in found if held <= set(each.figures) | set(each.names)]
-    return (*found, replace(believed, wrong_flow_gain=True))
+    return (*found, replace(nominal, wrong_flow_gain=True))
 
 
-def believed(prototype: BenchPrototype) -> tuple[BenchHypothesis, dict[str, float]]:
+def nominal(prototype: BenchPrototype) -> tuple[BenchHypothesis, dict[str, float]]:
     """Causes that a prototype already holds, and the figures of the steady model as it has them."""
     effects, of_effects = prototype.effects, bench_parameters(prototype)
     at = {}
@@ -202,7 +202,7 @@ def unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: 
         hypothesis: the causes.
         largest_V: command from which the largest flow follows.
     """
-    known, at = believed(prototype)
+    known, at = nominal(prototype)
     actuator, valve, tolerance = prototype.actuator, prototype.servovalve, prototype.tolerance
     supply, gain, volts = actuator.supply_pressure_Pa, valve.flow_gain_m3_per_s_per_V, valve.amplifier_A_per_V
     flow = gain * largest_V

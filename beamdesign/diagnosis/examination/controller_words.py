@@ -7,8 +7,8 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.believed import ControllerFit, Rival, demanded, refitted, rivals
 from beamdesign.diagnosis.examination.caution import Caution
+from beamdesign.diagnosis.examination.nominal import ControllerFit, Rival, demanded, refitted, rivals
 from beamdesign.prototype import Prototype
 
 DISOBEDIENT = 0.05

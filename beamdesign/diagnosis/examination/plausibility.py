@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.examination.believed import ControllerFit, believed_loop, controller_fit
 from beamdesign.diagnosis.examination.caution import Caution, with_tolerances
 from beamdesign.diagnosis.examination.controller_words import contradictions, lost_by_recorder
+from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import Reading, as_it_stands, other_readings, other_units
 from beamdesign.diagnosis.examination.sound_records import (
     HIGH_HZ,
@@ -55,9 +55,9 @@ def check_responses(responses: Sequence[FrequencyResponse], prototype: Prototype
             raise InputError(response.source or response.name, problems)
 
 
-def _believed(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
+def _nominal(response: FrequencyResponse, prototype: Prototype, frequencies: np.ndarray) -> np.ndarray | None:
     with np.errstate(over="raise", invalid="raise", divide="raise"):
-        loop = believed_loop(prototype, response.controller, response.outer_end_mass, response.inner_end_mass)
+        loop = nominal_loop(prototype, response.controller, response.outer_end_mass, response.inner_end_mass)
     return loop.responses(frequencies)[:, 1, 0] if loop.stable else None
 
 
@@ -68,12 +68,12 @@ def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem
     inside = (frequencies >= LOW_HZ) & (frequencies <= HIGH_HZ)
     if inside.sum() < _FEWEST:
         return [Problem("frequency_Hz", f"fewer than {_FEWEST} lines between {LOW_HZ:g} and {HIGH_HZ:g} Hz")]
-    believed = _believed(response, prototype, frequencies)
-    slower = _believed(response, prototype, frequencies / (2 * pi))
-    if believed is None or slower is None:
+    nominal = _nominal(response, prototype, frequencies)
+    slower = _nominal(response, prototype, frequencies / (2 * pi))
+    if nominal is None or slower is None:
         return []
     measured = np.abs(response.response)
-    level, shape = _level_and_shape(measured, believed)
+    level, shape = _level_and_shape(measured, nominal)
     if abs(level) > _FAR:
         for unit, factor in _UNITS.items():
             if abs(level - np.log(factor)) < min(_NEAR, 0.3 * np.log(factor)) and shape < _NEAR:
@@ -82,23 +82,23 @@ def _problems(response: FrequencyResponse, prototype: Prototype) -> list[Problem
     slower_level, slower_shape = _level_and_shape(measured, slower)
     if max(shape, abs(level)) > 0.4 and max(slower_shape, abs(slower_level)) < 0.5 * max(shape, abs(level)):
         problems.append(Problem("frequency_Hz", "values are in rad/s, by the place of the resonances: divide by 2 pi"))
-        believed = slower
-    if response.has_phase and (reason := _phase(response, believed)):
+        nominal = slower
+    if response.has_phase and (reason := _phase(response, nominal)):
         problems.append(Problem("phase_deg", reason))
     return problems
 
 
-def _level_and_shape(measured: np.ndarray, believed: np.ndarray) -> tuple[float, float]:
+def _level_and_shape(measured: np.ndarray, nominal: np.ndarray) -> tuple[float, float]:
     """Median logarithm of measured over believed, and the typical distance of the lines from it."""
-    ratio = np.log(measured / np.abs(believed))
+    ratio = np.log(measured / np.abs(nominal))
     level = float(np.median(ratio))
     return level, float(np.sqrt(np.mean((ratio - level) ** 2)))
 
 
-def _phase(response: FrequencyResponse, believed: np.ndarray) -> str:
+def _phase(response: FrequencyResponse, nominal: np.ndarray) -> str:
     """What is wrong with phases, if they make sense only when read otherwise."""
     phases = np.unwrap(np.angle(response.response))
-    expected = np.unwrap(np.angle(believed))
+    expected = np.unwrap(np.angle(nominal))
     if np.ptp(expected) < 1.0:
         return ""
     as_written = _phase_error(phases, expected)
@@ -128,10 +128,10 @@ def check_gains(gains: Sequence[MeasuredGain], prototype: Prototype, folder: Pat
         rig = prototype.but(effects={}, controller=law)
         rig = rig.but(payload=rig.payload.but(inner_end_mass_kg=gain.inner_end_mass))
         try:
-            believed = critical_gain(rig, gain.outer_end_mass, from_own=True).gain_A_per_V
+            nominal = critical_gain(rig, gain.outer_end_mass, from_own=True).gain_A_per_V
         except (ArithmeticError, ValueError):
             continue
-        ratio = gain.gain / believed
+        ratio = gain.gain / nominal
         if 0.2 < ratio / 1e3 < 3:
             words = f"entry {k}: {gain.gain:g} is {ratio:.0f} times what is believed: is it in mA/V? Divide by 1000"
             problems.append(Problem("critical_gain.gain_A_per_V", words))

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.believed import demanded, expected
+from beamdesign.diagnosis.examination.nominal import demanded, expected
 from beamdesign.prototype import Prototype
 
 COLUMNS = ("disturbance_N", "command_V", "current_A", "displacement_m")

@@ -10,9 +10,9 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.believed import believed_loop, demanded, loop_of, mismatch
 from beamdesign.diagnosis.examination.caution import Caution
 from beamdesign.diagnosis.examination.controller_words import described
+from beamdesign.diagnosis.examination.nominal import demanded, loop_of, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -326,7 +326,7 @@ def masses(record: TimeRecord, prototype: Prototype, pairs: Sequence[tuple[float
 
 
 def _misfit(record: TimeRecord, prototype: Prototype, outer: float, inner: float) -> float:
-    loop = believed_loop(prototype, record.controller, outer, inner)
+    loop = nominal_loop(prototype, record.controller, outer, inner)
     if not loop.stable:
         return np.inf
     return mismatch(record.measured["displacement_m"], loop.driven(record.inputs, record.step)[:, 1].sum(axis=1))[0]

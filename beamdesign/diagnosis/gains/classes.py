@@ -251,9 +251,9 @@ def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
     model = [piece.predicted(placement, np.zeros(len(placement.unknowns))) for piece in gains]
     if any(at is None for at in model):
         return None
-    believed = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True) if at is not None]
+    nominal = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True) if at is not None]
     return common_factor(
-        [piece.measured.gain for piece in gains], believed, [piece.measured.relative_std for piece in gains]
+        [piece.measured.gain for piece in gains], nominal, [piece.measured.relative_std for piece in gains]
     )
 
 

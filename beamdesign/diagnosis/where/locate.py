@@ -11,7 +11,7 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where
-from beamdesign.diagnosis.examination.believed import controller_fit
+from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
 from beamdesign.diagnosis.fitting.search import Search

@@ -25,7 +25,7 @@ CHANNELS = ("current_A", "displacement_m", "load_pressure_Pa", "inner_displaceme
 
 
 @dataclass(frozen=True)
-class BelievedLoop:
+class NominalLoop:
     """The closed loop x' = A x + B (force, command) of a prototype without effects.
 
     Attributes:
@@ -75,9 +75,9 @@ class BelievedLoop:
         return np.fft.irfft(shares * spectra[:, None, :], padded, axis=0)[:count]
 
 
-def believed_loop(
+def nominal_loop(
     prototype: Prototype, controller: Controller, outer_end_mass: float, inner_end_mass: float
-) -> BelievedLoop:
+) -> NominalLoop:
     """Close the loop around a prototype's linear plant, its effects left out.
 
     Args:
@@ -101,12 +101,12 @@ def believed_loop(
     seen, through = np.zeros((4, len(closed))), np.zeros((4, 2))
     seen[0], through[0, 1] = np.concatenate([straight @ sensed, leaving]), straight @ commanded
     seen[1:, : len(a)] = volts / prototype.sensor.gain_V_per_m, c[3], c[2]
-    return BelievedLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
+    return NominalLoop(closed, driven, seen, through, np.linalg.eigvals(closed))
 
 
-def loop_of(record: TimeRecord, prototype: Prototype) -> BelievedLoop:
+def loop_of(record: TimeRecord, prototype: Prototype) -> NominalLoop:
     """The believed loop of a record."""
-    return believed_loop(prototype, record.controller, record.outer_end_mass, record.inner_end_mass)
+    return nominal_loop(prototype, record.controller, record.outer_end_mass, record.inner_end_mass)
 
 
 def expected(record: TimeRecord, prototype: Prototype) -> Mapping[str, np.ndarray] | None:
