@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.examination.caution import Caution, with_tolerances
-from beamdesign.diagnosis.examination.controller_words import contradictions, lost_by_recorder
+from beamdesign.diagnosis.examination.caution import Caution, contradictions, lost_by_recorder, with_tolerances
 from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
 from beamdesign.diagnosis.examination.readings import Reading, as_it_stands, other_readings, other_units
 from beamdesign.diagnosis.examination.sound_records import (

@@ -10,8 +10,7 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.caution import Caution
-from beamdesign.diagnosis.examination.controller_words import described
+from beamdesign.diagnosis.examination.caution import Caution, described
 from beamdesign.diagnosis.examination.nominal import demanded, loop_of, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
