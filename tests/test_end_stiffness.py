@@ -196,7 +196,7 @@ def test_a_tip_that_is_not_passive_comes_with_surroundings_that_make_it_grow(
     rig: Prototype, judged: dict[str, EndStiffness], name: str
 ) -> None:
     found = judged[name]
-    other = found.troublemaker
+    other = found.destabilising_environment
     assert not found.passivity.holds
     assert found.stable
     assert other is not None

@@ -254,7 +254,7 @@ def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
         "force_filter_Hz": None if best.law is None else best.law.force_filter_Hz,
         **picked(best, _STATED),
         "active_bands": [picked(band, "low_Hz high_Hz sample_Hz") for band in best.passivity.bands],
-        "destabilised_by": environment(best.troublemaker),
+        "destabilised_by": environment(best.destabilising_environment),
         "wall_N_per_m": list(walls),
         "wall_witness": environment(best.contact.witness),
     }

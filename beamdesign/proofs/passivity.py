@@ -3,8 +3,8 @@
 With x / F = n / p, Re(jw n / p) >= 0 says that what pushes the tip at w gets no work out of it over a period. Springs
 and masses on the tip turn p to p + k n - m w^2 n and leave Im(p conj n) as it is: so one polynomial in w^2 settles
 passivity for every payload. A tip that is passive and stable is stable against every passive environment that takes up
-some energy, a wall among them (Colgate and Hogan, Int. J. Control 48, 1988); against one that is not, `troublemaker`
-finds masses, springs and dashpots that it oscillates with.
+some energy, a wall among them (Colgate and Hogan, Int. J. Control 48, 1988); against one that is not,
+`destabilising_environment` finds masses, springs and dashpots that it oscillates with.
 """
 
 from dataclasses import dataclass
@@ -139,7 +139,7 @@ def in_words(bands: tuple[Band, ...]) -> str:
     return " and ".join(one(band) for band in bands)
 
 
-def troublemaker(tip: Tip, bands: tuple[Band, ...], outer_end_mass: fmpq) -> Environment | None:
+def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass: fmpq) -> Environment | None:
     """A passive environment that makes a stable loop grow, proved by an exact Routh test.
 
     At jw inside a band p / n = R - j w r with r > 0. A mass M on a spring M w^2 - R is in tune there, and with a

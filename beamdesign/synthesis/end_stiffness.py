@@ -34,7 +34,7 @@ from beamdesign.proofs.contact import (
     stiffest_wall,
     unilateral_contact,
 )
-from beamdesign.proofs.passivity import Environment, Passivity, active_bands, passivity, troublemaker
+from beamdesign.proofs.passivity import Environment, Passivity, active_bands, destabilising_environment, passivity
 from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.prototype import Prototype
@@ -139,7 +139,7 @@ class EndStiffness:
         command_Hz: up to which the free end follows its command with 0.7071 of it or more; 0 where not stable.
         peak_sensitivity: bound of max |1 / (1 + L)|, L broken at the current; infinite where not stable.
         passivity: of the tip.
-        troublemaker: a passive environment that makes a loop grow which is stable, but not passive.
+        destabilising_environment: a passive environment that makes a loop grow which is stable, but not passive.
         contact: with the walls asked about.
         stiffest_wall_N_per_m: up to which every wall of the range is stable with every end mass.
         unilateral_contact: one-sided walls that it may touch and leave.
@@ -155,7 +155,7 @@ class EndStiffness:
     command_Hz: float
     peak_sensitivity: float
     passivity: Passivity
-    troublemaker: Environment | None
+    destabilising_environment: Environment | None
     contact: Contact
     stiffest_wall_N_per_m: float
     unilateral_contact: UnilateralContact
@@ -224,7 +224,7 @@ def judge(prototype: Prototype, law: CompliantLaw | None, masses_kg: tuple[float
         guaranteed_command_band(port, commanded, low, high) if stable else 0.0,
         least_of("peak_sensitivity", closed, (low, high)) if stable else inf,
         passive,
-        troublemaker(port, passive.bands, low) if stable else None,
+        destabilising_environment(port, passive.bands, low) if stable else None,
         contact,
         nearest(wall.stiffness[1]) if contact.holds else stiffest_wall(port, (low, high), wall),
         unilateral_contact(port, (low, high), wall.stiffness[1]),

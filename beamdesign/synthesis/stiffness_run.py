@@ -93,8 +93,8 @@ def _tables(found: EndStiffness, wall: Wall) -> Tables:
     passivity: Tables = {"passive": found.passivity.holds}
     if found.passivity.bands:
         passivity["band"] = [{"outer": _ends(band, 0), "inner": _ends(band, 1)} for band in found.passivity.bands]
-    if found.troublemaker is not None:
-        passivity["troublemaker"] = _environment(found.troublemaker)
+    if found.destabilising_environment is not None:
+        passivity["troublemaker"] = _environment(found.destabilising_environment)
     contact: Tables = {
         "stable": found.contact.holds,
         "stiffness_N_per_m": texts(wall.stiffness),
@@ -141,7 +141,7 @@ def in_words(found: EndStiffness, wall: Wall) -> list[str]:
         lines.append("Proved: passive at the tip, so that no passive surroundings make it grow.")
     else:
         lines.append(f"Refuted: passive at the tip; {found.passivity.reason}.")
-    if (other := found.troublemaker) is not None:
+    if (other := found.destabilising_environment) is not None:
         lines.append(
             f"Proved: unstable with {float(other.mass):.4g} kg, held by {float(other.stiffness):.4g} N/m and"
             f" {float(other.damping):.4g} N s/m, fixed to the tip."
