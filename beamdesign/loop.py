@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_poly
 from beamdesign.controllers import Controller
 from beamdesign.crossing import Crossing, crossings
 from beamdesign.plant.linear import LinearModel, Plant
-from beamdesign.plant.members import Member, family
+from beamdesign.plant.members import VertexModel, family
 from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 
@@ -101,7 +101,7 @@ def loop(prototype: Prototype) -> Loop:
     return _member_loop(prototype, family(prototype).rest)
 
 
-def _member_loop(prototype: Prototype, member: Member) -> Loop:
+def _member_loop(prototype: Prototype, member: VertexModel) -> Loop:
     """The loop of a member at the largest of its gains."""
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")

@@ -13,7 +13,7 @@ from beamdesign.loop import loop
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
-from beamdesign.proofs.box_member import Member, unstable_roots
+from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
 from beamdesign.proofs.box_statement import Statement
 from beamdesign.proofs.rig_family import Family
 from beamdesign.proofs.stability import stable_ranges
@@ -172,7 +172,7 @@ def test_number_of_unstable_roots_with_a_delay():
     a = fmpq_poly([0, 1, 1])
     with ctx.workprec(96):
         for delay in (0.1, 0.7, 0.8, 5.0, 7.0, 7.1, 13.3, 13.4):
-            one = Member(a, fmpq_poly([exact(sqrt(2))]), exact(delay))
+            one = Quasipolynomial(a, fmpq_poly([exact(sqrt(2))]), exact(delay))
             crossed = sum(pi / 4 + 2 * pi * i < delay for i in range(5))
             assert unstable_roots(one) == 2 * crossed
 
@@ -183,7 +183,7 @@ def test_number_of_unstable_roots_without_a_delay():
         for degree in (1, 2, 3, 5, 8):
             plain = fmpq_poly([exact(round(c, 3)) for c in rng.normal(size=degree)] + [1])
             expected = sum(root.real > 0 for root in roots_of(plain))
-            assert unstable_roots(Member(plain, fmpq_poly([0]), fmpq(0))) == expected
+            assert unstable_roots(Quasipolynomial(plain, fmpq_poly([0]), fmpq(0))) == expected
 
 
 def test_delay_margin_is_phase_margin_over_crossover():

@@ -39,7 +39,7 @@ BEYOND = 0.03
 
 
 @dataclass(frozen=True)
-class Member:
+class VertexModel:
     """One linear rig that stands for a prototype, with factors on its loop gain.
 
     Attributes:
@@ -75,8 +75,8 @@ class LinearFamily:
         gains: factors that effects put on the loop's gain, by effect.
     """
 
-    members: tuple[Member, ...]
-    rest: Member
+    members: tuple[VertexModel, ...]
+    rest: VertexModel
     spans: Mapping[str, Span]
     load_N: float
     depends_on_load: bool = False
@@ -85,7 +85,7 @@ class LinearFamily:
 
 def served(
     prototype: Prototype, largest_kg: float, stage: tuple[tuple[float, float], tuple[float, float]] | None = None
-) -> tuple[Member, ...]:
+) -> tuple[VertexModel, ...]:
     """Linear members that a law has to serve: its own payloads with performance, all payloads with stability.
 
     The second are members of their own: the same plants, their payload stretched from the law's range to the whole one
@@ -160,10 +160,10 @@ def family(prototype: Prototype, largest_outer_end_mass: float | None = None) ->
         performs = all(
             span.performing[0] <= value <= span.performing[1] for (_, _, span), value in zip(places, ends, strict=True)
         )
-        members.append(Member(rig(frozen), whole, performing if performs else None, frozen))
+        members.append(VertexModel(rig(frozen), whole, performing if performs else None, frozen))
     at_rest = {name: {key: span.rest for key, span in table.items()} for name, table in spans.items()}
     factor = float(np.prod([span.rest for span in spanned]))
-    rest = Member(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
+    rest = VertexModel(rig(at_rest), Interval(factor, factor), Interval(factor, factor), at_rest)
     named = {f"{name}.{key}": span for name, key, span in places}
     with_load = any(library()[name].linear_with_load for name in own)
     return LinearFamily(tuple(members), rest, named, load, with_load, gains)

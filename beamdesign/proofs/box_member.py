@@ -17,7 +17,7 @@ class Undecided(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class Member:
+class Quasipolynomial:
     """plain(s) + late(s) exp(-s delay), the delay in s."""
 
     plain: fmpq_poly
@@ -25,13 +25,13 @@ class Member:
     delay: fmpq
 
 
-def member(statement: Statement, parameters: Point) -> Member:
+def member(statement: Statement, parameters: Point) -> Quasipolynomial:
     """The member at one value of every parameter, which may lie outside the box."""
     point = {n: a for n, (a, _) in statement.merged({n: (v, v) for n, v in parameters.items()}).items()}
     return member_at(statement, point)
 
 
-def member_at(statement: Statement, point: Point) -> Member:
+def member_at(statement: Statement, point: Point) -> Quasipolynomial:
     """The member at one value of every variable."""
 
     def leaf(name: str) -> fmpq_poly:
@@ -43,10 +43,10 @@ def member_at(statement: Statement, point: Point) -> Member:
         return total
 
     plain, late = statement.split(leaf, fmpq_poly([0]), fmpq_poly([1]))
-    return Member(plain, late, fmpq(0) if statement.delay is None else point[statement.delay])
+    return Quasipolynomial(plain, late, fmpq(0) if statement.delay is None else point[statement.delay])
 
 
-def is_stable(statement: Statement, one: Member) -> bool:
+def is_stable(statement: Statement, one: Quasipolynomial) -> bool:
     """Whether all roots of a member lie in the open left half plane, as many as the family's degree says.
 
     Raises:
@@ -59,7 +59,7 @@ def is_stable(statement: Statement, one: Member) -> bool:
     return one.plain.degree() == n and unstable_roots(one) == 0
 
 
-def unstable_roots(one: Member) -> int:
+def unstable_roots(one: Quasipolynomial) -> int:
     """Number of roots with positive real part of a member whose leading term is not delayed.
 
     With n the degree, N the number and R a frequency from which the leading term outweighs the rest, the argument of

@@ -8,7 +8,7 @@ from flint import fmpq
 from beamdesign.crossing import Crossing
 from beamdesign.loop import rig_loop
 from beamdesign.plant.effects import library
-from beamdesign.plant.members import LinearFamily, Member, family
+from beamdesign.plant.members import LinearFamily, VertexModel, family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
@@ -46,7 +46,7 @@ the last of these steps is halved."""
 class Proved:
     """A member with the rectangle over which it is to be stable, and that over which it is to perform, if it is."""
 
-    member: Member
+    member: VertexModel
     stable: Rectangle
     performing: Rectangle | None
 

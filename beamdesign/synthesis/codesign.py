@@ -14,7 +14,7 @@ from scipy.stats import qmc
 
 from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import Form, form_of
-from beamdesign.plant.members import Member, family
+from beamdesign.plant.members import VertexModel, family
 from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
@@ -117,7 +117,7 @@ def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
     return figures
 
 
-def _members(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> tuple[Member, ...] | None:
+def _members(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> tuple[VertexModel, ...] | None:
     """The members of the rig with these tubes; None where the record of it refuses them."""
     try:
         return family(problem.prototype(*tubes)).members

@@ -16,7 +16,7 @@ import numpy as np
 
 from beamdesign.controllers import SENSED, Controller, Sensed
 from beamdesign.controllers.form import Form
-from beamdesign.plant.members import Member, family
+from beamdesign.plant.members import VertexModel, family
 from beamdesign.proofs.certificate import Claim
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest
@@ -102,7 +102,7 @@ class Search:
         spread: rigs that are off, among which the worst are to keep all limits as well; none: the nominal rig alone.
     """
 
-    members: Sequence[Member]
+    members: Sequence[VertexModel]
     goal: Goal
     masses_kg: tuple[float, float]
     inner_kg: tuple[float, float]
@@ -122,7 +122,7 @@ class Search:
     def sampled(self, frequency_Hz: np.ndarray, masses: Sequence[float], looser: float = 1.0) -> Samples:
         """All loops at some frequencies and outer end masses (kg), and those of the rigs that are off."""
 
-        def of(members: Sequence[Member]) -> Samples:
+        def of(members: Sequence[VertexModel]) -> Samples:
             return rig_samples(members, frequency_Hz, masses, self.sensors, looser)
 
         return of(self.members) if self.spread is None else worst_samples(self.spread, self.members, of)

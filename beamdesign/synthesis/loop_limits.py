@@ -17,7 +17,7 @@ from beamdesign.loop import Loop, rig_loop
 from beamdesign.plant.beams_rig import FIGURES
 from beamdesign.plant.linear import UNUSED, LinearModel
 from beamdesign.plant.linearised import linear_assembly, transfer_polynomials
-from beamdesign.plant.members import Member
+from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
@@ -38,7 +38,7 @@ LOOSER_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
 
 
-def ends(members: Sequence[Member]) -> list[tuple[LinearModel, float, bool]]:
+def ends(members: Sequence[VertexModel]) -> list[tuple[LinearModel, float, bool]]:
     """Rig, factor on the gain and whether it is to perform, of every member at the ends of what it is asked."""
     found = []
     for member in members:
@@ -104,7 +104,7 @@ def _asked(goal: Goal) -> tuple[Asked, ...]:
 
 
 def loop_set(
-    members: Sequence[Member], controller: Controller, inner_end_mass: float, masses_kg: tuple[float, float]
+    members: Sequence[VertexModel], controller: Controller, inner_end_mass: float, masses_kg: tuple[float, float]
 ) -> LoopSet:
     """Close the loops of all members of a rig."""
     low, high = (exact(mass) for mass in masses_kg)

@@ -21,7 +21,7 @@ from flint import fmpq_poly
 from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
 from beamdesign.plant.linear import BilinearPlant, PairOver
-from beamdesign.plant.members import Member
+from beamdesign.plant.members import VertexModel
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest
 from beamdesign.synthesis.loop_limits import LIMITED, LOOSER_PEAK, ends, goal_limits
@@ -216,7 +216,7 @@ def samples(
 
 
 def rig_samples(
-    members: Sequence[Member],
+    members: Sequence[VertexModel],
     frequency_Hz: np.ndarray,
     outer_end_masses: Sequence[float],
     sensors: tuple[Sensed, ...] = SENSED[:1],
@@ -239,7 +239,7 @@ def rig_samples(
 
 
 def worst_samples(
-    spread: RigSpread, members: Sequence[Member], sampled: Callable[[Sequence[Member]], Samples]
+    spread: RigSpread, members: Sequence[VertexModel], sampled: Callable[[Sequence[VertexModel]], Samples]
 ) -> Samples:
     """Samples of the rigs within a spread.
 

@@ -15,7 +15,7 @@ import numpy as np
 from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
 from beamdesign.loop import Loop, LoopAtMass
-from beamdesign.plant.members import Member
+from beamdesign.plant.members import VertexModel
 from beamdesign.proofs.certificate import Claim, Kind
 from beamdesign.prototype import Goal
 from beamdesign.synthesis.interruption import interruption_waits
@@ -187,7 +187,7 @@ class LoopProgram:
     upper: np.ndarray
     reach: float
     tighten_below: float
-    members: Callable[[np.ndarray], tuple[Member, ...] | None]
+    members: Callable[[np.ndarray], tuple[VertexModel, ...] | None]
     flaw: Callable[[np.ndarray], str]
     cost: Callable[["Proved"], float]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from beamdesign.parameters import TOLERANCES
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
-from beamdesign.plant.members import Member, served
+from beamdesign.plant.members import VertexModel, served
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 
@@ -54,7 +54,7 @@ class RigSpread:
         pairs = zip(z, self.deviations.items(), strict=True)
         return {name: 1 + float(value) * size for value, (name, size) in pairs if value}
 
-    def members(self, z: np.ndarray) -> tuple[Member, ...]:
+    def members(self, z: np.ndarray) -> tuple[VertexModel, ...]:
         """Linear members that a law has to serve of the prototype with its figures off by (d,)."""
         return served(self.rig(z), self.largest_outer_kg, self.stage)
 

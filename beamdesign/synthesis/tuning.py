@@ -26,7 +26,7 @@ from types import MappingProxyType
 import numpy as np
 
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
-from beamdesign.plant.members import Member, served
+from beamdesign.plant.members import VertexModel, served
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
@@ -206,7 +206,7 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
 _NO_START = "a {} controller is tuned from one of its kind with a stable loop, and the prototype has none"
 
 
-def _varies_on_the_mount(member: Member) -> bool:
+def _varies_on_the_mount(member: VertexModel) -> bool:
     """Whether its gain varies where it is to perform while the end mass shows in what is fed back."""
     inside = member.performance
     return member.rig.sensor_rides and inside is not None and inside.low < inside.high
