@@ -15,14 +15,14 @@ from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.box_member import Quasipolynomial, unstable_roots
 from beamdesign.proofs.box_statement import Statement
-from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.tolerance_box import largest_scaling
 
 
-def family(p: str, **values: float) -> Family:
+def family(p: str, **values: float) -> PolynomialFamily:
     """A family without structure."""
-    return Family("test", p, {name: exact(value) for name, value in values.items()})
+    return PolynomialFamily("test", p, {name: exact(value) for name, value in values.items()})
 
 
 # Against theory.
@@ -162,7 +162,7 @@ def test_volumes():
 
 # Delay.
 
-DELAYED = Family(
+DELAYED = PolynomialFamily(
     "integrator and lag", "a + k*late", {"K": exact(1.0), "T": fmpq(0)}, {"a": "s**2 + s", "k": "K"}, (), {"late": "T"}
 )
 
@@ -191,7 +191,7 @@ def test_delay_margin_is_phase_margin_over_crossover():
     for gain in (0.3, 1.0, 2.0):
         crossover = sqrt((sqrt(1 + 4 * gain**2) - 1) / 2)
         margin = (pi / 2 - atan(crossover)) / crossover
-        fixed = Family("L", DELAYED.p, {"K": exact(gain), "T": fmpq(0)}, DELAYED.leaves, (), DELAYED.delays)
+        fixed = PolynomialFamily("L", DELAYED.p, {"K": exact(gain), "T": fmpq(0)}, DELAYED.leaves, (), DELAYED.delays)
         assert certify_box(fixed, box_of({"T": (0.0, 0.999 * margin)})).stable is True
         refuted = certify_box(fixed, box_of({"T": (0.0, 1.002 * margin)}))
         assert refuted.stable is False
@@ -214,6 +214,6 @@ def test_neutral_type_is_refused():
 def test_too_many_control_points_are_refused():
     names = [f"q{i}" for i in range(18)]
     leaves = {f"leaf{i}": f"1 + {name}" for i, name in enumerate(names)}
-    wide = Family("wide", "s + " + "*".join(leaves), dict.fromkeys(names, fmpq(0)), leaves)
+    wide = PolynomialFamily("wide", "s + " + "*".join(leaves), dict.fromkeys(names, fmpq(0)), leaves)
     with pytest.raises(ValueError, match="control points"):
         certify_box(wide, box_of(dict.fromkeys(names, (0.0, 1.0))))

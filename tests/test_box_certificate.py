@@ -23,20 +23,20 @@ from beamdesign.polynomial import exact
 from beamdesign.polynomial import roots as roots_of
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.tolerance_box import tolerance_box
 from beamdesign.proofs.writer import prototype_table
 from beamdesign.proofs.zero_exclusion import holds, pieces
 from beamdesign.prototype import Payload, Prototype, Tolerance, read_prototype
 
-CUBIC = Family("cubic", "s**3 + 2*s**2 + s + q", {"q": fmpq(1, 2)})
+CUBIC = PolynomialFamily("cubic", "s**3 + 2*s**2 + s + q", {"q": fmpq(1, 2)})
 
 
 @pytest.fixture(scope="module")
 def certificate() -> str:
     """Of a family with every kind of part: reciprocals, packs, groups and a delay."""
     values = {"m": 1.0, "n": 0.0, "b": 0.6, "k": 4.0, "g": 2.0, "f": 1.0, "area": 2.0, "T": 0.0}
-    parts = Family(
+    parts = PolynomialFamily(
         "parts",
         "(spring*per_area_2 + inertia)*lag + gain*per_area*late",
         {name: exact(value) for name, value in values.items()},

@@ -14,7 +14,7 @@ from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.rig_family import Family, rig_family
+from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 
@@ -146,7 +146,7 @@ def with_tolerance(
 
 def _spanned(
     prototype: Prototype, circuit: Circuit, resistors: float, capacitor: float
-) -> tuple[Family, dict[str, tuple[float | fmpq, float | fmpq]]]:
+) -> tuple[PolynomialFamily, dict[str, tuple[float | fmpq, float | fmpq]]]:
     """The loop over gain and coefficients of every stage, s and s^2, and what these can be within the tolerances."""
     ranges: dict[str, tuple[float | fmpq, float | fmpq]] = {"controller_gain": circuit.gain_span(resistors, capacitor)}
     nominal = []

@@ -13,7 +13,7 @@ from beamdesign.polynomial import exact, roots
 from beamdesign.proofs.box_member import Undecided, is_stable, member, parameters_at, refutes, unstable_member
 from beamdesign.proofs.box_statement import Interval, Statement
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.rig_family import Family, rig_family
+from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
@@ -111,8 +111,8 @@ _NOTES = {
 
 
 def box_certificate(
-    subject: Prototype | Family,
-    family: Family,
+    subject: Prototype | PolynomialFamily,
+    family: PolynomialFamily,
     statement: Statement,
     member: Mapping[str, fmpq],
     tree: Sequence[str] | None,
@@ -144,7 +144,7 @@ def box_certificate(
         f" {'is stable for every member of' if tree is not None else 'is NOT stable throughout'} a box of",
         *(f"  {name} from {nearest(a):.7g} to {nearest(b):.7g}" for name, (a, b) in varying.items()),
     ]
-    if isinstance(subject, Family):
+    if isinstance(subject, PolynomialFamily):
         return certificate(OF_NO_RIG, subject.name, body, "\n".join(summary), notes=_NOTES)
     if deviations := {key: value for key, value in plain(subject.tolerance).items() if value}:
         body["tolerance"] = stated(deviations)
@@ -252,7 +252,7 @@ class BoxVerdict:
 
 
 def certify_box(
-    subject: Prototype | Family,
+    subject: Prototype | PolynomialFamily,
     box: Box,
     budget: int = 4000,
     seconds: float = inf,

@@ -19,7 +19,7 @@ _FACTOR = "effect_gain"
 
 
 @dataclass(frozen=True)
-class Family:
+class PolynomialFamily:
     """A characteristic polynomial over parameters; the texts are those of `box_statement.Statement`.
 
     Attributes:
@@ -97,7 +97,9 @@ def rig_values(prototype: Prototype) -> dict[str, fmpq]:
     return values
 
 
-def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), varied: Sequence[str] = ()) -> Family:
+def rig_family(
+    prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), varied: Sequence[str] = ()
+) -> PolynomialFamily:
     """The characteristic polynomial of a prototype's loop over all parameters in `rig_values`.
 
     Its plant is that of every other proof, the assembly's linear plant as the controller's sensors see it, with its
@@ -153,4 +155,6 @@ def rig_family(prototype: Prototype, stages: Sequence[Mapping[str, fmpq]] = (), 
         loop_denominator * denominator + gain * loop_numerator, [name for name in values if name != "delay"], TRANSPORT
     )
     positive = [name for name in values if name not in _frozen(found)]
-    return Family(prototype.name, form.p, values, form.leaves, form.bound, {TRANSPORT: "delay"}, form.groups, positive)
+    return PolynomialFamily(
+        prototype.name, form.p, values, form.leaves, form.bound, {TRANSPORT: "delay"}, form.groups, positive
+    )

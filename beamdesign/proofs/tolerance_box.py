@@ -11,7 +11,7 @@ from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box import Box, BoxVerdict, certify_box
 from beamdesign.proofs.box_member import unstable_member
-from beamdesign.proofs.rig_family import Family, effect_spans, rig_family, rig_values
+from beamdesign.proofs.rig_family import PolynomialFamily, effect_spans, rig_family, rig_values
 from beamdesign.prototype import Prototype
 from beamdesign.rational import bounds, nearest, shortened
 from beamdesign.records import InputError, Problem
@@ -143,7 +143,7 @@ class Scaling:
 
 
 def largest_scaling(
-    subject: Prototype | Family, box: Box, within: float = 0.02, budget: int = 4000, most: float = 10.0
+    subject: Prototype | PolynomialFamily, box: Box, within: float = 0.02, budget: int = 4000, most: float = 10.0
 ) -> Scaling:
     """Draw the ranges of a box out until a member refutes it, and prove as much of that as can be.
 
@@ -183,7 +183,7 @@ def largest_scaling(
     return Scaling(nearest(proved), known, nearest(limit), verdict, point, reason)
 
 
-def _limit(family: Family, box: Box, most: float) -> fmpq:
+def _limit(family: PolynomialFamily, box: Box, most: float) -> fmpq:
     """The largest factor to try: beyond it a figure that is positive would reach zero."""
     limit = exact(most)
     for name, low, middle in zip(box.names, box.low, box.nominal, strict=True):
@@ -193,7 +193,7 @@ def _limit(family: Family, box: Box, most: float) -> fmpq:
 
 
 def _least_refuted(
-    family: Family, box: Box, limit: fmpq, within: float
+    family: PolynomialFamily, box: Box, limit: fmpq, within: float
 ) -> tuple[fmpq | None, Mapping[str, fmpq] | None]:
     """The least factor, about, at which a member is found that is not stable, and that member."""
 

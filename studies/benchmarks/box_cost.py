@@ -15,7 +15,7 @@ from beamdesign.controllers import Lag
 from beamdesign.proofs.box import Box
 from beamdesign.proofs.box_member import undamping
 from beamdesign.proofs.branch import Search, control_points
-from beamdesign.proofs.rig_family import Family, rig_family
+from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
@@ -70,7 +70,7 @@ ORDER = (
 BUDGET = 4000
 
 
-def unstructured(family: Family) -> Family:
+def unstructured(family: PolynomialFamily) -> PolynomialFamily:
     """The same polynomial as one leaf in all parameters: hulls of all corners at once."""
     text = re.sub(r"\*?transport\b", "", family.p).replace("(*", "(")
     for name, leaf in (family.leaves or {}).items():
@@ -78,10 +78,10 @@ def unstructured(family: Family) -> Family:
     for name, kind, members in family.groups:
         text = re.sub(rf"\b{name}\b", "(" + (" + " if kind == "sum" else "*").join(members) + ")", text)
     values = {name: value for name, value in family.values.items() if name != "delay"}
-    return Family(family.name, text, values)
+    return PolynomialFamily(family.name, text, values)
 
 
-def measured(family: Family, box: Box) -> tuple[str, float]:
+def measured(family: PolynomialFamily, box: Box) -> tuple[str, float]:
     """Pieces, seconds and outcome of one proof as a part of a row, and all its seconds."""
     start = perf_counter()
     statement = family.over(box.ranges)
@@ -98,7 +98,7 @@ def measured(family: Family, box: Box) -> tuple[str, float]:
     return row, proved - start
 
 
-def corners(family: Family, box: Box) -> float:
+def corners(family: PolynomialFamily, box: Box) -> float:
     """Seconds for the roots of every corner in floats, which prove nothing of what lies between."""
     statement = family.over(box.ranges)
     start = perf_counter()

@@ -13,10 +13,10 @@ from beamdesign.crossing import crossings
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.box import box_of
 from beamdesign.proofs.box_member import member
-from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.proofs.tolerance_box import largest_scaling
 
-FAMILY = Family(
+FAMILY = PolynomialFamily(
     "de Gaston and Safonov",
     "s*(s + 10)*(s + 4 + 2*d2/10)*(s + 6 + 3*d3/10) + 800*(1 + d1/10)*(s + 2)",
     {"d1": fmpq(0), "d2": fmpq(0), "d3": fmpq(0)},

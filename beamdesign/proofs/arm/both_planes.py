@@ -34,7 +34,7 @@ from beamdesign.polynomial import exact, roots
 from beamdesign.proofs.arm.plane import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
-from beamdesign.proofs.rig_family import Family
+from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.records import InputError
@@ -149,7 +149,7 @@ class BothPlanes:
         """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
         s, mass = fmpq_mpoly_ctx.get(["s", MASS], "lex").gens()
         whole = sum((mass**k * in_s(power, s) for k, power in enumerate(self.powers)), 0 * s)
-        family = Family(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
+        family = PolynomialFamily(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
 
 
@@ -233,7 +233,7 @@ def prove_anywhere(
         polynomial = whole.subs(known)
         own = {key: ranges[key] for key, degree in zip(NAMES, polynomial.degrees()[1:], strict=True) if degree}
         planes = "both planes" if name == "both" else f"plane {name}"
-        family = Family(
+        family = PolynomialFamily(
             f"{prototype.name}, payload anywhere, {planes}{stands}",
             written(polynomial),
             {key: (low + high) / 2 for key, (low, high) in own.items()},
