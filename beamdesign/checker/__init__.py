@@ -67,8 +67,8 @@ class Verdict:
 
     def lines(self) -> Iterator[str]:
         """All of it, a line for each."""
-        told = {"about": self.about, "proved": self.proved, "not looked at": self.open, "NOT PROVED": self.failed}
-        return (f"{heading}: {words}" for heading, lines in told.items() for words in lines)
+        words = {"about": self.about, "proved": self.proved, "not looked at": self.open, "NOT PROVED": self.failed}
+        return (f"{heading}: {line}" for heading, lines in words.items() for line in lines)
 
 
 def check(
@@ -105,16 +105,16 @@ def check(
             if given is not None and rig is None:
                 results.append((False, "not of this prototype: it is of an expression, and of no rig"))
             elif given is not None and rig is not None:
-                others = [(False, f"not of this prototype: {words}") for words in differences(table, rig, given)]
+                others = [(False, f"not of this prototype: {line}") for line in differences(table, rig, given)]
                 results += others or [(True, "it is of this prototype")]
                 results += _named(given, data, source)
                 unread += left_open(table, rig, given)
-            told = tuple(about(table, rig))
+            words = tuple(about(table, rig))
             table.done()
     except (ArithmeticError, RecursionError, MemoryError) as error:
         raise Unreadable(f"its figures make no loop: {error}") from error
-    proved, failed = (tuple(words for held, words in results if held is wanted) for wanted in (True, False))
-    return Verdict(kind, told, proved, failed, tuple(unread))
+    proved, failed = (tuple(line for held, line in results if held is wanted) for wanted in (True, False))
+    return Verdict(kind, words, proved, failed, tuple(unread))
 
 
 def _given(prototype: Any, table: Table) -> PrototypeTable:

@@ -132,9 +132,9 @@ def _end(value: fmpq | None) -> str:
 
 def _contact(table: Table, port: Port, masses: Pair) -> Statements:
     walls = [table.range(name, least=0) for name in FIGURES[:2]]
-    told = ", ".join(f"{short(low)} to {short(high)}" for low, high in walls)
+    words = ", ".join(f"{short(low)} to {short(high)}" for low, high in walls)
     holds = port.stable_on((*walls, masses))
-    yield _agrees(table, "stable", holds, f"stable with every end mass against every wall of {told} (N/m, N s/m)")
+    yield _agrees(table, "stable", holds, f"stable with every end mass against every wall of {words} (N/m, N s/m)")
     if "witness" in table:
         found = _environment(table.table("witness"))
         within = all(low <= value <= high for value, (low, high) in zip(found, (*walls, masses), strict=True))

@@ -115,8 +115,8 @@ def _proved(
     if robust > 0:
         from beamdesign.cli.tune import certified_rigs
 
-        every, told = certified_rigs(record, stage.outer_end_mass_kg, asked, robust, shape, path)
-        holds, fields = holds and every, fields | told
+        every, words = certified_rigs(record, stage.outer_end_mass_kg, asked, robust, shape, path)
+        holds, fields = holds and every, fields | words
     return fields | {"certificate": path}, holds
 
 
