@@ -16,7 +16,7 @@ from beamdesign.controllers import Controller
 from beamdesign.crossing import Crossing, crossings
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.members import VertexModel, family
-from beamdesign.polynomial import Affine, exact, is_hurwitz, real_roots, roots, squared_magnitude
+from beamdesign.polynomial import Affine, at_points, exact, is_hurwitz, real_roots, roots, squared_magnitude
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 
 
@@ -180,15 +180,15 @@ class LoopAtMass:
 
     def loop_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """L at the given frequencies, complex."""
-        return _respond(self.loop_numerator, frequency_Hz) / _respond(self.loop_denominator, frequency_Hz)
+        return _ratio(self.loop_numerator, self.loop_denominator, frequency_Hz)
 
     def compliance_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """Closed-loop x / F_d in m/N at the given frequencies, complex."""
-        return _respond(self.disturbance, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+        return _ratio(self.disturbance, self.characteristic, frequency_Hz)
 
     def sensitivity_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """S = 1 / (1 + L) at the given frequencies, complex."""
-        return _respond(self.loop_denominator, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+        return _ratio(self.loop_denominator, self.characteristic, frequency_Hz)
 
     def effort_response(self, frequency_Hz: np.ndarray) -> np.ndarray:
         """C S, current over volts at the controller's input, A/V at the given frequencies, complex.
@@ -198,7 +198,7 @@ class LoopAtMass:
         """
         if self.effort_numerator is None:
             raise ValueError("the controller of this loop is not known apart from its plant")
-        return _respond(self.effort_numerator, frequency_Hz) / _respond(self.characteristic, frequency_Hz)
+        return _ratio(self.effort_numerator, self.characteristic, frequency_Hz)
 
     def static_compliance(self) -> float:
         """Closed-loop x / F_d at zero frequency, m/N."""
@@ -214,10 +214,11 @@ class LoopAtMass:
         top, bottom = squared_magnitude(self.loop_denominator), squared_magnitude(self.characteristic)
         stationary = top.derivative() * bottom - top * bottom.derivative()
         interior = [] if stationary.is_zero() else [root for root, _ in real_roots(stationary) if root > 0]
-        candidates = [0.0] + [float(root.mid()) for root in interior]
+        s = 1j * np.sqrt([0.0] + [float(root.mid()) for root in interior])
         degree = self.characteristic.degree()
         at_infinity = float(abs(self.loop_denominator[degree] / self.characteristic[degree]))
-        return max(at_infinity, *(_magnitude_ratio(self.loop_denominator, self.characteristic, x) for x in candidates))
+        seen = np.abs(at_points(self.loop_denominator, s) / at_points(self.characteristic, s))
+        return max(at_infinity, float(seen.max()))
 
     def bandwidth_Hz(self, limit_m_per_N: float = COMPLIANCE_LIMIT_M_PER_N) -> float:
         """Highest frequency up to which |x / F_d| is at or below the limit at every lower frequency.
@@ -301,15 +302,9 @@ def _critical_gain(unit: LoopAtMass, own: float) -> CriticalGain:
     return CriticalGain(above[0].value, above[0].frequency_Hz)
 
 
-def _respond(polynomial: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:
-    coefficients = [float(c) for c in reversed(polynomial.coeffs())]
-    return np.polyval(coefficients, 2j * pi * np.asarray(frequency_Hz, dtype=float))
-
-
-def _magnitude_ratio(numerator: fmpq_poly, denominator: fmpq_poly, squared_frequency: float) -> float:
-    point = 1j * sqrt(squared_frequency)
-    values = [abs(np.polyval([float(c) for c in reversed(p.coeffs())], point)) for p in (numerator, denominator)]
-    return float(values[0] / values[1])
+def _ratio(numerator: fmpq_poly, denominator: fmpq_poly, frequency_Hz: np.ndarray) -> np.ndarray:
+    s = 2j * pi * np.asarray(frequency_Hz, dtype=float)
+    return np.asarray(at_points(numerator, s) / at_points(denominator, s))
 
 
 _S = fmpq_poly([0, 1])
@@ -343,12 +338,7 @@ class Tip:
 
     def stiffness_response(self, frequency_Hz: np.ndarray, outer_end_mass: float = 0.0) -> np.ndarray:
         """F / x in N/m at the given frequencies (N,), complex, the end mass (kg) included."""
-        s = 2j * pi * np.asarray(frequency_Hz, dtype=float)
-        above, below = (
-            np.polyval([float(c) for c in reversed(polynomial.coeffs())], s)
-            for polynomial in (self.against(exact(outer_end_mass)), self.moved)
-        )
-        return np.asarray(above / below)
+        return _ratio(self.against(exact(outer_end_mass)), self.moved, frequency_Hz)
 
 
 def tip(loop: Loop) -> Tip:

@@ -7,6 +7,8 @@ from functools import lru_cache
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz
 
+from beamdesign.rational import nearest
+
 
 @lru_cache(1 << 14)
 def exact(value: float) -> fmpq:
@@ -128,6 +130,11 @@ def roots(polynomial: fmpq_poly) -> np.ndarray:
 
 def _complex_roots(polynomial: fmpq_poly) -> list[tuple[acb, int]]:
     return polynomial.numer().complex_roots()  # type: ignore[return-value]  # python-flint's stub has a plain list
+
+
+def at_points(polynomial: fmpq_poly, points: np.ndarray | complex) -> np.ndarray:
+    """Values at complex points, in floats."""
+    return np.asarray(np.polyval([nearest(c) for c in reversed(polynomial.coeffs())] or [0.0], points))
 
 
 def value_at(polynomial: fmpq_poly, point: arb) -> arb:

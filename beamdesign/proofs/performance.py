@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.polynomial import Affine, even_odd, exact
+from beamdesign.polynomial import Affine, at_points, even_odd, exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.rectangle import Rectangle, Side, scaled, shifted
@@ -372,8 +372,7 @@ def sampled_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high:
     """Largest |above / below| seen from a frequency up, over sampled masses and frequencies."""
     start, count = (2 * np.pi * from_Hz, 2000) if from_Hz else (1e-2, 3000)
     s = 1j * np.geomspace(start, 1e6, count)
-    degree = max(p.degree() for family in (above, below) for p in (family.constant, family.slope))
-    values = [np.polyval(_floats(p, degree), s) for p in (above.constant, above.slope, below.constant, below.slope)]
+    values = [at_points(p, s) for p in (above.constant, above.slope, below.constant, below.slope)]
     return max(
         float(np.abs((values[0] + mass * values[1]) / (values[2] + mass * values[3])).max())
         for mass in sampled_masses(low, high)

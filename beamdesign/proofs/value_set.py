@@ -7,13 +7,12 @@ points whose convex hull holds the value.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import comb
 
 import numpy as np
 from flint import fmpq
 
 from beamdesign.proofs.box_statement import Node, Statement, Term
-from beamdesign.proofs.zero_exclusion import ARC_PARTS
+from beamdesign.proofs.zero_exclusion import ARC_PARTS, control_value
 from beamdesign.rational import nearest
 
 _TURN = (1.0, 1j, -1.0, -1j)
@@ -173,16 +172,6 @@ def _fixed(statement: Statement, term: Term) -> tuple[float, dict[str, int]]:
     return nearest(value), powers
 
 
-def _control_values(low: np.ndarray, high: np.ndarray, power: int, degree: int) -> np.ndarray:
-    """Bernstein coefficients (B, degree + 1) of x^power on [low, high], raised to the given degree."""
-    columns = [
-        sum(comb(i, j) * comb(degree - i, power - j) * high**j * low ** (power - j) for j in range(power + 1))
-        / comb(degree, power)
-        for i in range(degree + 1)
-    ]
-    return np.stack([np.broadcast_to(column, low.shape) for column in columns], axis=-1)
-
-
 def _grid(statement: Statement, terms: Sequence[Term], degrees: Mapping[str, int], where: Pieces) -> np.ndarray:
     """Control points (2, B, N) of some terms."""
     total: np.ndarray | float = 0.0
@@ -191,7 +180,8 @@ def _grid(statement: Statement, terms: Sequence[Term], degrees: Mapping[str, int
         tensor = np.full((len(where.low), 1), value)
         for name, degree in degrees.items():
             column = statement.varying.index(name)
-            along = _control_values(where.low[:, column], where.high[:, column], powers.get(name, 0), degree)
+            ends = where.low[:, column], where.high[:, column]
+            along = np.stack([control_value(*ends, powers.get(name, 0), degree, i) for i in range(degree + 1)], axis=-1)
             tensor = (tensor[:, :, None] * along[:, None, :]).reshape(len(tensor), -1)
         total = total + (_TURN[term.degree % 4] * where.w**term.degree)[:, :, None] * tensor
     return np.asarray(total)

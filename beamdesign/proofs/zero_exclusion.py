@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import product
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flint import acb, arb, fmpq
 
@@ -55,9 +55,7 @@ class Cell:
                 total: dict[int, fmpq] = {}
                 for c, degree, powers in terms:
                     for name, power in powers.items():
-                        c = c * _control_value(
-                            *self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0)
-                        )
+                        c = c * control_value(*self.values[name], abs(power), degrees.get(name, 0), corner.get(name, 0))
                     total[degree] = total.get(degree, fmpq(0)) + c
                 self._grids[key].append({degree: arb(c) for degree, c in total.items()})
         return self._grids[key]
@@ -71,12 +69,12 @@ class Cell:
         return self._frames[w]
 
 
-def _control_value(low: fmpq, high: fmpq, power: int, degree: int, i: int) -> fmpq:
-    """Bernstein coefficient i of x^power on [low, high], raised to a degree; x^power itself where that is 0."""
+def control_value(low: Any, high: Any, power: int, degree: int, i: int) -> Any:
+    """Bernstein coefficient i of x^power on [low, high] raised to a degree, of rationals or arrays; x^power for 0."""
     if degree == 0:
         return low**power
     terms = (comb(i, j) * comb(degree - i, power - j) * high**j * low ** (power - j) for j in range(power + 1))
-    return sum(terms, fmpq(0)) / comb(degree, power)
+    return sum(terms, 0 * low) / comb(degree, power)
 
 
 class Frame:

@@ -22,8 +22,8 @@ from beamdesign.controllers import SENSED, Sensed
 from beamdesign.controllers.form import Form
 from beamdesign.plant.linear import BilinearPlant, PairOver
 from beamdesign.plant.members import VertexModel
+from beamdesign.polynomial import at_points
 from beamdesign.prototype import Goal
-from beamdesign.rational import nearest
 from beamdesign.synthesis.loop_limits import LIMITED, LOOSER_PEAK, ends, goal_limits
 from beamdesign.synthesis.rig_spread import RigSpread
 
@@ -190,7 +190,7 @@ def samples(
     masses, s = np.asarray(outer_end_masses, dtype=float)[:, None], 2j * pi * frequency_Hz
 
     def on_axis(polynomial: fmpq_poly) -> np.ndarray:
-        return np.asarray(np.polyval([nearest(c) for c in reversed(polynomial.coeffs())] or [0.0], s))
+        return at_points(polynomial, s)
 
     def rows(pair: tuple[PairOver, PairOver]) -> list[np.ndarray]:
         """(masses, f) without and per kilogram of inner end mass."""

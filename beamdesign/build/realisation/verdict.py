@@ -23,7 +23,7 @@ from beamdesign.build.realisation.sections import laws_of
 from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.controllers import Controller
 from beamdesign.loop import LoopAtMass, loop
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import at_points, exact
 from beamdesign.prototype import Prototype
 
 _BITS = 256
@@ -312,7 +312,7 @@ def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -
     """Errors of the law as realised against the continuous one, of the reading where gain and phase err most."""
     z, s = np.exp(2j * pi * at_Hz / realisation.rate_Hz), 2j * pi * at_Hz
     ratios = [
-        _at(top, z) / _at(bottom, z) * _at(law.denominator, s) / _at(law.numerator, s)
+        at_points(top, z) / at_points(bottom, z) * at_points(law.denominator, s) / at_points(law.numerator, s)
         for (top, bottom), (_, law) in zip(law_polynomials(realisation), laws_of(controller), strict=True)
     ]
     ratio = max(ratios, key=lambda ratio: abs(np.log(ratio)))
@@ -327,10 +327,6 @@ def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -
         turn / 2,
         turn,
     )
-
-
-def _at(polynomial: fmpq_poly, point: complex) -> complex:
-    return complex(np.polyval([int(c.p) / int(c.q) for c in reversed(polynomial.coeffs())], point))
 
 
 def _pole_errors(realisation: Realisation) -> list[float]:

@@ -30,7 +30,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import exact, roots
+from beamdesign.polynomial import at_points, exact, roots
 from beamdesign.proofs.arm.plane import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
@@ -130,13 +130,13 @@ class BothPlanes:
         for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
             # What the tip gives way by is the slope in its mass, but for s^2: with no current, of the loop cut open.
             passive = loop.cut if servo else loop.loop_denominator
-            scale = _values(fmpq_poly(passive.slope.coeffs()[2:]), s)
-            stiffness[:, i, i] = _values(passive.constant, s) / scale
+            scale = at_points(fmpq_poly(passive.slope.coeffs()[2:]), s)
+            stiffness[:, i, i] = at_points(passive.constant, s) / scale
             if servo:
-                fed = _values(loop.loop_numerator.constant - loop.added.constant, s) / scale
+                fed = at_points(loop.loop_numerator.constant - loop.added.constant, s) / scale
                 stiffness[:, i, :] += fed[:, None] * sensed[i]
                 force[:, i, 1 + i] -= fed * int(plane.sensed_residual.p) / int(plane.sensed_residual.q)
-        stiffness[:, 2, 2] = _values(self.torsion, s)
+        stiffness[:, 2, 2] = at_points(self.torsion, s)
         stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
         moved = there @ np.linalg.solve(stiffness, force)
@@ -186,10 +186,6 @@ def couples_both(prototype: Prototype) -> bool:
     """Whether the payload stands off to both sides."""
     _, y, z = arm_of(prototype).offset_m
     return y != 0 and z != 0
-
-
-def _values(polynomial: fmpq_poly, s: np.ndarray) -> np.ndarray:
-    return np.asarray(np.polyval([int(c.p) / int(c.q) for c in reversed(polynomial.coeffs())], s))
 
 
 # Both planes with the payload anywhere within bounds.
