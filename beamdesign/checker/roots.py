@@ -178,10 +178,6 @@ class Family:
         """The member at one mass."""
         return self.p0 + self.p1 * mass
 
-    def is_critical(self, mass: fmpq) -> bool:
-        """Whether a root lies on the axis or at infinity, or two of them are symmetric about the origin."""
-        return any(polynomial(mass) == 0 for polynomial in self.critical)
-
     def is_stable(self, mass: fmpq) -> bool:
         """Whether one member has all its roots, and in the open left half plane."""
         return self.at(mass).degree() == self.degree and is_hurwitz(self.at(mass))

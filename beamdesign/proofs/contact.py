@@ -15,8 +15,9 @@ Over the end mass, |p|^2 / k + Re(n conj p) + q w Im(p conj n) is a quadratic, s
 payload. It is proved, not negative, for a k that is a little larger; so it is positive for the one stated.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 from flint import fmpq, fmpq_poly
@@ -135,14 +136,16 @@ def stiffest_wall(tip: Tip, masses: Ends, wall: Wall) -> float:
     lower, upper = max(low, fmpq(1)), high
     if not proves(lower):
         return nearest(low)
-    while upper > lower * fmpq(10002, 10000):
-        middle = shortened(_geometric(lower, upper), 6)
-        lower, upper = (middle, upper) if proves(middle) else (lower, middle)
+    lower = _stiffest(proves, lower, upper, fmpq(10002, 10000))
     return nearest(shortened(lower, 4)) if shortened(lower, 4) >= low else nearest(lower)
 
 
-def _geometric(low: fmpq, high: fmpq) -> fmpq:
-    return min(max(exact((nearest(low) * nearest(high)) ** 0.5), low), high)
+def _stiffest(proves: Callable[[fmpq], bool], low: fmpq, high: fmpq, near: fmpq) -> fmpq:
+    """The stiffest wall that is proved, between one that is and one that is not, to a factor."""
+    while high > low * near:
+        middle = shortened(min(max(exact((nearest(low) * nearest(high)) ** 0.5), low), high), 6)
+        low, high = (middle, high) if proves(middle) else (low, middle)
+    return low
 
 
 # Touching and letting go.
@@ -197,11 +200,8 @@ def unilateral_contact(tip: Tip, masses: tuple[fmpq, fmpq], stiffness: fmpq) -> 
     for multiplier in MULTIPLIERS_S:
         if not proves(best * fmpq(11, 10), multiplier):
             continue
-        low, high, chosen = best * fmpq(11, 10), stiffness, multiplier
-        while high > low * fmpq(1005, 1000):
-            middle = shortened(exact((nearest(low) * nearest(high)) ** 0.5), 6)
-            low, high = (middle, high) if proves(middle, multiplier) else (low, middle)
-        best = low
+        best, chosen = best * fmpq(11, 10), multiplier
+        best = _stiffest(partial(proves, multiplier=multiplier), best, stiffness, fmpq(1005, 1000))
     if chosen is None:
         return UnilateralContact(0.0, 0.0, False)
     return UnilateralContact(nearest(shortened(best, 4)), chosen, False)
