@@ -12,7 +12,7 @@ from beamdesign.files import write_whole
 from beamdesign.plant.assembly import Assembly, Structure, assemble
 from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.parameters import parameters_of, problem_without_controller, structure_of
+from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
@@ -320,16 +320,6 @@ def as_measured(samples: np.ndarray, scenario: Scenario, position: int) -> np.nd
         column = COLUMNS.index("displacement_m")
         measured[:, column] = given.displacement_step_m * np.round(measured[:, column] / given.displacement_step_m)
     return measured
-
-
-def without_controller() -> Problem:
-    """The problem of a prototype whose loop cannot be closed."""
-    return problem_without_controller()
-
-
-def write_records(simulation: Simulation, folder: Path) -> list[Path]:
-    """Write one CSV file per record, named after it; see `write_tables`."""
-    return write_tables({record.name: (record.columns, record.samples) for record in simulation.records}, folder)
 
 
 def write_tables(tables: Mapping[str, tuple[tuple[str, ...], np.ndarray]], folder: Path) -> list[Path]:

@@ -114,7 +114,7 @@ def test_all_its_forms_are_one_law(rig: Prototype) -> None:
     s = 2j * np.pi * frequency
     model, exact = law.control_model(), law.transfer_function()
     values = [np.polyval([float(c) for c in reversed(p.coeffs())], s) for p in (exact.numerator, exact.denominator)]
-    expected = law.gain_A_per_V * law.shape_response(frequency)
+    expected = law.gain_A_per_V * law.sensor_responses(frequency)["displacement_m"]
     np.testing.assert_allclose(values[0] / values[1], expected, rtol=1e-9)
     np.testing.assert_allclose(np.squeeze(model(s)), expected, rtol=1e-9)
 

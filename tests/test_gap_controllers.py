@@ -32,7 +32,7 @@ from beamdesign.prototype import Payload, Prototype, read_prototype, write_proto
 from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder
 from beamdesign.scenario import Multisine, Scenario, ScenarioRecord
-from beamdesign.simulation import simulate, write_records
+from beamdesign.simulation import simulate, write_tables
 
 SECTION = Section(zero_Hz=45.0, zero_damping_ratio=0.4, pole_Hz=60.0, pole_damping_ratio=0.7)
 STRUCTURED = Structured(gain_A_per_V=0.1, pole_Hz=1.75, zero_Hz=26.0, section=(SECTION, SECTION))  # equal poles
@@ -98,7 +98,7 @@ def written(rig: Prototype, folder: Path, masses_kg: tuple[float, ...]) -> Path:
         drive = Multisine(low_Hz=1, high_Hz=200, seed=k, amplitude_V=0.3)
         row = ScenarioRecord(name=f"r{k}", input=(drive,), outer_end_mass_kg=mass, inner_end_mass_kg=4.4)
         plan = scenario(0.7).but(record=(row,))
-        write_records(simulate(stage, plan), folder)
+        write_tables({one.name: (one.columns, one.samples) for one in simulate(stage, plan).records}, folder)
         rows.append({"file": f"r{k}.csv", "outer_end_mass_kg": mass, "inner_end_mass_kg": 4.4})
     write_prototype(rig.but(effects={}), folder / "prototype.toml")
     (folder / "dataset.toml").write_text(tomli_w.dumps({"name": "stages", "record": rows}))

@@ -177,11 +177,11 @@ def test_any_stable_law_is_a_chain_of_stages(name: str) -> None:
     circuit = circuit_of(LAWS[name], "E96", "E12")
     frequency = np.geomspace(0.2, 2000.0, 25)
     ours = np.array([current_by_nodal_analysis(circuit, f) for f in frequency])
-    stated = circuit.law.gain_A_per_V * circuit.law.shape_response(frequency)
+    stated = circuit.law.gain_A_per_V * circuit.law.sensor_responses(frequency)["displacement_m"]
     np.testing.assert_allclose(ours, stated, rtol=1e-8, atol=1e-12)
     exact_form = np.prod([stage.of(stage.parts).at(2j * pi * frequency) for stage in circuit.stages], axis=0)
     np.testing.assert_allclose(np.abs(ours), np.abs(exact_form) / circuit.sense_ohm, rtol=1e-9)
-    asked = LAWS[name].gain_A_per_V * LAWS[name].shape_response(frequency)
+    asked = LAWS[name].gain_A_per_V * LAWS[name].sensor_responses(frequency)["displacement_m"]
     np.testing.assert_allclose(ours, asked, rtol=0.03)
     assert deviation(circuit, LAWS[name]) < 0.03
     assert all(1e3 <= v <= 2.2e6 for part, v in circuit.parts.items() if ".R" in part)

@@ -75,7 +75,9 @@ def test_the_transfer_function_is_the_product_of_its_sections() -> None:
         row = [1 / z**2, 2 * part.zero_damping_ratio / z, 1, 1 / p**2, 2 * part.pole_damping_ratio / p, 1]
         expected = expected * control.tf(*zpk2tf(*sos2zpk([row])))
     np.testing.assert_allclose(found, expected(s), rtol=1e-9)
-    np.testing.assert_allclose(LAW.gain_A_per_V * LAW.shape_response(FREQUENCIES_HZ), expected(s), rtol=1e-9)
+    np.testing.assert_allclose(
+        LAW.gain_A_per_V * LAW.sensor_responses(FREQUENCIES_HZ)["displacement_m"], expected(s), rtol=1e-9
+    )
     np.testing.assert_allclose(LAW.control_model()(s), expected(s), rtol=1e-7)
 
 

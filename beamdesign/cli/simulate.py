@@ -34,6 +34,7 @@ def simulate(
     from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
     from beamdesign.plant.effects import problems
+    from beamdesign.plant.parameters import problem_without_controller
     from beamdesign.records import InputError, Problem
     from beamdesign.scenario import read_scenario
 
@@ -48,7 +49,7 @@ def simulate(
         if row.start_m is not None
     ]
     if rig.controller is None and any(row.controller is None for row in plan.record):
-        wrong.append(engine.without_controller())
+        wrong.append(problem_without_controller())
     if wrong:
         raise InputError(prototype, wrong)
     found = engine.simulate(rig, plan)

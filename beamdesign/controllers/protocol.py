@@ -185,13 +185,6 @@ class Controller(Record):
         shapes = (np.einsum("i,kip->kp", c, inside) + d) / self.gain_A_per_V
         return {name: shapes[:, k].reshape(s.shape) for k, name in enumerate(self.senses)}
 
-    def shape_response(self, frequency_Hz: "np.ndarray") -> "np.ndarray":
-        """C(s) of unit static gain at the given frequencies (N,), complex.
-
-        Of an `Observer` the response to the displacement sensor's error, over gain_A_per_V, whatever its static gain.
-        """
-        return self.sensor_responses(frequency_Hz)["displacement_m"]
-
     def gain_at_high_frequency(self) -> float:
         """Size of K_sa C(s) from the displacement sensor far above all breaks, A/V."""
         return abs(float(self.state_space()[3][0]))
