@@ -13,10 +13,19 @@ import numpy as np
 from flint import fmpq, fmpq_poly
 
 from beamdesign.controllers import Controller
-from beamdesign.crossing import Crossing, crossings
 from beamdesign.plant.linear import LinearModel, Plant
 from beamdesign.plant.members import VertexModel, family
-from beamdesign.polynomial import Affine, at_points, exact, is_hurwitz, real_roots, roots, squared_magnitude
+from beamdesign.polynomial import (
+    Affine,
+    Crossing,
+    at_points,
+    crossings,
+    exact,
+    is_hurwitz,
+    real_roots,
+    roots,
+    squared_magnitude,
+)
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N, Prototype
 
 

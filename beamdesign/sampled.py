@@ -68,10 +68,9 @@ def sampled_law(controller: Controller, period_s: float) -> SampledLaw:
     """The difference equation of a controller at a period.
 
     Raises:
-        ValueError: where it has none; see `beamdesign.build.difference_equation.difference_equation`.
+        ValueError: where it has none; see `beamdesign.build.realisation.realise.difference_equation`.
     """
-    from beamdesign.build.difference_equation import difference_equation
-    from beamdesign.build.realisation.realise import floats
+    from beamdesign.build.realisation.realise import difference_equation, floats
 
     law = difference_equation(controller, 1 / period_s).linear
     places = {SENSED[0]: ERROR, "command_V": COMMAND}

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.files import write_whole
-from beamdesign.plant.assembly import Assembly, Structure, assemble
+from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import NOT_SAMPLED, integrate, refuse_too_many, substeps_at
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result

@@ -7,10 +7,9 @@ import numpy as np
 
 from beamdesign.build.realisation.emulation import to_word
 from beamdesign.build.realisation.realise import Realisation
-from beamdesign.plant.assembly import OUTPUTS, assemble
+from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
 from beamdesign.simulation import half_steps, substeps_for
 

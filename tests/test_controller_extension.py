@@ -129,9 +129,8 @@ def test_its_loop_is_certified_and_the_certificate_checks(rig: Prototype, tmp_pa
 
 
 def test_the_assembled_rig_moves_as_the_linear_loop(rig: Prototype) -> None:
-    from beamdesign.plant.assembly import assemble
+    from beamdesign.plant.assembly import assemble, parameters_of, structure_of
     from beamdesign.plant.equilibrium import equilibrium, linearise
-    from beamdesign.plant.parameters import parameters_of, structure_of
 
     assembly, p = assemble(structure_of(rig)), np.array(list(parameters_of(rig, 3.4, 0.0).values()))
     assert len(p) == len(assembly.parameters)

@@ -9,10 +9,9 @@ import scipy.linalg
 from flint import fmpq, fmpq_mat, fmpq_poly
 
 from beamdesign.controllers import Lag
-from beamdesign.crossing import crossings, degree_drop, elimination, shares_axis_root
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, roots
+from beamdesign.polynomial import Affine, crossings, degree_drop, elimination, roots, shares_axis_root
 from beamdesign.prototype import Prototype
 
 

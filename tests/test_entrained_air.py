@@ -12,13 +12,12 @@ from beamdesign.checker import check
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.starts import softened, starts
 from beamdesign.loop import close_loop
-from beamdesign.plant.assembly import assemble
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effect import Operation
 from beamdesign.plant.effects import library
 from beamdesign.plant.effects.entrained_air import bulk_ratio
 from beamdesign.plant.effects.entrained_air_with_stroke import chamber_length
 from beamdesign.plant.members import family
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.polynomial import exact
 from beamdesign.proofs.box_member import member_at
 from beamdesign.proofs.certifying import certify

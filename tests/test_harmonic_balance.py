@@ -8,9 +8,9 @@ from impulse_test import Kick, critical_gain_by_kicks, ringing
 
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import critical_gain, loop
+from beamdesign.plant.assembly import parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.harmonic_balance import LimitCycle, NoBalance, forced_motion, limit_cycles, linear_critical_gain
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Payload, Prototype
 
 POINTS = 64  # samples per period

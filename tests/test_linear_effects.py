@@ -13,12 +13,11 @@ from beamdesign.control_models import state_space
 from beamdesign.controllers import SENSED, Lag, Proportional
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant import linearised
-from beamdesign.plant.assembly import assemble
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.effect import Linear, Operation
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.members import family, paper_model
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Payload, Prototype, Sensor
 from beamdesign.records import InputError
 

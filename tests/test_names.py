@@ -25,8 +25,7 @@ from typer.testing import CliRunner
 from beamdesign import cli
 from beamdesign.build.drawing import drawing, dxf_text, svg_text
 from beamdesign.build.folder import document_of
-from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files
-from beamdesign.build.realisation.folder import compile_self_test, compiler
+from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files, compile_self_test, compiler
 from beamdesign.build.realisation.realise import Realisation, realise
 from beamdesign.build.specification import specification_of
 from beamdesign.cli.output import say, say_table, write_csv

@@ -19,9 +19,8 @@ from realised_loop import run_closed
 from typer.testing import CliRunner
 
 from beamdesign.build.realisation import c_files, judge, realise
-from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, vectors
+from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, compiler, vectors
 from beamdesign.build.realisation.emulation import FixedPoint, Float32, shifted, to_word
-from beamdesign.build.realisation.folder import compiler
 from beamdesign.build.realisation.law import fixed_point
 from beamdesign.build.realisation.loop import ComputedLate, prove_any_computing_time, realised_loop, rounded_loop
 from beamdesign.build.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms

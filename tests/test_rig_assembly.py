@@ -10,13 +10,12 @@ from scipy.linalg import eigh
 
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.plant.assembly import INPUTS, OUTPUTS, PORTS, Structure, assemble
+from beamdesign.plant.assembly import INPUTS, OUTPUTS, PORTS, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import SAMPLED
 from beamdesign.plant.equilibrium import equilibrium, linearise
 from beamdesign.plant.linearised import evaluate_exactly
 from beamdesign.plant.members import paper_model
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError

@@ -16,12 +16,11 @@ from typer.testing import CliRunner
 from beamdesign.cli import app
 from beamdesign.controllers import Lag
 from beamdesign.loop import critical_gain, loop
-from beamdesign.plant.assembly import assemble
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.members import paper_model
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError, parse
 from beamdesign.scenario import Multisine, Sampled, Scenario, ScenarioRecord, Step, inputs_of, read_scenario

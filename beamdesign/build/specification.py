@@ -14,14 +14,14 @@ from beamdesign.build.acceptance import (
     acceptance_plan,
 )
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
-from beamdesign.build.difference_equation import (
+from beamdesign.build.ratings import Ratings, SensorNeed, ratings, sensor_need
+from beamdesign.build.realisation.loop import realised_loop
+from beamdesign.build.realisation.realise import (
     DifferenceEquation,
     difference_equation,
     sensible_rate_Hz,
     upper_break_Hz,
 )
-from beamdesign.build.ratings import Ratings, SensorNeed, ratings, sensor_need
-from beamdesign.build.realisation.loop import realised_loop
 from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.build.tubes import StockChoice, stock_choices

@@ -15,7 +15,7 @@ from beamdesign.files import read_bytes, write_whole
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.crossing import Crossing
+    from beamdesign.polynomial import Crossing
     from beamdesign.proofs.certificate import Asked, Certificate, Guaranteed
     from beamdesign.prototype import Goal, InStage, Prototype
     from beamdesign.synthesis.rig_spread import Shape

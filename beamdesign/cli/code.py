@@ -67,7 +67,7 @@ def code(
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.build.realisation.folder import compiler, write_code
+    from beamdesign.build.realisation.c_code import compiler, write_code
     from beamdesign.build.realisation.realise import full_scales_of, realise
     from beamdesign.build.realisation.verdict import judge
 
@@ -123,8 +123,7 @@ def _compiles(folder: Path) -> bool:
     from shutil import copy
     from tempfile import TemporaryDirectory
 
-    from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST
-    from beamdesign.build.realisation.folder import compile_self_test
+    from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, compile_self_test
 
     with TemporaryDirectory() as scratch:
         for name in (HEADER, LAW, SELF_TEST):

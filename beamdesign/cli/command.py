@@ -189,8 +189,8 @@ def ready_to_run(path: Path) -> "Prototype":
     Raises:
         InputError: with everything that is in the way.
     """
+    from beamdesign.plant.assembly import problem_without_controller
     from beamdesign.plant.effects import problems
-    from beamdesign.plant.parameters import problem_without_controller
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError
 

@@ -33,8 +33,8 @@ def simulate(
     """
     from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
+    from beamdesign.plant.assembly import problem_without_controller
     from beamdesign.plant.effects import problems
-    from beamdesign.plant.parameters import problem_without_controller
     from beamdesign.records import InputError, Problem
     from beamdesign.scenario import read_scenario
 

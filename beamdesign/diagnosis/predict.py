@@ -12,10 +12,9 @@ from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
 from beamdesign.diagnosis.data.inputs import without_noise
-from beamdesign.plant.assembly import OUTPUTS, assemble
+from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.simulation import half_steps, substeps_for

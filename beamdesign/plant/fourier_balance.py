@@ -10,9 +10,8 @@ from math import tau
 import casadi as ca
 import numpy as np
 
-from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble
+from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
 
 DISPLACEMENT = OUTPUTS.index("displacement_m")

@@ -22,10 +22,9 @@ from math import pi, tau
 import numpy as np
 
 from beamdesign.loop import CriticalGain
-from beamdesign.plant.assembly import assemble
+from beamdesign.plant.assembly import assemble, structure_of
 from beamdesign.plant.equilibrium import scales
 from beamdesign.plant.fourier_balance import DISPLACEMENT, FreeRig, NoBalance, Unknown, balance, basis
-from beamdesign.plant.parameters import structure_of
 from beamdesign.prototype import Prototype
 
 __all__ = ["LimitCycle", "Motion", "NoBalance", "forced_motion", "limit_cycles", "linear_critical_gain"]

@@ -8,10 +8,10 @@ from math import prod
 import numpy as np
 from flint import fmpq
 
+from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effect import Operation, Span
 from beamdesign.plant.effects import library, problems
 from beamdesign.plant.linear import LinearModel
-from beamdesign.plant.parameters import effect_parameters_of
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, rounded_down, rounded_up

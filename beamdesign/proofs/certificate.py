@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 from flint import fmpq
 
-from beamdesign.crossing import Crossing
 from beamdesign.json_text import finite, picked
+from beamdesign.polynomial import Crossing
 from beamdesign.proofs.stability import StabilityMap
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest

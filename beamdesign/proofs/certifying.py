@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 from flint import fmpq
 
-from beamdesign.crossing import Crossing
 from beamdesign.loop import rig_loop
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import Crossing, exact
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
     METHOD,

@@ -7,9 +7,8 @@ from typing import Any
 
 from flint import arb, ctx, fmpq
 
-from beamdesign.crossing import Crossing
 from beamdesign.loop import Loop
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import Crossing, exact
 from beamdesign.proofs.certificate import Claim
 from beamdesign.proofs.stability import Range, StabilityMap
 from beamdesign.proofs.writer import coefficients, texts

@@ -7,8 +7,19 @@ from math import pi
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from beamdesign.crossing import Crossing, crossings, degree_drop, elimination, shares_axis_root
-from beamdesign.polynomial import Affine, even_odd, is_hurwitz, real_roots, roots, value_at
+from beamdesign.polynomial import (
+    Affine,
+    Crossing,
+    crossings,
+    degree_drop,
+    elimination,
+    even_odd,
+    is_hurwitz,
+    real_roots,
+    roots,
+    shares_axis_root,
+    value_at,
+)
 from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 
 

@@ -15,9 +15,8 @@ from math import pi
 from flint import arb, ctx, fmpq, fmpq_poly
 
 from beamdesign.controllers import Lag
-from beamdesign.crossing import crossings
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, even_odd, exact, real_roots, value_at
+from beamdesign.polynomial import Affine, crossings, even_odd, exact, real_roots, value_at
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Prototype
 from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, simple_between

@@ -13,10 +13,10 @@ import tomli_w
 from flint import fmpq, fmpq_poly
 
 from beamdesign.parameters import PARAMETERS
+from beamdesign.plant.assembly import effect_parameters_of
 from beamdesign.plant.effect import Elements, Span
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, family
-from beamdesign.plant.parameters import effect_parameters_of
 from beamdesign.polynomial import exact
 from beamdesign.prototype import Beam, Prototype
 from beamdesign.rational import text

@@ -21,11 +21,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from beamdesign.controllers import Lag
-from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble
+from beamdesign.plant.assembly import OUTPUTS, Assembly, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled, integrate
 from beamdesign.plant.effects import library
 from beamdesign.plant.equilibrium import equilibrium, scales
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.plant.sensitivity import (
     compiled_with_sensitivities,
     equilibrium_sensitivity,

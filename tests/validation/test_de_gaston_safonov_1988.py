@@ -9,8 +9,7 @@ import pytest
 from flint import fmpq
 
 from beamdesign import check
-from beamdesign.crossing import crossings
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, crossings, exact
 from beamdesign.proofs.box import box_of
 from beamdesign.proofs.box_member import member
 from beamdesign.proofs.rig_family import PolynomialFamily

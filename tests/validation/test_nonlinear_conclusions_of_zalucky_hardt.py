@@ -14,11 +14,10 @@ import pytest
 from beamdesign import Prototype, critical_gain
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
-from beamdesign.plant.assembly import assemble
+from beamdesign.plant.assembly import assemble, parameters_of, structure_of
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.plant.harmonic_balance import linear_critical_gain
 from beamdesign.plant.linear_reach import departure, linear_part, reach, with_published_effects
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.scenario import Scenario, ScenarioRecord, Sine
 from beamdesign.simulation import simulate
 

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from beamdesign import Prototype, critical_gain, state_space
-from beamdesign.crossing import crossings
 from beamdesign.loop import loop
-from beamdesign.polynomial import exact
+from beamdesign.polynomial import crossings, exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.quantity_text import decibels, from_decibels
 from beamdesign.validation.paper.rig import (

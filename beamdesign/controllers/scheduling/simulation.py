@@ -11,10 +11,9 @@ import numpy as np
 
 from beamdesign.controllers import Scheduled
 from beamdesign.controllers.scheduling.estimator import Estimate, PayloadEstimator
-from beamdesign.plant.assembly import OUTPUTS, assemble
+from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate_on
 from beamdesign.plant.equilibrium import equilibrium
-from beamdesign.plant.parameters import parameters_of, structure_of
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.sampled import sampled_law

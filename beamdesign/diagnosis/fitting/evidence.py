@@ -16,10 +16,9 @@ from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement, Unknown
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
 from beamdesign.diagnosis.fitting.weighting import SHARE, Weighting, banded, blurred, weighting
-from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble
+from beamdesign.plant.assembly import OUTPUTS, Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium, linearise
-from beamdesign.plant.parameters import parameters_of
 from beamdesign.plant.sensitivity import equilibrium_sensitivity, integrate_with_sensitivities
 from beamdesign.prototype import Prototype
 from beamdesign.simulation import half_steps

@@ -15,10 +15,9 @@ import numpy as np
 
 from beamdesign.controllers import Controller, Proportional
 from beamdesign.parameters import PARAMETERS, RIG_TOLERANCES
-from beamdesign.plant.assembly import Assembly, Structure, assemble
+from beamdesign.plant.assembly import Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.effects import library
 from beamdesign.plant.electronics import Law
-from beamdesign.plant.parameters import parameters_of
 from beamdesign.prototype import Prototype
 
 FREE = 0.3

@@ -21,9 +21,8 @@ from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.fitting.fit import Evidence
 from beamdesign.diagnosis.fitting.hypothesis import Placement
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
-from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble
+from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
-from beamdesign.plant.parameters import parameters_of
 from beamdesign.plant.sensitivity import equilibrium_sensitivity
 from beamdesign.prototype import Prototype
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamdesign.crossing import crossings
 from beamdesign.loop import CriticalGain, LoopAtMass, critical_gain, loop
+from beamdesign.polynomial import crossings
 from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import decibels
 from beamdesign.validation.paper.rig import (
