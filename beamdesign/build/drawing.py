@@ -4,13 +4,12 @@ import random
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-from beamdesign.prototype import Beam, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.quantity_text import tube_text
-from beamdesign.report.drawing import drawable
+from beamdesign.report.drawing import Tube, drawable, tubes_of
 from beamdesign.spelling import in_dxf, one_line
 from beamdesign.structure import section
 
@@ -33,25 +32,6 @@ LAYERS = {
 _STYLE = "BEAMDESIGN"
 _DRAWN_MM = 210.0
 """Length of the longest tube on the paper that text and arrows are sized for."""
-
-_SHOWN_BEHIND = 0.1
-"""A tube whose cut length is not given is drawn this share of its free length into its clamp, and not dimensioned."""
-
-
-@dataclass(frozen=True)
-class _Tube:
-    """One tube in mm; `cut` is None where the prototype does not give it."""
-
-    width: float
-    wall: float
-    radius: float
-    free: float
-    cut: float | None
-
-    @property
-    def back(self) -> float:
-        """Where it ends, behind the tip at 0."""
-        return -(self.cut if self.cut is not None else (1 + _SHOWN_BEHIND) * self.free)
 
 
 def missing_geometry(prototype: Prototype) -> str:
@@ -97,7 +77,7 @@ def drawing(prototype: Prototype) -> "Drawing":
 
     if reason := missing_geometry(prototype):
         raise ValueError(reason)
-    outer, inner = _tube(prototype.outer_beam), _tube(prototype.inner_beam)
+    outer, inner = tubes_of(prototype)
     document = ezdxf.new("R2010", setup=True)
     document.units = units.MM
     for name, (colour, weight) in LAYERS.items():
@@ -158,24 +138,6 @@ def svg_text(document: "Drawing", description: str) -> str:
     return f'{head} role="img" aria-label={quoteattr(one_line(description))}>{rest.strip()}'
 
 
-def _tube(record: Beam) -> _Tube:
-    assert record.width_m is not None
-    assert record.wall_m is not None
-    assert record.free_length_m is not None
-    return _Tube(
-        _mm(record.width_m),
-        _mm(record.wall_m),
-        _mm(record.corner_radius_m),
-        _mm(record.free_length_m),
-        None if record.length_m is None else _mm(record.length_m),
-    )
-
-
-def _mm(length_m: float) -> float:
-    """Millimetres without the noise of floats."""
-    return round(1e3 * length_m, 6)
-
-
 def _box(space: "Modelspace", layer: str, x: tuple[float, float], y: tuple[float, float]) -> None:
     corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
     space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
@@ -212,7 +174,7 @@ def _dimension(
     made.render()
 
 
-def _lengthwise(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -> None:
+def _lengthwise(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> None:
     """Both tubes cut along their axis, the base around the outer one, the plug around the inner one, the tip joint."""
     half, inside = outer.width / 2, inner.width / 2
     for layer, tube in (("OUTER_TUBE", outer), ("INNER_TUBE", inner)):
@@ -243,7 +205,7 @@ def _lengthwise(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -
         _dimension(space, (inner.back, inside), (0, inside), (0, high + 2 * step), text="inner, cut <>")
 
 
-def _across(space: "Modelspace", outer: _Tube, inner: _Tube, scale: float) -> None:
+def _across(space: "Modelspace", outer: Tube, inner: Tube, scale: float) -> None:
     """Both tubes in cross-section, with widths, walls and the gap."""
     half, inside, step = outer.width / 2, inner.width / 2, 9 * scale
     x = half + 60 * scale
@@ -277,7 +239,7 @@ def _rounded(space: "Modelspace", layer: str, x: float, half: float, radius: flo
     space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
 
 
-def _words(space: "Modelspace", prototype: Prototype, outer: _Tube, inner: _Tube, scale: float) -> None:
+def _words(space: "Modelspace", prototype: Prototype, outer: Tube, inner: Tube, scale: float) -> None:
     gap = section.clearance(outer.width, outer.wall, inner.width)
     load = prototype.payload
     added = f", {load.inner_end_mass_kg:g} kg to be added" if load.inner_end_mass_kg else ""

@@ -1,5 +1,6 @@
 """A twin-beam prototype drawn to scale: cross-section at the clamp, and side view in section under the tip load."""
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,48 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _OUTER, _INNER, _BASE, _LINE = "0.55", "#2a78b8", "0.8", "black"
+
+
+_SHOWN_BEHIND = 0.1
+"""A tube whose cut length is not given is drawn this share of its free length into its clamp, and not dimensioned."""
+
+
+@dataclass(frozen=True)
+class Tube:
+    """One tube in mm; `cut` is None where the prototype does not give it."""
+
+    width: float
+    wall: float
+    radius: float
+    free: float
+    cut: float | None
+
+    @property
+    def back(self) -> float:
+        """Where it ends, behind the tip at 0."""
+        return -(self.cut if self.cut is not None else (1 + _SHOWN_BEHIND) * self.free)
+
+
+def tubes_of(prototype: Prototype) -> tuple[Tube, Tube]:
+    """Outer and inner tube.
+
+    Raises:
+        ValueError: where a beam has no geometry.
+    """
+    return _tube(prototype.outer_beam), _tube(prototype.inner_beam)
+
+
+def _tube(record: Beam) -> Tube:
+    if record.width_m is None or record.wall_m is None or record.free_length_m is None:
+        raise ValueError("a drawing needs the width and the wall of both beams, and their free length")
+    cut = None if record.length_m is None else _mm(record.length_m)
+    sizes = (record.width_m, record.wall_m, record.corner_radius_m, record.free_length_m)
+    return Tube(*(_mm(size) for size in sizes), cut)
+
+
+def _mm(length_m: float) -> float:
+    """Millimetres without the noise of floats."""
+    return round(1e3 * length_m, 6)
 
 
 def drawable(prototype: Prototype) -> bool:
@@ -30,18 +73,17 @@ def draw_section(prototype: Prototype, axes: "Axes") -> "Axes":
     Raises:
         ValueError: where a beam has no geometry.
     """
-    outer_width, outer_wall = _tube_mm(prototype.outer_beam)
-    inner_width, inner_wall = _tube_mm(prototype.inner_beam)
-    _ring(axes, outer_width, outer_wall, prototype.outer_beam.corner_radius_m * 1e3, _OUTER)
-    _ring(axes, inner_width, inner_wall, prototype.inner_beam.corner_radius_m * 1e3, _INNER)
-    half, step = outer_width / 2, 0.13 * outer_width
-    _dimension(axes, (-half, -half - step), (half, -half - step), f"{outer_width:.4g}", below=True)
-    reach = inner_width / 2
-    _dimension(axes, (-reach, -half - 2.4 * step), (reach, -half - 2.4 * step), f"{inner_width:.4g}", below=True)
+    outer, inner = tubes_of(prototype)
+    _ring(axes, outer, _OUTER)
+    _ring(axes, inner, _INNER)
+    half, step = outer.width / 2, 0.13 * outer.width
+    _dimension(axes, (-half, -half - step), (half, -half - step), f"{outer.width:.4g}", below=True)
+    reach = inner.width / 2
+    _dimension(axes, (-reach, -half - 2.4 * step), (reach, -half - 2.4 * step), f"{inner.width:.4g}", below=True)
     for x in (-reach, reach):
         axes.plot([x, x], [-reach, -half - 2.6 * step], color=_LINE, linewidth=0.4, linestyle=":")
-    gap = section.clearance(outer_width, outer_wall, inner_width)
-    for row, text in enumerate((f"outer wall {outer_wall:.3g}", f"inner wall {inner_wall:.3g}", f"gap {gap:.3g}")):
+    gap = section.clearance(outer.width, outer.wall, inner.width)
+    for row, text in enumerate((f"outer wall {outer.wall:.3g}", f"inner wall {inner.wall:.3g}", f"gap {gap:.3g}")):
         axes.text(0, reach * (0.34 - 0.34 * row), text, ha="center", va="center", fontsize=7)
     axes.set_xlim(-half - step, half + step)
     axes.set_ylim(-half - 4 * step, half + step)
@@ -67,27 +109,25 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
     Raises:
         ValueError: where a beam has no geometry.
     """
-    outer, inner = prototype.outer_beam, prototype.inner_beam
-    outer_width, outer_wall = _tube_mm(outer)
-    inner_width, inner_wall = _tube_mm(inner)
+    outer, inner = tubes_of(prototype)
     bent = inner if servo_on else outer
-    deflection = tip_force_N / lumped_beam(bent).stiffness * 1e3
-    for tube, width, wall, colour in (
-        (outer, outer_width, outer_wall, _OUTER),
-        (inner, inner_width, inner_wall, _INNER),
-    ):
-        full, free = _lengths_mm(tube)
-        x = np.concatenate([[-full], np.linspace(-free, 0.0, 60)])
-        sag = deflection * beam.static_shape((x + free).clip(min=0.0) / free) if tube is bent else np.zeros_like(x)
+    deflection = tip_force_N / lumped_beam(prototype.inner_beam if servo_on else prototype.outer_beam).stiffness * 1e3
+    for tube, colour in ((outer, _OUTER), (inner, _INNER)):
+        x = np.concatenate([[tube.back], np.linspace(-tube.free, 0.0, 60)])
+        sag = np.zeros_like(x)
+        if tube is bent:
+            sag = deflection * beam.static_shape((x + tube.free).clip(min=0.0) / tube.free)
         for side in (-1, 1):
-            edges = np.array([side * width / 2, side * (width / 2 - wall)])
+            edges = np.array([side * tube.width / 2, side * (tube.width / 2 - tube.wall)])
             axes.fill_between(x, edges.min() - sag, edges.max() - sag, color=colour, linewidth=0)
         if tube is bent:
             for side in (-1, 1):
-                axes.plot([-full, 0], [side * width / 2] * 2, color=_LINE, linewidth=0.5, linestyle=(0, (6, 4)))
-    _clamps(axes, prototype)
-    _load(axes, outer_width / 2 - (0 if servo_on else deflection), outer_width, tip_force_N)
-    gap = section.clearance(outer_width, outer_wall, inner_width)
+                axes.plot(
+                    [tube.back, 0], [side * tube.width / 2] * 2, color=_LINE, linewidth=0.5, linestyle=(0, (6, 4))
+                )
+    _clamps(axes, outer, inner)
+    _load(axes, outer.width / 2 - (0 if servo_on else deflection), outer.width, tip_force_N)
+    gap = section.clearance(outer.width, outer.wall, inner.width)
     which, left = ("inner", "straight") if servo_on else ("outer", "unloaded")
     other = "outer" if servo_on else "inner"
     axes.set_title(
@@ -96,31 +136,17 @@ def draw_side(prototype: Prototype, tip_force_N: float, axes: "Axes", servo_on: 
         fontsize=9,
         loc="left",
     )
-    longest = max(_lengths_mm(outer)[0], _lengths_mm(inner)[0])
-    axes.set_xlim(-1.04 * longest, 0.1 * longest)
-    axes.set_ylim(-1.48 * outer_width, 1.35 * outer_width)
+    back = min(outer.back, inner.back)
+    axes.set_xlim(1.04 * back, -0.1 * back)
+    axes.set_ylim(-1.48 * outer.width, 1.35 * outer.width)
     axes.set_aspect("equal")
     axes.set_axis_off()
     return axes
 
 
-def _tube_mm(tube: Beam) -> tuple[float, float]:
-    if tube.width_m is None or tube.wall_m is None:
-        raise ValueError("a drawing needs the width and the wall of both beams")
-    return tube.width_m * 1e3, tube.wall_m * 1e3
-
-
-def _lengths_mm(tube: Beam) -> tuple[float, float]:
-    """Full and free length; a tube of unknown full length ends a tenth behind its clamp."""
-    if tube.free_length_m is None:
-        raise ValueError("a drawing needs the free length of both beams")
-    full = tube.length_m if tube.length_m is not None else 1.1 * tube.free_length_m
-    return full * 1e3, tube.free_length_m * 1e3
-
-
-def _ring(axes: "Axes", width: float, wall: float, radius: float, colour: str) -> None:
-    outside = _rounded_square(width / 2, radius)
-    inside = _rounded_square(width / 2 - wall, max(radius - wall, 0.0))
+def _ring(axes: "Axes", tube: Tube, colour: str) -> None:
+    outside = _rounded_square(tube.width / 2, tube.radius)
+    inside = _rounded_square(tube.width / 2 - tube.wall, max(tube.radius - tube.wall, 0.0))
     # One closed line: round the outside, across the wall, and back round the inside.
     line = np.concatenate([outside, inside[::-1]])
     axes.fill(line[:, 0], line[:, 1], color=colour, linewidth=0)
@@ -145,25 +171,24 @@ def _dimension(axes: "Axes", start: tuple[float, float], end: tuple[float, float
     note(axes, text, middle, (0, -2 if below else 2), va="top" if below else "bottom")
 
 
-def _clamps(axes: "Axes", prototype: Prototype) -> None:
+def _clamps(axes: "Axes", outer: Tube, inner: Tube) -> None:
     """The base around the clamped part of the outer tube, the plug that holds the inner one, and the free lengths."""
     from matplotlib.patches import Rectangle
 
-    outer_width, outer_wall = _tube_mm(prototype.outer_beam)
-    inner_width, _ = _tube_mm(prototype.inner_beam)
-    outer_full, outer_free = _lengths_mm(prototype.outer_beam)
-    inner_full, inner_free = _lengths_mm(prototype.inner_beam)
-    thick = 0.22 * outer_width
-    gap = section.clearance(outer_width, outer_wall, inner_width)
-    blocks = [(-outer_full, outer_full - outer_free, side * outer_width / 2, side * thick) for side in (-1, 1)]
-    blocks += [(-inner_full, inner_full - inner_free, side * inner_width / 2, side * gap) for side in (-1, 1)]
+    thick = 0.22 * outer.width
+    gap = section.clearance(outer.width, outer.wall, inner.width)
+    blocks = [
+        (tube.back, -tube.free - tube.back, side * tube.width / 2, side * height)
+        for tube, height in ((outer, thick), (inner, gap))
+        for side in (-1, 1)
+    ]
     for x, length, y, height in blocks:
         axes.add_patch(Rectangle((x, y), length, height, facecolor=_BASE, edgecolor=_LINE, linewidth=0.4, hatch="////"))
-    low = -outer_width / 2 - thick
-    for free, drop in ((outer_free, 0.28), (inner_free, 0.68)):
-        y = low - drop * outer_width
-        _dimension(axes, (-free, y), (0, y), f"{free:.4g}", below=False)
-    axes.plot([0, 0], [low - 0.73 * outer_width, -outer_width / 2], color=_LINE, linewidth=0.4, linestyle=":")
+    low = -outer.width / 2 - thick
+    for tube, drop in ((outer, 0.28), (inner, 0.68)):
+        y = low - drop * outer.width
+        _dimension(axes, (-tube.free, y), (0, y), f"{tube.free:.4g}", below=False)
+    axes.plot([0, 0], [low - 0.73 * outer.width, -outer.width / 2], color=_LINE, linewidth=0.4, linestyle=":")
 
 
 def _load(axes: "Axes", tip: float, width: float, force: float) -> None:
