@@ -42,13 +42,13 @@ from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
 from beamdesign.report.gap_pictures import bands, diverged, zoom
 from beamdesign.report.gap_tables import (
     HeatMap,
-    PlainTable,
     chosen_fit,
     closed_text,
     fitted_figures,
     indicator_table,
     shade,
 )
+from beamdesign.report.page import Table
 
 SLOW_SENSOR = Path(__file__).parent.parent / "studies" / "gaps" / "slow_sensor"
 VOID = {"meta", "link", "br", "img", "path", "use", "rect", "line", "circle", "polygon", "image"}
@@ -284,7 +284,7 @@ def test_tables_of_witnesses_become_maps_where_their_columns_are_of_one_kind() -
     assert banded.rows[0][:2] == ("a", "x")
     assert [cell[1] for cell in banded.rows[0][2]] == [0.25, 1.0]
     mixed = indicator_table({"record": ("a",), "gain": (1.0,), "delay_s": (1e-3,), "limit_A": (None,)})
-    assert mixed == PlainTable(("record", "gain", "delay s", "limit A"), (("a", "1", "0.001", ""),))
+    assert mixed == Table(("record", "gain", "delay s", "limit A"), (("a", "1", "0.001", ""),))
     assert indicator_table({}) is None
 
 

@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from beamdesign.diagnosis.data.dataset import Dataset
 from beamdesign.diagnosis.designer_terms import LoopTerms, payload_range
@@ -35,7 +35,7 @@ from beamdesign.report.gap_tables import (
     share_text,
     terms_rows,
 )
-from beamdesign.report.page import page_template
+from beamdesign.report.page import Document, Table, page_template
 
 NAMES = {"prototype": "prototype.toml", "json": "diagnosis.json", "report": "report.html"}
 REDESIGNED = "redesigned/prototype.toml"
@@ -109,6 +109,7 @@ VERDICTS = {
     "ambiguous": "several causes explain it alike",
     "unknown": "cause unknown",
 }
+_TERMS = ("", "as believed", "as diagnosed")
 _MOST_PICTURES = 12
 _LISTED, _LEAST_PROBABILITY = 8, 1e-4  # sets of causes
 _BANDS = "Errors on the records that count, rms per band over the rms of the signal."
@@ -154,7 +155,15 @@ def gap_report_html(
     )
     return template.render(
         found=found,
-        verdict=VERDICTS[found.verdict],
+        document=Document(
+            found.name,
+            "Diagnosis",
+            escape(found.sentences),  # nothing in names is code
+            _key(found),
+            (),
+            " of the gap between a rig and its prototype",
+            tuple(name for kind, name in files.items() if kind != "report"),
+        ),
         files=files,
         maps=error_maps(seen, conditions) if seen else (),
         witnesses=[(w, table, isinstance(table, HeatMap)) for w, table in witnesses],
@@ -163,13 +172,32 @@ def gap_report_html(
         records=[_shown(e, k, e.name in held_out) for k, e in enumerate(seen[:_MOST_PICTURES])],
         left_out=max(0, len(seen) - _MOST_PICTURES),
         fitted=fitted_figures(fit) if fit is not None else (),
-        loops=[(controller_text(t.controller, t.inner_end_mass_kg), terms_rows(t), t) for t in terms],
+        loops=[
+            (controller_text(t.controller, t.inner_end_mass_kg), Table(_TERMS, tuple(terms_rows(t))), t) for t in terms
+        ],
         scope=next((t.diagnosed.scope for t in terms if t.diagnosed.scope), ()),
         compliance=_compliance(found, data, terms, renewed),
         payloads=None if data is None else payload_range(data),
         renewed=renewed,
         renewed_laws=_renewed_laws(renewed),
     )  # fmt: skip
+
+
+def _key(found: Diagnosis) -> tuple[tuple[str, str], ...]:
+    where, gap = found.where, found.gap
+    low, high = (decimal(value, 3) for value in where.band_Hz)
+    least, most = (closed_text(value) for value in gap.closed_interval)
+    rows = (
+        ("verdict", VERDICTS[found.verdict]),
+        ("held responsible", in_words(", ".join(found.chosen))),
+        ("where", where.subsystem and f"{where.subsystem}, {low} to {high} Hz"),
+        ("error as believed", share_text(gap.before)),
+        ("re-tuned within tolerances", share_text(gap.tuned)),
+        ("with the cause" if found.chosen else "with the best model", share_text(gap.after)),
+        ("noise alone", share_text(gap.noise_floor)),
+        ("closed, with 90 % interval", f"{closed_text(gap.closed)} ({least} to {most})"),
+    )
+    return tuple((name, text) for name, text in rows if text or name not in ("held responsible", "where"))
 
 
 def _shown(of: Errors, position: int, held_out: bool) -> ShownPicture:

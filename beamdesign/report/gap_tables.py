@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import isfinite, log10
 
 import numpy as np
+from markupsafe import escape
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
@@ -15,6 +16,7 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
 from beamdesign.parameters import PARAMETERS
 from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity
+from beamdesign.report.page import Table
 
 _FAINTEST, _STRONGEST = 1e-3, 1.0  # errors over the rms of the signal that are drawn as none and as full
 _WIDEST_Z = 5.0
@@ -36,14 +38,6 @@ class HeatMap:
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, str, tuple[tuple[str, float, str], ...]], ...]
-
-
-@dataclass(frozen=True)
-class PlainTable:
-    """A table without shades."""
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def share_text(value: float) -> str:
@@ -108,7 +102,7 @@ def shade(value: float) -> float:
     return min(1.0, log10(value / _FAINTEST) / log10(_STRONGEST / _FAINTEST))
 
 
-def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | PlainTable | None:
+def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | Table | None:
     """What an indicator has to show: a map where several columns of figures are of one kind, else a table.
 
     They are where they are named after bands (`15-40 Hz`), or where there are many and all of them positive.
@@ -123,8 +117,8 @@ def indicator_table(table: Mapping[str, Sequence[object]]) -> HeatMap | PlainTab
     if words and (banded or len(alike) >= _MANY) and len(alike) > 1 and bool(np.all(values >= 0)):
         return _map(table, words, alike, values)
     lines = list(zip(*table.values(), strict=True))[:_MOST_ROWS]
-    heads = tuple(name.replace("_", " ") for name in table)
-    return PlainTable(heads, tuple(tuple(_text(v) for v in line) for line in lines))
+    heads = tuple(escape(name.replace("_", " ")) for name in table)  # nothing in names is code
+    return Table(heads, tuple(tuple(escape(_text(v)) for v in line) for line in lines))
 
 
 def _map(table: Mapping[str, Sequence[object]], words: list[str], alike: list[str], values: np.ndarray) -> HeatMap:
