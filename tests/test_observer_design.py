@@ -19,7 +19,7 @@ from beamdesign.loop import loop, rig_loop
 from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.synthesis.bandwidth import Polish
+from beamdesign.synthesis.bandwidth import LawRefinement
 from beamdesign.synthesis.law_search import Effort, Search
 from beamdesign.synthesis.loop_samples import samples, slacks
 from beamdesign.synthesis.synthesis import (
@@ -268,7 +268,7 @@ def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
     opened = block_form(SENSED[:1], a, b, c, np.zeros((1, 1)))
     assert opened is not None
     form, start = opened[0], np.append(opened[1], 0.0)
-    polish = Polish(points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, 0)], [0.0])
+    polish = LawRefinement(points, shipped.goal, form, (0.0, 6.0), [(plant, 1.0, 0)], [0.0])
     better, bandwidth = polish(start, rounds=2)
     assert polish.measured(better).violation < 5e-3
     assert bandwidth >= polish(start, rounds=0)[1]
@@ -277,7 +277,7 @@ def test_polish_does_not_lose_what_it_starts_from(shipped: Prototype) -> None:
 TINY = Effort(
     steps=12,
     rounds=2,
-    polished=1,
+    starts=1,
     weights=16,
     evaluations=12,
     synthesised=1,

@@ -25,7 +25,7 @@ from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import is_stable_over
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.synthesis import refinement, tuning
-from beamdesign.synthesis.bandwidth import Polish
+from beamdesign.synthesis.bandwidth import LawRefinement
 from beamdesign.synthesis.law_search import Found, Search, Start
 from beamdesign.synthesis.loop_samples import samples
 from beamdesign.synthesis.refinement import LARGEST_BANDWIDTH_HZ, Proved, refine
@@ -218,7 +218,7 @@ def test_a_range_out_of_reach_is_a_no(rig: Prototype):
 def test_a_solver_that_lies_is_not_believed(rig: Prototype, monkeypatch):
     """Whatever the polish gives back as its optimum, unstable over part of the range, comes to nothing."""
     remedy = np.array([*np.log([0.15, 1.75, 26.0]), 4.5])
-    monkeypatch.setattr(Polish, "__call__", lambda *arguments, **options: (remedy, 20.0))
+    monkeypatch.setattr(LawRefinement, "__call__", lambda *arguments, **options: (remedy, 20.0))
     found = tune(rig, RANGE_KG)
     refused(found, rig)
     assert "not stable over the whole range" in found.reason
@@ -228,7 +228,7 @@ def test_a_solver_that_overrates_is_corrected(rig: Prototype, lag: Tuning, monke
     """A sound loop with a bandwidth claimed ten times too large is guaranteed what can be proved of it."""
     assert lag.best is not None
     overrated = lag.best.variables[:-1]
-    monkeypatch.setattr(Polish, "__call__", lambda *arguments, **options: (overrated, 50.0))
+    monkeypatch.setattr(LawRefinement, "__call__", lambda *arguments, **options: (overrated, 50.0))
     found = tune(rig, RANGE_KG)
     assert found.best is not None
     assert found.best.bandwidth_Hz == lag.best.bandwidth_Hz
@@ -244,7 +244,7 @@ def test_a_solver_without_figures_stays_where_it_is(rig: Prototype, lag: Tuning,
         def stats(self) -> dict[str, bool]:
             return {"success": False}
 
-    monkeypatch.setattr(Polish, "_program", lambda self: Lost())
+    monkeypatch.setattr(LawRefinement, "_program", lambda self: Lost())
     found = tune(rig, RANGE_KG)
     assert found.starts == pytest.approx(lag.starts, rel=1e-3)
     assert found.certificates == 1

@@ -7,10 +7,11 @@ from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.contact import Wall
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
+from beamdesign.synthesis import Progress
 from beamdesign.synthesis.design_run import certified_laws
 from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.stiffness_search import design
-from beamdesign.synthesis.tuning import Progress, tune_alike
+from beamdesign.synthesis.tuning import tune_alike
 
 
 @dataclass(frozen=True)

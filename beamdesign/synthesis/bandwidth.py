@@ -1,13 +1,13 @@
-"""The largest bandwidth near a law on samples: a climb by linear programs, and a polish by interior points.
+"""The largest bandwidth near a law on samples: a coarse search by linear programs, and a refinement by interior points.
 
 At each step the least slack of compliance up to a little beyond the bandwidth reached is maximised, linearised, with
 the other limits as constraints (sequential linear programming; R. Fletcher and E. Sainz de la Maza, Nonlinear
 programming and nonsmooth optimization by successive linear programming, Mathematical Programming 43, 1989). At such an
 optimum nearly as many limits are active as there are variables, so that steps of first order are enough.
 
-In the polish, with exact second derivatives, the bandwidth is a variable, and compliance is enforced at shares of it.
-The other limits are enforced at sampled points: a coarse set that covers everything, and the worst points of a fine
-one, chosen anew in every round.
+In the refinement, with exact second derivatives, the bandwidth is a variable, and compliance is enforced at shares of
+it. The other limits are enforced at sampled points: a coarse set that covers everything, and the worst points of a
+fine one, chosen anew in every round.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ _PENALTY = 20.0
 _SMALLEST_REACH, _LARGEST_REACH = 1e-4, 0.5
 
 
-def climb(
+def coarse_search(
     points: Samples,
     goal: Goal,
     form: Form,
@@ -46,7 +46,7 @@ def climb(
     most: int = 600,
     reach: float = 0.3,
 ) -> np.ndarray:
-    """Variables (v,) that a climb from a start leads to; the start itself, within its bounds, where no loop is stable.
+    """Variables (v,) that a coarse search leads to; its start, within its bounds, where no loop is stable.
 
     Args:
         points: where the limits are kept.
@@ -73,7 +73,7 @@ def climb(
         then = slacks(points, goal, form, tried)
         gained = _merit(points, then, aim) - merit
         if gained < 0.7 * (foreseen - merit) or not then.settled:
-            # Curvature spoilt the step: linearise again with what the limits are at its end,
+            # Curvature ruined the step: linearise again with what the limits are at its end,
             # taken back along it with the slopes of its beginning.
             bent = replace(now, values=then.values - now.slopes @ move)
             again, _ = _step(points, bent, aim, least, greatest)
@@ -136,7 +136,7 @@ _WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller
 
 _SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1.0, 21)])
 
-_SPOILT = 2e-3
+_VIOLATION = 2e-3
 """Violation between the enforced points that is put up with in a round; the worst of them are enforced in the next."""
 
 WORTH = 10.0
@@ -153,11 +153,11 @@ NEARLY = 0.02
 """By how much (logarithm) the compliance may miss its limit where a round begins."""
 
 _SETTLED = 1e-4
-"""Relative growth of the bandwidth in a round below which the polish ends."""
+"""Relative growth of the bandwidth in a round below which the refinement ends."""
 
 
 @dataclass(frozen=True)
-class Polish:
+class LawRefinement:
     """Interior points for one form of law on one set of samples; called from any start.
 
     Attributes:
@@ -218,21 +218,21 @@ class Polish:
         def bandwidth(found: Slacks) -> float:
             return sampled_bandwidth(self.points, found.compliance - stiffer + TOUCH)
 
-        reached, spoilt = bandwidth(now), now.violation_inside(inside)
+        reached, violation = bandwidth(now), now.violation_inside(inside)
         least = _MENDED if worth < inf else _MENDED_A_LITTLE
         while rounds > 0 and reach > 0.005:
             rounds -= 1
             tried, foreseen = self._solved(best, now, reached, (inside, stiffer), reach)
-            if self._solver.stats()["success"] and foreseen < reached * (1 + _SETTLED) and spoilt < _SPOILT / 100:
+            if self._solver.stats()["success"] and foreseen < reached * (1 + _SETTLED) and violation < _VIOLATION / 100:
                 break
             then = self.measured(tried)
-            wider, spoils = bandwidth(then), then.violation_inside(inside)
-            mended = spoils < min(spoilt - 1e-7, least * spoilt) and wider >= reached * (1 - worth * spoilt)
+            wider, missed = bandwidth(then), then.violation_inside(inside)
+            mended = missed < min(violation - 1e-7, least * violation) and wider >= reached * (1 - worth * violation)
             better = mended or wider > reached * (1 + _SETTLED)
-            if not (then.settled and spoils < max(spoilt, _SPOILT) * 1.01 and better):
+            if not (then.settled and missed < max(violation, _VIOLATION) * 1.01 and better):
                 reach /= 3
                 continue
-            best, now, reached, spoilt = tried, then, wider, spoils
+            best, now, reached, violation = tried, then, wider, missed
         return best, reached
 
     def _solved(
@@ -306,7 +306,7 @@ class Polish:
             asked = (ca.repmat(ca.vec(table), 1, n), ca.repmat(inner, 1, n), masses, frequencies, data[-1])
             found.append(stiffness(*asked).T + log(self.goal.compliance_m_per_N) - stiffer)
         return ca.nlpsol(
-            "polish",
+            "refinement",
             "ipopt",
             {"x": variables, "p": ca.vertcat(*map(ca.vec, data), inside, stiffer), "f": -beta, "g": ca.vertcat(*found)},
             {
@@ -324,7 +324,7 @@ class Polish:
 def _data(at: Samples, index: np.ndarray) -> np.ndarray:
     """What `_point` reads of some points, (rows, count)."""
     values = np.concatenate([at.denominator[index][None], *(control[:, index] for control in at.control)])
-    plain = np.array([2 * pi * at.frequency_Hz[index], at.looser[index]])
+    plain = np.array([2 * pi * at.frequency_Hz[index], at.relaxed[index]])
     return np.concatenate([plain, values.real, values.imag])
 
 

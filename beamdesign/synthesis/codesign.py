@@ -20,12 +20,11 @@ from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, hydraulic_figures
 from beamdesign.structure.section import SquareTube
+from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.checks import Check, beam_mass, check_sections, checks, materials
 from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
 from beamdesign.synthesis.refinement import LoopProgram, Proved, refine
 from beamdesign.synthesis.starts import best_starts
-
-Progress = Callable[[float, str], None]
 
 SAMPLES = 2048
 """Of the coarse search over sections, inner end mass and controller shape."""
@@ -248,14 +247,14 @@ def codesign(
     Raises:
         InputError: for a kind of controller that is not tuned from a seed of its own.
     """
-    told = progress or (lambda fraction, text: None)
+    report = progress or silent
     kind = problem.controller.kind
     if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
         raise InputError(problem.name, [("controller.kind", reason)])
     form = form_of(kind)
     head = form.size + 2
-    told(0.0, "coarse search")
+    report(0.0, "coarse search")
     program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)
     starts, nothing = [point.proved.variables for point in near], ""
     if not near:
@@ -276,7 +275,7 @@ def codesign(
     points: list[CodesignPoint] = []
     attempts: list[float | str] = []
     for k, start in enumerate(starts):
-        told((k + 1) / (len(starts) + 1), f"refining and proving start {k + 1} of {len(starts)}")
+        report((k + 1) / (len(starts) + 1), f"refining and proving start {k + 1} of {len(starts)}")
         refined = refine(program, start, bandwidth_Hz)
         if refined.proved is None:
             attempts.append(refined.reason)
@@ -374,14 +373,14 @@ def pareto_front(
         ranges_kg: ranges of outer end mass.
         progress: told the share done and what is being done.
     """
-    told = progress or (lambda fraction, text: None)
+    report = progress or silent
     bandwidths = sorted(set(bandwidths_Hz))
     solved: dict[tuple[int, int], Codesign] = {}
     ranges = list(dict.fromkeys(ranges_kg))
     colder, total = 0, len(ranges) * len(bandwidths)
     for i, masses in enumerate(ranges):
         for k, bandwidth in enumerate(bandwidths):
-            told(len(solved) / total, f"{bandwidth:g} Hz over {masses[0]:g} to {masses[1]:g} kg")
+            report(len(solved) / total, f"{bandwidth:g} Hz over {masses[0]:g} to {masses[1]:g} kg")
             before = [solved.get(key) for key in ((i, k - 1), (i - 1, k))]
             near = [design.point for design in before if design is not None and design.point is not None]
             design = codesign(problem, masses, bandwidth, near)

@@ -14,6 +14,7 @@ from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.result import Result
+from beamdesign.synthesis import silent
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.sizing import Sizing, size
@@ -63,8 +64,8 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
         problem: the design problem.
         progress: told the share done and what is being done.
     """
-    told = progress or (lambda fraction, text: None)
-    told(0.0, "sizing the sections")
+    report = progress or silent
+    report(0.0, "sizing the sections")
     sizing = size(problem)
     if not sizing.feasible:
         return DesignRun(problem, sizing, None, None, None, sizing.reason)
@@ -77,12 +78,12 @@ def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | 
         rig.but(goal=limited(rig.goal, sought.kind)),
         masses,
         sought.kind,
-        progress=lambda fraction, text: told(0.2 + 0.6 * fraction, text),
+        progress=lambda fraction, text: report(0.2 + 0.6 * fraction, text),
         **sought.sought,
     )
     if tuned.reason:
         return DesignRun(problem, sizing, tuned, None, None, tuned.reason)
-    told(0.9, "writing the proof")
+    report(0.9, "writing the proof")
     prototype, each = certified_laws(tuned)
     laws = tuple(
         DesignRun(problem, sizing, law, certificate, rig, suffix=stage.suffix)

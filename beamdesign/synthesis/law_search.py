@@ -1,14 +1,14 @@
 """The one engine of tuning: from laws that are given or grown to the largest bandwidth that is proved.
 
-Laws are climbed and polished on samples of all loops; what grows is grown and polished anew, the best few go on. What
-is returned is proved by the same oracle as every other loop: where it refutes a limit between the samples, the peak
-that stood there joins them, all limits are tightened by what was missing, and the polish is done again.
+Laws are searched for coarsely and refined on samples of all loops; what grows is grown and refined anew, the best few
+go on. What is returned is proved by the same oracle as every other loop: where it refutes a limit between the samples,
+the peak that stood there joins them, all limits are tightened by what was missing, and the refinement is done again.
 
 Of a robust search limits are held on samples at the worst rig of every point; of the best design the worst rigs are
 collected, and each is proved over the whole payload range as the nominal one is. The rigs between are not proved.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, log
 
@@ -21,7 +21,8 @@ from beamdesign.proofs.certificate import Claim
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
-from beamdesign.synthesis.bandwidth import NEARLY, TOUCH, WORTH, Polish, climb
+from beamdesign.synthesis import Progress, silent
+from beamdesign.synthesis.bandwidth import NEARLY, TOUCH, WORTH, LawRefinement, coarse_search
 from beamdesign.synthesis.loop_limits import ends, loop_set
 from beamdesign.synthesis.loop_samples import (
     COMPLIANCE,
@@ -36,30 +37,28 @@ from beamdesign.synthesis.loop_samples import (
 from beamdesign.synthesis.refinement import LARGEST_BANDWIDTH_HZ, Proved
 from beamdesign.synthesis.rig_spread import RigSpread
 
-Told = Callable[[float, str], None]
-
 
 @dataclass(frozen=True)
 class Effort:
     """How much is tried.
 
     Attributes:
-        steps: linear programs of a climb, at most.
-        rounds: of a polish, at most.
-        polished: how many starts are polished, and how many laws of one size the next are grown from.
-        refined: how many of the laws that are grown are polished for good.
+        steps: linear programs of a coarse search, at most.
+        rounds: of a refinement, at most.
+        starts: how many starts are refined, and how many laws of one size the next are grown from.
+        refined: how many of the laws that are grown are refined for good.
         candidates: how many designs are proved, at most.
         proofs: rounds of proof and back-off for one design, at most.
         weights: of a synthesis: how many are sampled, a power of two, as Sobol's sequence wants.
         evaluations: of the search that improves weights.
-        synthesised: how many laws of a synthesis are climbed from.
+        synthesised: how many laws of a synthesis are searched from.
         blocks: pairs of poles that are realised of these: order 8.
         frequency_Hz: of the samples.
     """
 
     steps: int = 150
     rounds: int = 20
-    polished: int = 2
+    starts: int = 2
     refined: int = 3
     candidates: int = 3
     proofs: int = 10
@@ -71,10 +70,10 @@ class Effort:
 
 
 _FIRST_ROUNDS = 5
-"""Of a polish of many, before the best of them are polished for good."""
+"""Of a refinement of many, before the best of them are refined for good."""
 
 _FURTHER = 0.2
-"""How far a variable may move in a step of the last polish."""
+"""How far a variable may move in a step of the last refinement."""
 
 _ENOUGH = 0.985
 """Share of the sampled bandwidth which, if proved, ends the search for more."""
@@ -110,7 +109,7 @@ class Search:
     spread: RigSpread | None = None
     effort: Effort = Effort()
     points: Samples = field(init=False, repr=False)
-    _polishes: dict[Form, Polish] = field(init=False, repr=False, default_factory=dict)
+    _refinements: dict[Form, LawRefinement] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Sample the loops."""
@@ -119,11 +118,11 @@ class Search:
             frequencies = np.union1d(frequencies, MODES_HZ)
         object.__setattr__(self, "points", self.sampled(frequencies, sampled_masses(self.masses_kg)))
 
-    def sampled(self, frequency_Hz: np.ndarray, masses: Sequence[float], looser: float = 1.0) -> Samples:
+    def sampled(self, frequency_Hz: np.ndarray, masses: Sequence[float], relaxed: float = 1.0) -> Samples:
         """All loops at some frequencies and outer end masses (kg), and those of the rigs that are off."""
 
         def of(members: Sequence[VertexModel]) -> Samples:
-            return rig_samples(members, frequency_Hz, masses, self.sensors, looser)
+            return rig_samples(members, frequency_Hz, masses, self.sensors, relaxed)
 
         return of(self.members) if self.spread is None else worst_samples(self.spread, self.members, of)
 
@@ -131,29 +130,29 @@ class Search:
         """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
         return slacks(self.points, self.goal, form, np.append(variables, inner_end_mass), slopes=False).settled
 
-    def polish(self, form: Form) -> Polish:
-        """The polish of laws of a form, built once."""
-        if form not in self._polishes:
+    def refinement(self, form: Form) -> LawRefinement:
+        """The refinement of laws of a form, built once."""
+        if form not in self._refinements:
             masses = sampled_masses(self.masses_kg)
             listed = [
                 (rig.polynomials(self.sensors), factor, k * len(masses))
                 for k, (rig, factor, performs) in enumerate(ends(self.members))
                 if performs
             ]
-            self._polishes[form] = Polish(self.points, self.goal, form, self.inner_kg, listed, masses)
-        return self._polishes[form]
+            self._refinements[form] = LawRefinement(self.points, self.goal, form, self.inner_kg, listed, masses)
+        return self._refinements[form]
 
-    def with_peak(self, polish: Polish, claim: Claim) -> Polish:
-        """A polish that sees the peak about which a limit of the sensitivity was refuted."""
+    def with_peak(self, refinement: LawRefinement, claim: Claim) -> LawRefinement:
+        """A refinement that sees the peak about which a limit of the sensitivity was refuted."""
         assert claim.witness is not None
         at = claim.witness.frequency_Hz * _PEAK
         more = self.sampled(at, [nearest(claim.witness.mass)], _STRICTER)
-        return replace(polish, points=polish.points.joined(more))
+        return replace(refinement, points=refinement.points.joined(more))
 
-    def climbed(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
-        """Variables and sampled bandwidth after a climb, or of the start where that is better."""
+    def coarsely_searched(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
+        """Variables and sampled bandwidth after a coarse search, or of the start where that is better."""
         lower, upper = np.append(form.lower, self.inner_kg[0]), np.append(form.upper, self.inner_kg[1])
-        higher = climb(self.points, self.goal, form, variables, lower, upper, most=self.effort.steps)
+        higher = coarse_search(self.points, self.goal, form, variables, lower, upper, most=self.effort.steps)
         return max(((one, self._worth(form, one)) for one in (variables, higher)), key=lambda pair: pair[1])
 
     def _worth(self, form: Form, variables: np.ndarray) -> float:
@@ -204,38 +203,38 @@ Start = tuple[Form, np.ndarray]
 """A form and variables (v,) of it, the mass inside (kg) last."""
 
 
-def search(task: Search, starts: Sequence[Start], growths: int = 0, told: Told = lambda share, text: None) -> Found:
+def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Progress = silent) -> Found:
     """Find the largest guaranteed bandwidth.
 
     Args:
         task: what is asked.
         starts: laws to begin with; those with unstable loops lead nowhere.
         growths: how often they are grown.
-        told: the share done and what is being done.
+        report: told the share done and what is being done.
     """
     effort, pool = task.effort, []
     for k, (form, variables) in enumerate(starts):
-        told(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
-        pool.append(_Design(form, *task.climbed(form, variables)))
-    pool = _polished(task, _best(pool)[: effort.polished], _part(told, 0.2, 0.65 / (1 + growths)))
+        report(0.2 * k / len(starts), f"start {k + 1} of {len(starts)}")
+        pool.append(_Design(form, *task.coarsely_searched(form, variables)))
+    pool = _refined(task, _best(pool)[: effort.starts], _part(report, 0.2, 0.65 / (1 + growths)))
     for growth in range(growths):
         more = [
             _Design(form, np.append(variables, design.variables[-1]), 0.0)
-            for design in pool[: effort.polished]
+            for design in pool[: effort.starts]
             for law in design.law.grown()
             if (opened := law.form()) is not None
             for form, variables in [opened]
         ]
-        pool = _polished(task, more, _part(told, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
+        pool = _refined(task, more, _part(report, 0.2 + 0.65 * (growth + 1) / (1 + growths), 0.65 / (1 + growths)))
     reached = tuple(design.bandwidth_Hz for design in pool)
     certificates, best = 0, Found(None, reached, 0, "no start led to a stable loop within the limits on the samples")
     for rough in pool[: effort.candidates]:
         if rough.bandwidth_Hz <= 0 or (best.proved and best.proved.bandwidth_Hz > _ENOUGH * rough.bandwidth_Hz):
             continue
-        told(0.85, f"polishing {rough.bandwidth_Hz:.3g} Hz for good")
-        further = task.polish(rough.form)(rough.variables, rounds=3 * effort.rounds, reach=_FURTHER)
+        report(0.85, f"refining {rough.bandwidth_Hz:.3g} Hz for good")
+        further = task.refinement(rough.form)(rough.variables, rounds=3 * effort.rounds, reach=_FURTHER)
         design = _Design(rough.form, *further)
-        told(0.9, f"proving {design.bandwidth_Hz:.3g} Hz")
+        report(0.9, f"proving {design.bandwidth_Hz:.3g} Hz")
         found = _proved(task, design, reached)
         certificates += found.certificates
         if best.proved is None or (found.proved and found.proved.bandwidth_Hz > best.proved.bandwidth_Hz):
@@ -265,16 +264,16 @@ def sampled_masses(masses_kg: tuple[float, float]) -> list[float]:
     return [float(mass) for mass in np.unique(np.linspace(*masses_kg, 3))]
 
 
-def _polished(task: Search, designs: Sequence[_Design], told: Told) -> list[_Design]:
-    """The best designs, polished: all of them a little, then those that came out best for good."""
+def _refined(task: Search, designs: Sequence[_Design], report: Progress) -> list[_Design]:
+    """The best designs, refined: all of them a little, then those that came out best for good."""
     going, most = list(designs), task.effort.rounds
     passes = (min(_FIRST_ROUNDS, most), most) if len(designs) > task.effort.refined else (most,)
     done, count = 0, len(designs) + (len(passes) - 1) * task.effort.refined
     for rounds in passes:
         found = []
         for design in going:
-            told(done / count, f"polishing {done + 1} of {count}")
-            found.append(_Design(design.form, *task.polish(design.form)(design.variables, rounds=rounds)))
+            report(done / count, f"refining {done + 1} of {count}")
+            found.append(_Design(design.form, *task.refinement(design.form)(design.variables, rounds=rounds)))
             done += 1
         going = _best(found)[: task.effort.refined]
     return going
@@ -289,9 +288,9 @@ def _best(found: Sequence[_Design]) -> list[_Design]:
     return chosen
 
 
-def _part(told: Told, start: float, length: float) -> Told:
+def _part(report: Progress, start: float, length: float) -> Progress:
     """Progress of a part of the whole."""
-    return lambda share, text: told(start + length * share, text)
+    return lambda share, text: report(start + length * share, text)
 
 
 def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
@@ -299,7 +298,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
 
     A compliance that touches its limit far below the bandwidth costs most of it: then more of it is kept to spare.
     """
-    polish, inside, stiffer, reason = task.polish(design.form), 0.0, TOUCH, ""
+    refinement, inside, stiffer, reason = task.refinement(design.form), 0.0, TOUCH, ""
     best: Proved | None = None
     rigs: tuple[np.ndarray, ...] = ()
     proofs = 0
@@ -321,8 +320,8 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
             reason = f"{claim.kind.replace('_', ' ')} refuted: {claim.reason}"
             nominal = member < len(task.members)  # of a rig that is off the samples are not exact
             if nominal and claim.kind == "peak_sensitivity" and excess < inf and claim.witness is not None:
-                # The next polish sees the peak that stood between the samples, and a third of the excess beside.
-                polish = task.with_peak(polish, claim)
+                # The next refinement sees the peak that stood between the samples, and a third of the excess beside.
+                refinement = task.with_peak(refinement, claim)
                 excess /= 3
             inside += excess
         else:
@@ -337,7 +336,7 @@ def _proved(task: Search, design: _Design, sampled: tuple[float, ...]) -> Found:
         if not inside < inf:
             break
         for worth in (WORTH, inf):
-            variables, _ = polish(design.variables, inside, stiffer, 6, max(0.05, 10 * inside), worth)
+            variables, _ = refinement(design.variables, inside, stiffer, 6, max(0.05, 10 * inside), worth)
             moved = not np.array_equal(variables, design.variables)
             design = replace(design, variables=variables)
             if moved or not refuted:

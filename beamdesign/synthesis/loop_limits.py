@@ -34,7 +34,7 @@ def goal_limits(goal: Goal) -> dict[Kind, float]:
     return {kind: limit for kind, limit in zip(LIMITED, given, strict=True) if limit is not None}
 
 
-LOOSER_PEAK = 3.0
+RELAXED_PEAK = 3.0
 """An optimiser keeps members that only have to be stable within the limit of sensitivity times this."""
 
 

@@ -24,7 +24,7 @@ from beamdesign.plant.linear import BilinearPlant, PairOver
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import at_points
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.loop_limits import LIMITED, LOOSER_PEAK, ends, goal_limits
+from beamdesign.synthesis.loop_limits import LIMITED, RELAXED_PEAK, ends, goal_limits
 from beamdesign.synthesis.rig_spread import RigSpread
 
 COARSE_HZ = np.concatenate(
@@ -64,7 +64,7 @@ class Samples:
         control: (p, 2, n) current to what is sensed.
         disturbance: (2, n) force to displacement.
         crossed: (p, 2, n) what feedback of a sensor adds to that, see `beamdesign.plant.linear.Plant`.
-        looser: (n,) factor on the limit of sensitivity; where it is above one, nothing else is limited.
+        relaxed: (n,) factor on the limit of sensitivity; where it is above one, nothing else is limited.
         spread: of the rigs that are off, on the worst of which limits are held at every point; None for these alone.
         off: d pairs of samples of such rigs, one figure each a step larger, and smaller.
     """
@@ -75,7 +75,7 @@ class Samples:
     control: np.ndarray
     disturbance: np.ndarray
     crossed: np.ndarray
-    looser: np.ndarray
+    relaxed: np.ndarray
     spread: RigSpread | None = None
     off: tuple[tuple["Samples", "Samples"], ...] = ()
 
@@ -184,7 +184,7 @@ def samples(
     frequency_Hz: np.ndarray,
     outer_end_masses: Sequence[float],
     factor: float = 1.0,
-    looser: float = 1.0,
+    relaxed: float = 1.0,
 ) -> Samples:
     """A grid of frequencies at each of some outer end masses (kg), with the plant's gain times a factor."""
     masses, s = np.asarray(outer_end_masses, dtype=float)[:, None], 2j * pi * frequency_Hz
@@ -211,7 +211,7 @@ def samples(
         factor * np.array([over(rows(one)) for one in plant.control]),
         over(free[0]),
         factor * np.array([over(one) for one in free[1:]]),
-        np.full(count * len(masses), looser),
+        np.full(count * len(masses), relaxed),
     )
 
 
@@ -220,7 +220,7 @@ def rig_samples(
     frequency_Hz: np.ndarray,
     outer_end_masses: Sequence[float],
     sensors: tuple[Sensed, ...] = SENSED[:1],
-    looser: float = 1.0,
+    relaxed: float = 1.0,
 ) -> Samples:
     """Samples of all members of a rig at the ends of their gains.
 
@@ -229,10 +229,10 @@ def rig_samples(
         frequency_Hz: (f,) ascending.
         outer_end_masses: kg.
         sensors: of `beamdesign.controllers.SENSED`.
-        looser: factor on the limit of sensitivity of members that are to perform.
+        relaxed: factor on the limit of sensitivity of members that are to perform.
     """
     parts = [
-        samples(rig.polynomials(sensors), frequency_Hz, outer_end_masses, factor, looser if performs else LOOSER_PEAK)
+        samples(rig.polynomials(sensors), frequency_Hz, outer_end_masses, factor, relaxed if performs else RELAXED_PEAK)
         for rig, factor, performs in ends(members)
     ]
     return reduce(Samples.joined, parts)
@@ -334,7 +334,7 @@ NONE = np.empty(0)
 
 def counting(points: Samples, goal: Goal) -> np.ndarray:
     """(4, n) at which points each limit counts."""
-    performs = points.looser == 1.0
+    performs = points.relaxed == 1.0
     far = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
     where = np.array([np.full(len(performs), True), performs, far, performs])
     return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
@@ -361,7 +361,7 @@ def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own
             [closed, closed - np.log(np.abs(moved)), -np.log(np.abs(loop)), closed - np.log(np.abs(own[0]))]
         )
     left = np.where(counting(points, goal), left + logarithms, np.inf)
-    left[0] += np.log(points.looser)
+    left[0] += np.log(points.relaxed)
     steps = np.diff(np.angle(1 + loop))
     steps = (steps + pi) % (2 * pi) - pi
     same = np.diff(points.row) == 0

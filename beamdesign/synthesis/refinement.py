@@ -94,7 +94,7 @@ def magnitude(loop: LoopAtMass, kind: Kind, frequency_Hz: np.ndarray) -> np.ndar
 def peak_near(
     loop: Loop, kind: Kind, frequency_Hz: float, mass: float, low: float, high: float, from_Hz: float = 0.0
 ) -> tuple[float, float]:
-    """Frequency and mass of the peak that a point lies on, by small grids that climb and zoom in."""
+    """Frequency and mass of the peak that a point lies on, by small grids that move and zoom in."""
     for spread in (0.03, 0.03, 0.03, 0.01, 0.003):
         frequencies = np.maximum(frequency_Hz * np.geomspace(1 / (1 + spread), 1 + spread, 21), from_Hz)
         masses = np.unique(np.clip(mass + spread * (high - low) * np.linspace(-3, 3, 7), low, high))

@@ -5,7 +5,7 @@ a controller with more phase; parameters that follow the payload. All start from
 besides change only what their name says, and may add no more than a given moving mass.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ from beamdesign.controllers.form import form_of
 from beamdesign.controllers.structured import as_lag
 from beamdesign.problem import DesignProblem
 from beamdesign.structure.section import SquareTube
+from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.codesign import (
     ROUNDED_SLACK,
     codesign_program,
@@ -30,8 +31,6 @@ from beamdesign.synthesis.free_search import start_variables
 from beamdesign.synthesis.refinement import LoopProgram, Proved, refine
 from beamdesign.synthesis.starts import best_starts
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
-
-Progress = Callable[[float, str], None]
 
 PAPER_BREAKS_HZ = (1.75, 26.0)
 """Lag breaks of the paper, kept where no remedy is applied."""
@@ -245,12 +244,12 @@ def remedies(
     Returns:
         The untouched loop first, then the four remedies in the paper's order.
     """
-    told = progress or (lambda fraction, text: None)
+    report = progress or silent
     found = []
     for k, freedom in enumerate(FREEDOMS):
-        told(k / (len(FREEDOMS) + 1), freedom.name)
+        report(k / (len(FREEDOMS) + 1), freedom.name)
         found.append(_remedy(problem, freedom, outer_end_mass_kg, added_mass_kg))
-    told(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
+    report(len(FREEDOMS) / (len(FREEDOMS) + 1), SCHEDULED.name)
     return (*found, _scheduled(problem, outer_end_mass_kg, found[-1].proved))
 
 

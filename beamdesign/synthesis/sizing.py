@@ -3,7 +3,7 @@
 Where no pair of tubes fits, which requirement to relax: each alone, as little as possible.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 from typing import Any, Literal
@@ -18,6 +18,7 @@ from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
+from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.checks import (
     REQUIREMENTS,
     Check,
@@ -197,9 +198,6 @@ def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tu
     return _in_order(found), nearest_pair(problem, stock)
 
 
-Progress = Callable[[float, str], object]
-"""Called with the share of the work done, 0 to 1, and a word on what is being done."""
-
 _GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
 
 
@@ -321,11 +319,11 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
     Raises:
         InputError: where a material is unknown.
     """
-    tell = progress or (lambda share, text: None)
+    report = progress or silent
     given = None if problem.given is None else check_sections(problem, *problem.given)
-    tell(0.0, "stock sizes")
+    report(0.0, "stock sizes")
     stock = stock_optimum(problem)
-    tell(0.1, "free sizes")
+    report(0.1, "free sizes")
     pairs = [(found.outer, found.inner) for found in (stock.pair if stock else None, given) if found]
     free = free_optimum(problem, pairs)
     price = stock.pair.beam_mass_kg - free.pair.beam_mass_kg if stock and free else None
@@ -349,13 +347,13 @@ def size(problem: DesignProblem, progress: Progress | None = None) -> Sizing:
         best = f"lightest of {stock.pairs} stock pairs, of which {stock.pairs_feasible} pass every check"
         reason = f"{best}; governed by {governing}"
     else:
-        tell(0.6, "what to relax")
+        report(0.6, "what to relax")
         relaxations, chosen = relax_stock(problem, stock_tubes()) if choose == "stock" else relax_free(problem)
         governing = chosen.governing
         reason = _nothing_fits(choose, free, chosen, relaxations)
         if chosen.feasible:
             reason = "a pair that passes every check, but no least mass was found"
-    tell(1.0, "done")
+    report(1.0, "done")
     return Sizing(choose, chosen.feasible, reason, chosen, governing, free, stock, given, price, relaxations)
 
 

@@ -19,6 +19,7 @@ from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Prototype
+from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
     SHARE,
@@ -33,12 +34,11 @@ from beamdesign.synthesis.end_stiffness import (
     servo_stiffness,
 )
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
-from beamdesign.synthesis.tuning import Progress
 
 _SEARCH_HZ = np.geomspace(1e-2, 1e3, 400)
 _ROUNDS, _STARTS, _STEPS = 3, 200, 400
 _KEPT_STARTS, _KEPT_STEPS = 40, 40
-_POLISH = 200
+_REFINING_STEPS = 200
 SEED_OF_RIGS = 1000
 _REACH = 1.5
 """How many times as far off as the tolerances say the rigs are that a law has to suit."""
@@ -94,7 +94,7 @@ def design(
     Raises:
         InputError: for a prototype with effects.
     """
-    told = progress or (lambda fraction, text: None)
+    report = progress or silent
     others = _plants_drawn(prototype, masses_kg[1], rigs, spread)
     if servo is not None and (most := servo_stiffness(prototype, servo)) < end_stiffness:
         reason = f"the servo alone holds {most:.4g} N/m, less than {end_stiffness:.4g} N/m; it needs more gain"
@@ -104,7 +104,7 @@ def design(
         search = _Search(prototype, others, end_stiffness, masses_kg, wall, one, servo)
 
         def through(share: float, k: int = k, one: Need = one) -> None:
-            told((k + share) / len(needs), f"laws that are {_WORDS[one]}")
+            report((k + share) / len(needs), f"laws that are {_WORDS[one]}")
 
         law = search.best(through)
         tried += search.tried
@@ -170,18 +170,18 @@ class _Search:
             lowest[0] = np.log10(max(least_gain(self.prototype, least), 10 ** lowest[0]))
         if self.servo:
             progress(0.0)
-            point = self._climb(np.random.default_rng(0), lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
+            point = self._local_search(np.random.default_rng(0), lowest, highest, _KEPT_STARTS, _KEPT_STEPS)[1]
             return None if point is None else self._law(point)
         found: list[tuple[float, np.ndarray | None]] = []
         for k in range(_ROUNDS):
             progress(k / (_ROUNDS + 1))
-            found.append(self._climb(np.random.default_rng(k), lowest, highest, _STARTS, _STEPS))
+            found.append(self._local_search(np.random.default_rng(k), lowest, highest, _STARTS, _STEPS))
         best = max(found, key=lambda one: one[0])
         progress(_ROUNDS / (_ROUNDS + 1))
-        _, point = self._climb(np.random.default_rng(_ROUNDS), lowest, highest, 0, _POLISH, best, 0.05)
+        _, point = self._local_search(np.random.default_rng(_ROUNDS), lowest, highest, 0, _REFINING_STEPS, best, 0.05)
         return None if point is None else self._law(point)
 
-    def _climb(
+    def _local_search(
         self,
         random: np.random.Generator,
         lowest: np.ndarray,

@@ -34,12 +34,11 @@ from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
-from beamdesign.synthesis.law_search import Found, Search, Told, from_seeds, search
+from beamdesign.synthesis import Progress, silent
+from beamdesign.synthesis.law_search import Found, Search, from_seeds, search
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
-
-Progress = Told
 
 
 def tunable() -> tuple[str, ...]:
@@ -99,7 +98,7 @@ class LawOptions:
     """What one law is sought with.
 
     Attributes:
-        kind: a registered kind of controller, or one of `SYNTHESES`; these polish the prototype's own controller as
+        kind: a registered kind of controller, or one of `SYNTHESES`; these refine the prototype's own controller as
             well, where it is structured or an observer. A kind without seeds is tuned from the prototype's own.
         inner_kg: least and most mass on the inner tip.
         sections: second-order sections of a structured controller.
@@ -162,15 +161,15 @@ def tune(
     """
     if kind not in (*KINDS, *SYNTHESES):
         raise ValueError(f"no tuning of kind {kind!r}")
-    told = progress or (lambda share, text: None)
+    report = progress or silent
     asked = LawOptions(kind, (0.0, largest_inner_end_mass_kg), sections, tuple(sensors), spread, near)
     if kind == Scheduled.model_fields["kind"].default:
         figures = estimator or Estimator(noise_V=prototype.sensor.noise_V or Estimator().noise_V)
-        return _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, told)
-    return tune_law(prototype, outer_end_mass_kg, asked, told)
+        return _tune_stages(prototype, outer_end_mass_kg, asked, stages, figures, report)
+    return tune_law(prototype, outer_end_mass_kg, asked, report)
 
 
-def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, told: Told) -> Tuning:
+def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOptions, report: Progress) -> Tuning:
     """Tune one law over a range of payloads (kg); arguments and errors as of `tune`."""
     kind, own, inner = asked.kind, prototype.controller, prototype.payload.inner_end_mass_kg
     stage = None if asked.stable_kg is None else (masses_kg, asked.stable_kg)
@@ -185,17 +184,17 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         task = Search(*given, asked.sensors, spread, effort)
         alone = asked.near and opened is not None and opened[0].sensors == task.sensors and task.settled(*opened, inner)
         heard = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
-        found = search_observer(task, None if alone else kind, heard, told)
+        found = search_observer(task, None if alone else kind, heard, report)
     else:
         task = Search(*given, opened[0].sensors if opened else SENSED[:1], spread)
         starts, growths, alone = from_seeds(task, KINDS[kind]), asked.sections if KINDS[kind].grows else 0, False
         if opened is not None and (asked.near or not starts) and task.settled(*opened, inner):
             alone = growths > 0
             starts, growths = [(opened[0], np.append(opened[1], inner)), *([] if growths else starts)], 0
-        found = search(task, starts, growths, told) if starts else Found(None, (), 0, _NO_START.format(kind))
+        found = search(task, starts, growths, report) if starts else Found(None, (), 0, _NO_START.format(kind))
     best = found.proved
     if best is None and alone:
-        return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), told)
+        return tune_law(prototype.but(controller=None), masses_kg, replace(asked, near=False), report)
     if best is None or best.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
         why = no_answer(kind, prototype.goal, masses_kg, found.reason)
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
@@ -214,10 +213,9 @@ def _varies_on_the_mount(member: VertexModel) -> bool:
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:
     """Why there is no design, and what may allow one."""
-    low, high = masses_kg
     return (
         f"no {kind} controller was found that is proved stable with peak sensitivity at most"
-        f" {goal.peak_sensitivity:g} for outer end masses of {low:g} to {high:g} kg, and keeps"
+        f" {goal.peak_sensitivity:g} for outer end masses of {masses_kg[0]:g} to {masses_kg[1]:g} kg, and keeps"
         f" {goal.compliance_m_per_N:g} m/N up to any useful frequency ({failure}); a narrower range,"
         " a larger peak sensitivity, a larger compliance or more inner end mass may allow one"
     )
@@ -268,7 +266,12 @@ def tune_alike(
 
 
 def _tune_stages(
-    prototype: Prototype, whole_kg: tuple[float, float], asked: LawOptions, stages: int, figures: Estimator, told: Told
+    prototype: Prototype,
+    whole_kg: tuple[float, float],
+    asked: LawOptions,
+    stages: int,
+    figures: Estimator,
+    report: Progress,
 ) -> Tuning:
     """Tune a law for each of some overlapping parts of a payload range, with one mass inside for all."""
     ranges = _ranges(prototype, whole_kg, stages, 2.5 * figures.band_kg)
@@ -277,18 +280,17 @@ def _tune_stages(
     def tuned(stage_kg: tuple[float, float], inner: float | None) -> Tuning:
         nonlocal done
         begun, done = done, done + 1
-        words = "by itself" if inner is None else f"with {inner:.4g} kg inside"
-        words = f"stage {ranges.index(stage_kg) + 1} of {stages} {words}"
+        with_mass = "by itself" if inner is None else f"with {inner:.4g} kg inside"
+        words = f"stage {ranges.index(stage_kg) + 1} of {stages} {with_mass}"
         own, middle = prototype.controller, sum(stage_kg) / 2
         law = next((law for law, (low, high) in own.laws if low <= middle <= high), None) if own is not None else None
         near = law is not None and bool(law.sections)
         if near:  # from the law that acts there, with the mass that it has inside
             inner = prototype.payload.inner_end_mass_kg
         inside_kg = asked.inner_kg if inner is None else (inner, inner)
-        kind = "structured" if near else "lag"
-        one = replace(asked, kind=kind, inner_kg=inside_kg, near=near, stable_kg=whole_kg)
+        one = replace(asked, kind="structured" if near else "lag", inner_kg=inside_kg, near=near, stable_kg=whole_kg)
         return tune_law(
-            prototype.but(controller=law), stage_kg, one, lambda share, _: told((begun + share) / steps, words)
+            prototype.but(controller=law), stage_kg, one, lambda share, _: report((begun + share) / steps, words)
         )
 
     alone: list[Tuning] = []
@@ -307,22 +309,22 @@ def _tune_stages(
     tried = [alone] if same else [[tuned(stage_kg, inner) for stage_kg in ranges] for inner in tried_kg]
     enough = NEARLY * max(least(found) for found in tried)
     best = max((found for found in tried if least(found) >= enough), key=lambda found: prod(map(_hertz, found)))
-    bandwidths = tuple(map(_hertz, alone))
+    alone_Hz = tuple(map(_hertz, alone))
     if least(best) == 0:
         reason = "no mass inside was found with which every stage can be proved"
-        return Tuning(prototype, whole_kg, reason=reason, alone_Hz=bandwidths)
+        return Tuning(prototype, whole_kg, reason=reason, alone_Hz=alone_Hz)
     schedule = Scheduled(stage=tuple(map(_stage, best)), estimator=figures)
     inside = best[0].prototype.payload.inner_end_mass_kg
     payload = prototype.payload.but(outer_end_mass_kg=whole_kg, inner_end_mass_kg=inside)
     rig = prototype.but(controller=schedule, payload=payload, guarantee=None)
-    whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=bandwidths)
+    whole = Tuning(rig, whole_kg, min(best, key=_hertz).best, laws=tuple(best), alone_Hz=alone_Hz)
     if rig.effects:  # of which no states are known in which laws could change
         return whole
     proved = switching(
         stage_families(rig),
         *whole_kg,
         dwell_s=schedule.dwell_s,
-        update=lambda share, text: told((steps - 1 + share) / steps, text),
+        update=lambda share, text: report((steps - 1 + share) / steps, text),
     )
     rig = kept_apart(rig, proved)
     assert rig.schedule is not None
@@ -334,8 +336,7 @@ def kept_apart(rig: Prototype, found: Switching) -> Prototype:
     schedule = rig.schedule
     if schedule is None or found.stages.dwell_s is None or found.stages.suffices(schedule.dwell_s):
         return rig
-    needed = ceil(100 * nearest(found.stages.dwell_s)) / 100
-    return rig.but(controller=schedule.but(dwell_s=needed))
+    return rig.but(controller=schedule.but(dwell_s=ceil(100 * nearest(found.stages.dwell_s)) / 100))
 
 
 def stage_ranges(whole_kg: tuple[float, float], count: int, overlap_kg: float) -> list[tuple[float, float]]:
@@ -373,8 +374,8 @@ def _ranges(
         except ValueError as error:
             problems.append(("stages", str(error)))
     laws = () if prototype.controller is None else prototype.controller.laws
-    proved = not prototype.effects  # else no proof of changes asks for states to hand over
-    if proved and prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
+    # With effects no proof of changes asks for states to hand over.
+    if not prototype.effects and prototype.sensor.filter_Hz is None and any(law.sections for law, _ in laws):
         problems.append(
             ("sensor.filter_Hz", "missing; structured stages need a filter before them to hand over states")
         )

@@ -1,8 +1,8 @@
-"""Search of a law given by matrices: weights of a synthesis, its law reduced, then polished entry by entry.
+"""Search of a law given by matrices: weights of a synthesis, its law reduced, then refined entry by entry.
 
 A regulator that is optimal by its weights knows nothing of limits on peaks; the weights, the mass inside and the
 payload that it is designed for are what a search can choose, for the law that does best at sampled points of the loops
-it serves. It is reduced to an order that can be realised. What is then polished are its entries themselves: the
+it serves. It is reduced to an order that can be realised. What is then refined are its entries themselves: the
 structure stays that of the observer, the figures are no longer optimal by any weights.
 """
 
@@ -17,7 +17,8 @@ from beamdesign.controllers import Controller, Sensed
 from beamdesign.controllers.form import block_form
 from beamdesign.plant.linear import LinearModel
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.law_search import Effort, Found, Search, Told, sampled_masses, search
+from beamdesign.synthesis import Progress, silent
+from beamdesign.synthesis.law_search import Effort, Found, Search, sampled_masses, search
 from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, sampled_bandwidth, slacks_of
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
@@ -170,8 +171,8 @@ class WeightSearch:
 SYNTHESES = ("lqg", "hinf")
 """Kinds of synthesis."""
 
-EFFORT = Effort(polished=2, candidates=1)
-ADDED_SENSORS_EFFORT = Effort(polished=1, candidates=1)
+EFFORT = Effort(starts=2, candidates=1)
+ADDED_SENSORS_EFFORT = Effort(starts=1, candidates=1)
 
 _HINF_STARTS = 3
 """From how many weights of the regulator the least norm is sought; with half the evaluations, each takes so long."""
@@ -180,16 +181,14 @@ Given = tuple[Controller, float]
 """A law to begin with, and the mass inside, kg."""
 
 
-def search_observer(
-    task: Search, kind: str | None, starts: Sequence[Given] = (), told: Told = lambda share, text: None
-) -> Found:
+def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = (), report: Progress = silent) -> Found:
     """Find the largest guaranteed bandwidth of a law given by matrices.
 
     Args:
         task: what is asked; its sensors are those of the law.
-        kind: one of `SYNTHESES`: how laws to polish are synthesised; None for the starts alone.
-        starts: further laws to polish, with these sensors or fewer; others than linear ones are passed over.
-        told: the share done and what is being done.
+        kind: one of `SYNTHESES`: how laws to refine are synthesised; None for the starts alone.
+        starts: further laws to refine, with these sensors or fewer; others than linear ones are passed over.
+        report: told the share done and what is being done.
     """
     if len(task.sensors) > 1 and any(member.gain.low != member.gain.high for member in task.members):
         why = "with added sensors no tuner serves the range of gains that an effect of this prototype asks for"
@@ -197,13 +196,13 @@ def search_observer(
     given = [one for one in starts if one[0].observer or one[0].sections]
     if len(task.sensors) > 1 and kind and not given:
         # What the displacement alone reaches is where an added sensor begins.
-        first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, polished=EFFORT.polished))
-        alone = search_observer(first, kind, (), lambda share, text: told(0.4 * share, f"displacement alone, {text}"))
+        first = replace(task, sensors=task.sensors[:1], effort=replace(task.effort, starts=EFFORT.starts))
+        alone = search_observer(first, kind, (), lambda share, text: report(0.4 * share, f"displacement alone, {text}"))
         if alone.proved is not None:
             given = [(alone.proved.controller, alone.proved.inner_end_mass_kg)]
     laws = [(StateSpace(*_matrices(law, task.sensors)), inner) for law, inner in given]
     if kind:
-        laws += [(one.law, one.inner_end_mass) for one in _proposals(task, kind, told)[: task.effort.synthesised]]
+        laws += [(one.law, one.inner_end_mass) for one in _proposals(task, kind, report)[: task.effort.synthesised]]
     worth = _worth(task.points)
     opened = [
         (form[0], np.append(form[1], inner))
@@ -213,12 +212,12 @@ def search_observer(
     ]
     if not opened:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
-    return search(task, opened, told=lambda share, text: told(0.4 + 0.6 * share, text))
+    return search(task, opened, report=lambda share, text: report(0.4 + 0.6 * share, text))
 
 
-def _proposals(task: Search, kind: str, told: Told) -> list[Proposal]:
+def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:
     """Laws that were synthesised, the best first."""
-    told(0.0, "searching weights")
+    report(0.0, "searching weights")
     frequencies = np.union1d(COARSE_HZ, [task.goal.loop_gain_from_Hz])
     points = rig_samples(task.members, frequencies, sampled_masses(task.masses_kg), task.sensors)
     rig = next(member.rig for member in task.members if member.performance is not None)
@@ -227,11 +226,11 @@ def _proposals(task: Search, kind: str, told: Told) -> list[Proposal]:
     )
     found = weights.sampled(task.effort.weights)
     if found:
-        told(0.1, "improving weights")
+        report(0.1, "improving weights")
         found = [weights.improved(found[0], lqg, task.effort.evaluations), *found]
     if kind == "lqg" or not found:
         return found
-    told(0.2, "improving weights of the least norm")
+    report(0.2, "improving weights of the least norm")
     tried = [weights.proposal(start.variables, hinf) for start in found[:_HINF_STARTS]]
     solved = sorted((one for one in tried if one is not None), key=lambda one: one.cost)
     return [weights.improved(solved[0], hinf, task.effort.evaluations // 2), *solved] if solved else []
