@@ -14,6 +14,7 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.controllers import Cascade
+    from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import InStage, Prototype
     from beamdesign.synthesis.end_stiffness import EndStiffness, Need
     from beamdesign.synthesis.rig_spread import RigSpread
@@ -22,8 +23,6 @@ CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "st
 """Of the option, and what the design calls it."""
 RIGS = 40
 """Drawn for a law to suit, and others to count what it does on them."""
-EVERY_WALL = ((0.0, 1e9), (0.0, 0.0))
-"""Stiffness (N/m) and damping (N s/m) of the walls where nothing is said of them."""
 
 
 def _wrong_wishes(
@@ -81,43 +80,44 @@ def stiffness(
     for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Without a
     stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to be.
     """
+    from beamdesign.polynomial import exact
+    from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import read_prototype
 
     record = read_prototype(prototype)
-    least, most = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
+    stiffest = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
     damping = figures_of("--wall-damping-N-s-per-m", wall_damping_N_s_per_m, "Damping", "two figures as LO:HI", ":", 2)
-    walls = (least, most), (damping[0], damping[1])
+    wall = Wall((exact(stiffest[0]), exact(stiffest[1])), (exact(damping[0]), exact(damping[1])))
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     if end_stiffness_N_per_m is None:
 
         def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
-            return _judged(stage, prototype, walls, CONTACTS[contact], out and out / stage.suffix[1:])
+            return _judged(stage, prototype, wall, CONTACTS[contact], out and out / stage.suffix[1:])
 
         return by_stage(record, masses, judged)
-    return give_stiffness(record, end_stiffness_N_per_m, masses, walls, CONTACTS[contact], servo, rigs, out)
+    return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out)
 
 
 def give_stiffness(
     record: "Prototype",
     end_stiffness: float,
     masses: tuple[float, float],
-    walls: tuple[tuple[float, float], tuple[float, float]] = EVERY_WALL,
+    wall: "Wall | None" = None,
     need: "Need" = "wall",
     servo: "Cascade | None" = None,
     rigs: int = RIGS,
     out: Path | None = None,
     spread: "RigSpread | None" = None,
 ) -> Result:
-    """Design, prove, say and write; `walls` are their stiffness (N/m) and damping (N s/m).
+    """Design, prove, say and write, against every wall where none is given.
 
     The rigs that the law has to suit are drawn from the tolerances, or evenly from within a spread.
 
     Raises:
         InputError: for a stiffness that is none, or effects.
     """
-    from beamdesign.polynomial import exact
-    from beamdesign.proofs.contact import Wall
+    from beamdesign.proofs.contact import EVERY_WALL
     from beamdesign.quantity_text import mass_range_text, quantity
     from beamdesign.records import to_toml
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME
@@ -125,8 +125,7 @@ def give_stiffness(
     from beamdesign.synthesis.stiffness_run import CONTACT_NAME, carried_out, drawn_in_words, drawn_rigs, in_words
     from beamdesign.synthesis.stiffness_search import design
 
-    stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
-    wall = Wall(stiffest, damping)
+    wall = wall or EVERY_WALL
     with progress("end stiffness") as update:
         found = design(record, end_stiffness, masses, wall, need, servo, rigs, update, spread)
     if found.best is None:
@@ -159,37 +158,28 @@ def give_stiffness(
     others = drawn_rigs(done.prototype, masses, wall, RIGS)
     if others:
         say(drawn_in_words(others))
-    paths: dict[str, Path] = {}
-    if out is not None:
-        texts = {
-            "prototype": ("prototype.toml", to_toml(done.prototype)),
-            "certificate": (CERTIFICATE_NAME, done.certificate.text),
-            "certificate_contact": (CONTACT_NAME, done.contact),
-        }
-        paths = write_set(out, texts)
+    texts = {
+        "prototype": ("prototype.toml", to_toml(done.prototype)),
+        "certificate": (CERTIFICATE_NAME, done.certificate.text),
+        "certificate_contact": (CONTACT_NAME, done.contact),
+    }
+    paths = {} if out is None else write_set(out, texts)
     for kind, path in paths.items():
         say(f"{kind}: {path}")
-    fields = _fields(best, walls[0]) | picked(found, "met reason")
+    fields = _fields(best, wall) | picked(found, "met reason")
     return Result(fields | {"drawn": others, **robust, **paths})
 
 
 def _judged(
-    stage: "InStage",
-    source: Path,
-    walls: tuple[tuple[float, float], tuple[float, float]],
-    need: "Need",
-    out: Path | None,
+    stage: "InStage", source: Path, wall: "Wall", need: "Need", out: Path | None
 ) -> tuple[dict[str, Any], bool]:
     """Say what the end of a prototype is like with one law of its own; what is known, and whether that is as asked."""
-    from beamdesign.polynomial import exact
-    from beamdesign.proofs.contact import Wall
     from beamdesign.quantity_text import mass_range_text
     from beamdesign.records import InputError
     from beamdesign.synthesis.end_stiffness import judge
     from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
 
-    stiffest, damping = ((exact(low), exact(high)) for low, high in walls)
-    wall, (record, masses, _) = Wall(stiffest, damping), stage
+    record, masses, _ = stage
     try:
         found = judge(record, None, masses, wall)
     except ValueError as error:
@@ -203,7 +193,7 @@ def _judged(
         paths = write_set(out, {"certificate_contact": (CONTACT_NAME, contact_text(record, found, masses, wall))})
         say(f"certificate_contact: {paths['certificate_contact']}")
     met = next((one for one in CONTACTS.values() if found.meets(one)), None)
-    return _fields(found, walls[0]) | {"met": met, "reason": "", **paths}, found.meets(need)
+    return _fields(found, wall) | {"met": met, "reason": "", **paths}, found.meets(need)
 
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:
@@ -244,7 +234,7 @@ _STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo
     one_sided_wall_N_per_m=unilateral_contact.stiffness_N_per_m"""
 
 
-def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
+def _fields(best: "EndStiffness", wall: "Wall") -> dict[str, Any]:
     def environment(found: Any) -> dict[str, float] | None:
         names = {"mass_kg": "mass", "stiffness_N_per_m": "stiffness", "damping_N_s_per_m": "damping"}
         return None if found is None else {name: float(getattr(found, key)) for name, key in names.items()}
@@ -255,6 +245,6 @@ def _fields(best: "EndStiffness", walls: tuple[float, float]) -> dict[str, Any]:
         **picked(best, _STATED),
         "active_bands": [picked(band, "low_Hz high_Hz sample_Hz") for band in best.passivity.bands],
         "destabilised_by": environment(best.destabilising_environment),
-        "wall_N_per_m": list(walls),
+        "wall_N_per_m": [float(value) for value in wall.stiffness],
         "wall_witness": environment(best.contact.witness),
     }

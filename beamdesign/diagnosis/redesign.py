@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Certificate
-from beamdesign.proofs.contact import Wall
+from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.synthesis import Progress
@@ -58,16 +57,12 @@ def redesign(
     return Redesign(outer_end_mass_kg, *certified_laws(found))
 
 
-_WALL = Wall((exact(0.0), exact(1e9)), (exact(0.0), exact(0.0)))
-"""Stiffness (N/m) and damping (N s/m) of the walls that a compliant end may touch."""
-
-
 def _of_stiffness(
     diagnosed: Prototype, end_stiffness: float, masses_kg: tuple[float, float], progress: Progress | None
 ) -> Redesign:
     """The same on the diagnosed figures alone, stable in the air at least."""
-    found = design(diagnosed, end_stiffness, masses_kg, _WALL, "stable", progress=progress)
+    found = design(diagnosed, end_stiffness, masses_kg, EVERY_WALL, "stable", progress=progress)
     if found.best is None:
         return Redesign(masses_kg, reason=found.reason)
-    done = carried_out(diagnosed, found.best, masses_kg, _WALL)
+    done = carried_out(diagnosed, found.best, masses_kg, EVERY_WALL)
     return Redesign(masses_kg, done.prototype, ((done.certificate, done.prototype),))
