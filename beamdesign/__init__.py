@@ -18,20 +18,28 @@ where the answer is no. In the order in which one needs them:
    >>> f"{found.beam_mass_kg:.4g} kg, governed by {found.governing}"
    '9.518 kg, governed by inner strength, servo on'
 
+   `run` goes the same way as `run_design`, and its record has what each step gave.
+
 3. `certify` proves stability and performance for every payload of a range, `check` proves a certificate again from its
    text alone, and `critical_gain` is where a loop begins to oscillate.
 
-   >>> beamdesign.certify(rig, 2.0, 6.8).stable
+   >>> beamdesign.certify(rig, (2.0, 6.8)).stable
    True
-   >>> [f"{low:.4g} to {high:.4g} kg" for low, high in beamdesign.certify(rig, 0.0, 6.8).stable_ranges_kg]
+   >>> [f"{low:.4g} to {high:.4g} kg" for low, high in beamdesign.certify(rig).stable_ranges_kg]
    ['1.968 to 6.8 kg']
    >>> f"{1e3 * beamdesign.critical_gain(rig, 6.8).gain_A_per_V:.4g} mA/V"
    '199.1 mA/V'
 
-4. `state_space` hands a closed loop to python-control; `specify` works out what to build and how to accept it.
-5. `read_dataset` reads what came back from the rig; `diagnose` tells where it differs from its prototype, why, and how
-   far the difference closes.
-6. `write_prototype` writes a rig to its file, which every command takes.
+4. `state_space` hands a closed loop to python-control, `simulate` gives records of a scenario, which `read_scenario`
+   reads, and `limits` what actuator, sensor and linear model bear.
+5. `spec` (and `specify`, with the range written out) works out what to build and how to accept it; `code` is the
+   controller as C code for a rate, proved as it is rounded.
+6. `read_dataset` reads what came back from the rig, and `predict` gives what a model would have recorded there;
+   `diagnose` tells where the rig differs from its prototype, why, and how far the difference closes.
+7. `write_prototype` writes a rig to its file, which every command takes.
+
+What the engines give is a `beamdesign.result.Result`: `status` is the answer in a word, `rows()` its table, `to_dict()`
+its plain values, as the command of that name writes them with `--json`; a notebook shows it as a table.
 
 Importing this package loads none of their engines; each comes with the first use of its name.
 """
@@ -40,6 +48,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from beamdesign.build.realisation.code import code
     from beamdesign.build.specification import specify
     from beamdesign.checker import check
     from beamdesign.control_models import state_space
@@ -47,11 +56,14 @@ if TYPE_CHECKING:
     from beamdesign.diagnosis.diagnose import diagnose
     from beamdesign.loop import critical_gain
     from beamdesign.problem import DesignProblem, read_problem
-    from beamdesign.proofs.certifying import certify
     from beamdesign.prototype import Prototype, read_prototype, write_prototype
+    from beamdesign.public import certify, predict, run, spec
     from beamdesign.records import InputError
+    from beamdesign.scenario import read_scenario
+    from beamdesign.simulation import simulate
     from beamdesign.synthesis.codesign import codesign
     from beamdesign.synthesis.design_run import run_design
+    from beamdesign.synthesis.limits import limits
     from beamdesign.synthesis.sizing import size
     from beamdesign.synthesis.tuning import tune
 
@@ -59,17 +71,24 @@ _ROOMS = {
     "DesignProblem": "beamdesign.problem",
     "InputError": "beamdesign.records",
     "Prototype": "beamdesign.prototype",
-    "certify": "beamdesign.proofs.certifying",
+    "certify": "beamdesign.public",
+    "check": "beamdesign.checker",
+    "code": "beamdesign.build.realisation.code",
     "codesign": "beamdesign.synthesis.codesign",
     "critical_gain": "beamdesign.loop",
     "diagnose": "beamdesign.diagnosis.diagnose",
+    "limits": "beamdesign.synthesis.limits",
+    "predict": "beamdesign.public",
     "read_dataset": "beamdesign.diagnosis.data.dataset",
-    "specify": "beamdesign.build.specification",
     "read_problem": "beamdesign.problem",
     "read_prototype": "beamdesign.prototype",
-    "check": "beamdesign.checker",
+    "read_scenario": "beamdesign.scenario",
+    "run": "beamdesign.public",
     "run_design": "beamdesign.synthesis.design_run",
+    "simulate": "beamdesign.simulation",
     "size": "beamdesign.synthesis.sizing",
+    "spec": "beamdesign.public",
+    "specify": "beamdesign.build.specification",
     "state_space": "beamdesign.control_models",
     "tune": "beamdesign.synthesis.tuning",
     "write_prototype": "beamdesign.prototype",
@@ -81,14 +100,21 @@ __all__ = [
     "Prototype",
     "certify",
     "check",
+    "code",
     "codesign",
     "critical_gain",
     "diagnose",
+    "limits",
+    "predict",
     "read_dataset",
     "read_problem",
     "read_prototype",
+    "read_scenario",
+    "run",
     "run_design",
+    "simulate",
     "size",
+    "spec",
     "specify",
     "state_space",
     "tune",

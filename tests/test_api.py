@@ -59,6 +59,29 @@ def test_the_tour_names_every_public_name_and_its_examples_run(monkeypatch):
     assert done.failed == 0
 
 
+COMMANDS = ("run", "size", "tune", "certify", "check", "simulate", "spec", "code", "diagnose", "predict", "limits")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_a_function_with_the_same_conventions(name):
+    """A range is a pair, a unit is in the name; progress is told by a function."""
+    parameters = inspect.signature(getattr(beamdesign, name)).parameters
+    masses = parameters.get("outer_end_mass_kg")
+    assert masses is None or name == "limits" or "tuple[float, float]" in str(masses.annotation)
+    assert next(iter(parameters)) in ("problem", "prototype", "source", "path", "data", "certificate")
+
+
+def test_a_range_is_a_pair_or_what_the_prototype_states(paper: Prototype):
+    firm = beamdesign.read_prototype(ROOT / "studies" / "prototypes" / "paper_remedy.toml")
+    pair, ends = beamdesign.certify(firm, (2.0, 6.8)), beamdesign.certify(firm, 2.0, 6.8)
+    assert pair.text == ends.text
+    assert beamdesign.certify(firm).outer_end_mass_kg == firm.payload.outer_end_mass_kg
+    assert pair.to_dict()["outer_end_mass_kg"] == [2.0, 6.8]
+    assert repr(pair).startswith("<Certificate: yes;")
+    with pytest.raises(InputError, match="expected a pair of masses"):
+        beamdesign.certify(firm, 2.0)
+
+
 def test_public_names_are_listed_once_and_in_order():
     assert sorted(set(beamdesign.__all__)) == list(beamdesign.__all__) == dir(beamdesign)
 

@@ -1,7 +1,6 @@
 """`beamdesign code`: the controller as C code for a rate and a word length, proved as it is realised."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,13 +9,9 @@ import typer
 
 from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
 from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
-from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.build.realisation.realise import Realisation
-    from beamdesign.build.realisation.verdict import Judgement
-    from beamdesign.build.sampled_loop import SampledVerdict
-    from beamdesign.prototype import Prototype
+    from beamdesign.build.realisation.code import ProvedCode
 
 
 def _wrong_words(word_length: int | None, in_floats: bool, **others: Any) -> Iterator[tuple[str, str]]:
@@ -67,54 +62,30 @@ def code(
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.build.realisation.c_code import compiler, write_code
-    from beamdesign.build.realisation.realise import full_scales_of, realise
-    from beamdesign.build.realisation.verdict import judge
+    from beamdesign.build.realisation.code import code as realised
+    from beamdesign.build.realisation.c_code import compiler
 
     if compile_here and compiler() is None:
         raise InputError("--compile", [("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it")])
     bits = None if in_floats else word_length or 32
-    limit = largest_current_A or record.servovalve.rated_current_A
-    try:
-        scales = full_scales_of(record, full_scale_V)
-        made = realise(record.controller, rate_Hz, bits, full_scale_V, limit, full_scales=scales)
-    except ValueError as error:
-        raise InputError(prototype, [("controller", str(error))]) from error
-    found = judge(record, made, masses)
-    if any_computing_time and found.proved:
-        from beamdesign.build.realisation.loop import prove_any_computing_time, realised_loop
-
-        with progress("any computing time") as update:
-            found = replace(found, any_time=prove_any_computing_time(realised_loop(record, made), *masses, update))
+    with progress("realising") as update:
+        try:
+            found = realised(
+                record, rate_Hz, masses, bits, full_scale_V, largest_current_A, any_computing_time, progress=update
+            )
+        except InputError as error:
+            raise InputError(prototype, error.problems) from error
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
-    fields = json_fields(made, found, masses)
-    if not (found.proved or found.reason):
-        say(f"{record.name}: {_why_not(found)}")
-        return Result(fields | {"files": []}, yes=False)
-    paths = write_code(made, record.name, found, masses, folder)
-    _say(record, made, found, masses)
+    if found.reason:
+        say(f"{record.name}: {found.reason}")
+        return Result(found.to_dict() | {"files": []}, yes=False)
+    paths = found.write(folder)
+    _say(found)
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
         say("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
     for path in paths:
         say(str(path))
-    return Result(fields | {"files": paths}, not compile_here or _compiles(folder))
-
-
-def _why_not(found: "Judgement") -> str:
-    verdicts = [(words, one) for words, one in _cases(found) if one]
-    for answer, how in ((False, "not stable"), (None, "not proved stable")):
-        for words, one in verdicts:
-            if one.stable is answer:
-                return f"with its current put out {words} the loop is {how}: {one.reason}; no code is written"
-    return "the loop is not proved stable; no code is written"
-
-
-def _cases(found: "Judgement") -> tuple[tuple[str, "SampledVerdict | None"], ...]:
-    return (
-        ("at once", found.at_once),
-        ("one period late", found.late),
-        ("after any computing time up to one period", found.any_time),
-    )
+    return Result(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder))
 
 
 def _compiles(folder: Path) -> bool:
@@ -134,51 +105,17 @@ def _compiles(folder: Path) -> bool:
     return passed
 
 
-def json_fields(made: "Realisation", found: "Judgement", masses_kg: tuple[float, float]) -> dict[str, Any]:
-    """What a program may want to know of a realised controller."""
-    return {
-        **picked(made, "rate_Hz word_length signal_places current_places full_scale_V largest_current_A sections"),
-        "readings": [
-            {"heard": one.heard, "unit": one.unit, "full_scale": scale, "places": places, "sections": len(one.sections)}
-            for one, scale, places in zip(made.channels, made.full_scales, made.places, strict=True)
-        ],
-        "coefficients": {name: picked(one, "asked integer places error") for name, one in made.coefficients.items()},
-        "outer_end_mass_kg": list(masses_kg),
-        **picked(found, "proved reason law at_once one_period_late=late any_computing_time=any_time masses"),
-    }
-
-
-def _say(record: "Prototype", made: "Realisation", found: "Judgement", masses: tuple[float, float]) -> None:
-    from beamdesign.build.realisation.verdict import worst
-
+def _say(code: "ProvedCode") -> None:
+    made, found, masses = code.realisation, code.judgement, code.outer_end_mass_kg
     words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
-    law = found.law
-    rows: list[tuple[str, Any]] = [
-        ("largest relative error of a coefficient", law.coefficient),
-        ("largest relative shift of a pole by rounding", law.pole),
-        (f"gain of the law at {law.at_Hz:.4g} Hz against the continuous one, dB", law.gain_dB),
-        ("lag there of the law, degrees", law.lag_deg),
-        ("  of the hold", law.hold_lag_deg),
-        ("  of one period of computing", law.computing_lag_deg),
-    ]
-    say_table(f"{record.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), rows)
+    say_table(f"{code.prototype.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), code.rows())
     if found.reason:
         say(f"stability as realised: not looked at, {found.reason}")
         return
     when = "at once or one period late" if found.any_time is None else "after any computing time up to one period"
     say(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
-    sets = [worst([getattr(at, name) for at in found.masses]) for name in ("continuous", "at_once", "late")]
-    rows_of_loop = [
-        (words, *(getattr(one, key) for one in sets))
-        for words, key in (
-            ("peak sensitivity", "peak_sensitivity"),
-            ("gain margin, factor", "gain_up"),
-            ("phase margin, degrees", "phase_deg"),
-            ("highest crossover, Hz", "crossover_Hz"),
-        )
-    ]
     title = f"Worst of {len(found.masses)} masses, computed"
-    say_table(title, ("", "continuous", "as realised, at once", "one period late"), rows_of_loop)
+    say_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
     effects = [at.rounding for at in found.masses if at.rounding is not None]
     if effects:
         say(

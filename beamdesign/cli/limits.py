@@ -4,15 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from beamdesign.cli.command import Figure, Result, RigArgument, by_stage, command, out_folder, ready_to_run, write_drawn
-from beamdesign.cli.output import say, say_table
-from beamdesign.json_text import picked
+from beamdesign.cli.output import progress, say, say_table
 
 if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
-
-_SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-_LINEAR_HZ = (1.0, 10.0, 50.0)
-_AMPLITUDES_M = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3)
+    from beamdesign.synthesis.limits import Limits
 
 
 @command
@@ -42,43 +38,46 @@ def limits(
 
 def _stated(rig: "Prototype", mass: float, preload: float, out: Path | None) -> tuple[dict[str, Any], bool]:
     """Work out, say and draw of one law; what is known of it, and whether its loop is stable."""
-    from beamdesign.synthesis.operating_limits import envelope, sensor_reach
+    from beamdesign.synthesis.limits import limits as worked_out
 
-    found = envelope(rig, mass, preload)
-    fields: dict[str, Any] = {"outer_end_mass_kg": mass, "preload_N": preload, "stable": not found.reason}
+    with progress("limits") as update:
+        found = worked_out(rig, mass, preload, update)
     if found.reason:
         say(f"{rig.name}: {found.reason}; a loop that is not stable has no operating limits")
-        return fields | {"reason": found.reason}, False
-    fields["actuator"] = _actuator(f"{rig.name} with {mass:g} kg outside", found)
-    reach = sensor_reach(rig, mass)
-    fields["sensor"] = reach
-    _say_sensor(reach)
-    fields["modes"] = _modes(rig, mass)
-    fields["linear_amplitude"] = _linear(rig, mass)
-    fields["limit_cycles"] = _cycles(rig, mass)
-    fields["figures"] = [] if out is None else _draw(found, rig.payload.largest_force_N, preload, out)
-    return fields, True
+        return found.to_dict(), False
+    _say(found)
+    figures = [] if out is None else _draw(found.envelope, rig.payload.largest_force_N, preload, out)
+    return found.to_dict() | {"figures": figures}, True
 
 
-def _actuator(title: str, found: Any) -> dict[str, Any]:
-    import numpy as np
+def _say(found: "Limits") -> None:
+    from beamdesign.plant.linear_reach import with_published_effects
 
-    shown = [int(np.argmin(np.abs(np.log(found.frequency_Hz / f)))) for f in _SHOWN_HZ]
-    rows = [
-        (
-            float(found.frequency_Hz[k]), float(found.load_N[k]), found.governing[k],
-            1e6 * float(found.displacement_m[k]), float(found.supply_power_W[k]),
-        )
-        for k in shown
-    ]  # fmt: skip
+    rig, mass = found.prototype, found.outer_end_mass_kg
     say_table(
-        f"{title}: largest amplitude of a force on the tip",
+        f"{rig.name} with {mass:g} kg outside: largest amplitude of a force on the tip",
         ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W"),
-        rows,
+        found.rows(),
     )
-    for limit, key in found.missing.items():
+    for limit, key in found.envelope.missing.items():
         say(f"{limit}: not looked at, {key} is not given")
-    return picked(found, "frequency_Hz load_N governing limits_N displacement_m supply_power_W missing")
+    _say_sensor(found.sensor)
+    if isinstance(found.modes, str):
+        say(f"higher modes: not looked at, {found.modes}")
+    else:
+        say_table("One bending mode per beam", ("", ""), found.mode_rows())
+    effects = ", ".join(sorted(with_published_effects(rig).effects))
+    say_table(
+        f"Linear amplitude within 10 % up to ({effects})",
+        ("varied", "at, Hz", "limit", "off there, %"),
+        found.linear_rows(),
+    )
+    assert rig.controller is not None
+    say_table(
+        f"Limit cycles by harmonic balance; the prototype's gain is {1e3 * rig.controller.gain_A_per_V:.4g} mA/V",
+        ("amplitude, um", "gain, mA/V", "frequency, Hz", "settles there"),
+        found.cycle_rows(),
+    )
 
 
 def _say_sensor(reach: Any) -> None:
@@ -94,98 +93,6 @@ def _say_sensor(reach: Any) -> None:
     ]
     if missing:
         say(f"  not looked at: {', '.join(f'sensor.{key}' for key in missing)} not given")
-
-
-def _modes(rig: Any, mass: float) -> dict[str, Any]:
-    from beamdesign.plant.higher_modes import single_mode_reach
-    from beamdesign.records import InputError
-
-    try:
-        found = single_mode_reach(rig, mass)
-    except (InputError, ValueError) as error:
-        say(f"higher modes: not looked at, {error}")
-        return {"reason": str(error)}
-    rows = [
-        ("outer beam's tip compliance within 10 % up to, Hz", found.outer_Hz),
-        ("inner beam's", found.inner_Hz),
-        ("closed-loop compliance within 10 % up to, Hz", found.closed_loop_Hz),
-        ("second mode, outer beam, Hz", found.outer_modes_Hz[1]),
-        ("second mode, inner beam, Hz", found.inner_modes_Hz[1]),
-        ("critical gain with one mode per beam, mA/V", 1e3 * found.critical_gain_A_per_V),
-        ("with all modes, mA/V", 1e3 * found.critical_gain_all_A_per_V),
-        ("of the critical gain taken by them, %", 100 * found.gain_margin_eaten),
-    ]
-    say_table("One bending mode per beam", ("", ""), rows)
-    names = (*type(found).__dataclass_fields__, "gain_margin_eaten")
-    return {name: getattr(found, name) for name in names}
-
-
-def _linear(rig: Any, mass: float) -> list[dict[str, Any]]:
-    from beamdesign.cli.output import progress
-    from beamdesign.plant.linear_reach import Varied, reach, with_published_effects
-
-    real = with_published_effects(rig)
-    equal = real.but(effects={name: given for name, given in real.effects.items() if name != "unequal_piston_areas"})
-    asked: list[tuple[str, Varied, Any]] = [
-        ("constant load, N", "load", real),
-        ("constant load, equal piston sides, N", "load", equal),
-        ("force amplitude, N", "force", real),
-        ("air, volume share", "air", real),
-    ]
-    results, rows = [], []
-    with progress("linear amplitude") as update:
-        for number, (words, varied, there) in enumerate(asked):
-            update(number / len(asked), words)
-            for frequency in _LINEAR_HZ:
-                found = reach(there, varied, frequency, mass)
-                ended = abs(found.departure) > 0.095
-                results.append(
-                    {
-                        "varied": varied,
-                        "effects": sorted(there.effects),
-                        "frequency_Hz": frequency,
-                        **picked(found, "limit departure"),
-                        "reached": ended,
-                    }
-                )
-                bound = found.limit if ended else f"more than {found.limit:.4g}"
-                rows.append((words, frequency, bound, 100 * found.departure))
-    say_table(
-        f"Linear amplitude within 10 % up to ({', '.join(sorted(real.effects))})",
-        ("varied", "at, Hz", "limit", "off there, %"),
-        rows,
-    )
-    return results
-
-
-def _cycles(rig: Any, mass: float) -> list[dict[str, Any]]:
-    from beamdesign.plant.harmonic_balance import limit_cycles
-    from beamdesign.plant.linear_reach import with_published_effects
-
-    real = with_published_effects(rig)
-    results = []
-    for amplitude in _AMPLITUDES_M:
-        try:
-            (cycle,) = limit_cycles(real, [amplitude], mass)
-        except ValueError:  # there is none of that amplitude, or harmonic balance does not cover an effect
-            continue
-        results.append(
-            {
-                "amplitude_m": amplitude,
-                **picked(cycle, "gain_A_per_V frequency_Hz=motion.frequency_Hz stable"),
-            }
-        )
-    rows = [
-        (1e6 * row["amplitude_m"], 1e3 * row["gain_A_per_V"], row["frequency_Hz"], "yes" if row["stable"] else "no")
-        for row in results
-    ]
-    own = 1e3 * rig.controller.gain_A_per_V
-    say_table(
-        f"Limit cycles by harmonic balance; the prototype's gain is {own:.4g} mA/V",
-        ("amplitude, um", "gain, mA/V", "frequency, Hz", "settles there"),
-        rows,
-    )
-    return results
 
 
 def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Path]:

@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
+from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
@@ -17,6 +18,7 @@ from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
+from beamdesign.result import Result
 from beamdesign.simulation import half_steps, substeps_for
 
 COLUMNS = ("t_s", "current_A", "displacement_m")
@@ -63,6 +65,35 @@ class Predicted:
     columns: tuple[str, ...]
     samples: np.ndarray = field(repr=False)
     reason: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Prediction(Result):
+    """All records of a data set as a model has them."""
+
+    records: tuple[Predicted, ...]
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Why records end early, by their names."""
+        return {record.name: record.reason for record in self.records if record.reason}
+
+    @property
+    def yes(self) -> bool:
+        """Whether every record is complete."""
+        return not self.reasons
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `beamdesign gap predict` writes, beside the records' files."""
+        return {"complete": self.yes, "reasons": self.reasons}
+
+    def rows(self) -> list[tuple[str, int, float, str]]:
+        """Record, number of samples, largest displacement in m, and why it ends early."""
+        peaks = [float(abs(one.samples[:, one.columns.index("displacement_m")]).max()) for one in self.records]
+        return [
+            (one.name, len(one.samples), peak, one.reason or "complete")
+            for one, peak in zip(self.records, peaks, strict=True)
+        ]
 
 
 def read_inputs(folder: str | Path) -> tuple[tuple[Inputs, ...], float]:
@@ -156,12 +187,14 @@ def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nd
 
 
 def predict_set(
-    prototype_file: str | Path, folder: str | Path, progress: Callable[[float, str], None] = lambda share, text: None
+    prototype: AnyPrototype | str | Path,
+    folder: str | Path,
+    progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> tuple[Predicted, ...]:
     """Every record of a data set as a prototype predicts it; a bench by a bench.
 
     Args:
-        prototype_file: of the model.
+        prototype: the model, or its file.
         folder: of the data set.
         progress: called with the share that is done and with what is being done.
 
@@ -169,13 +202,18 @@ def predict_set(
         InputError: where either cannot be read, or where they are of different kinds of rig.
     """
     if kind_of(folder) == "actuator_bench":
-        return tuple(_predict_bench(read_bench_prototype(prototype_file), Path(folder), progress))
+        rig = read_bench_prototype(prototype) if isinstance(prototype, str | Path) else prototype
+        if not isinstance(rig, BenchPrototype):
+            raise InputError(rig.name, [("kind", "is a twin beam, and the data set is of a bench")])
+        return tuple(_predict_bench(rig, Path(folder), progress))
     inputs, gain = read_inputs(folder)
-    prototype = read_prototype(prototype_file)
+    model = read_prototype(prototype) if isinstance(prototype, str | Path) else prototype
+    if isinstance(model, BenchPrototype):
+        raise InputError(model.name, [("kind", "is a bench, and the data set is of a twin beam")])
     found, done, total = [], 0, sum(len(given.times) for given in inputs)
     for given in inputs:
         progress(done / total, f"{given.name}, {given.times[-1] - given.times[0]:.4g} s")
-        found.append(predict(prototype, given, gain))
+        found.append(predict(model, given, gain))
         done += len(given.times)
     return tuple(found)
 

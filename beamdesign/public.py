@@ -1,0 +1,109 @@
+"""Public functions that join engines of several rooms, each imported when it is called.
+
+They take records and give records: a range of mass is a pair in kg, or None for what the prototype states.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from beamdesign.bench_prototype import AnyPrototype
+    from beamdesign.build.specification import Specification
+    from beamdesign.diagnosis.predict import Prediction
+    from beamdesign.problem import DesignProblem
+    from beamdesign.proofs.certificate import Asked, Certificate
+    from beamdesign.prototype import Prototype
+    from beamdesign.synthesis.design_run import DesignRun
+
+Progress = Callable[[float, str], None]
+
+
+def run(problem: "DesignProblem", progress: Progress | None = None) -> "DesignRun":
+    """Carry a design problem to a certified prototype: sections, controller and inner end mass, proof.
+
+    Args:
+        problem: the design problem.
+        progress: called with the share done and what is being done.
+    """
+    from beamdesign.synthesis.design_run import run_design
+
+    return run_design(problem, progress)
+
+
+def certify(
+    prototype: "Prototype",
+    outer_end_mass_kg: tuple[float, float] | float | None = None,
+    high_kg: float | None = None,
+    claims: "Sequence[Asked]" = (),
+) -> "Certificate":
+    """Decide stability and claims over every mass on the outer tip, and write the proof.
+
+    Args:
+        prototype: with a controller of one law.
+        outer_end_mass_kg: range, or its lower end where the upper one follows; else the prototype's payload.
+        high_kg: upper end.
+        claims: to decide beside what is guaranteed.
+
+    Raises:
+        ValueError: for an empty range, or without a controller.
+        InputError: without a range, or for effects for which no linear loop stands.
+    """
+    from beamdesign.proofs.certifying import certify as prove
+
+    pair = _range(prototype, outer_end_mass_kg if high_kg is None else (outer_end_mass_kg, high_kg))
+    return prove(prototype, *pair, claims)
+
+
+def spec(
+    prototype: "Prototype",
+    outer_end_mass_kg: tuple[float, float] | None = None,
+    rate_Hz: float | None = None,
+    load_N: float | None = None,
+    noise_share: float = 0.1,
+    progress: Progress = lambda share, words: None,
+) -> "Specification":
+    """Specify what to build and how to accept it; `write_specification` of `beamdesign.build.folder` writes it.
+
+    Args:
+        prototype: with a controller.
+        outer_end_mass_kg: range of payload to be built for; else the prototype's.
+        rate_Hz: sampling rate; else at least 40 times the crossover.
+        load_N: for the ratings; else the prototype's largest force, else the weight of the largest payload.
+        noise_share: share of the motion that the goal allows, which sensor noise may cause.
+        progress: called with the share done and what is being done.
+
+    Raises:
+        InputError: as `specify`, and without a range.
+    """
+    from beamdesign.build.specification import specify
+
+    return specify(prototype, _range(prototype, outer_end_mass_kg), rate_Hz, load_N, noise_share, progress=progress)
+
+
+def predict(
+    prototype: "AnyPrototype | Path | str", dataset: Path | str, progress: Progress = lambda share, words: None
+) -> "Prediction":
+    """Predict the records of a data set from its inputs alone.
+
+    Args:
+        prototype: the model, or its file.
+        dataset: folder of the data set.
+        progress: called with the share done and what is being done.
+
+    Raises:
+        InputError: where either cannot be read, or where they are of different kinds of rig.
+    """
+    from beamdesign.diagnosis.predict import Prediction, predict_set
+
+    return Prediction(predict_set(prototype, dataset, progress))
+
+
+def _range(prototype: "Prototype", given: object) -> tuple[float, float]:
+    from beamdesign.records import InputError
+
+    found = prototype.outer_end_mass_kg if given is None else given
+    if not isinstance(found, tuple | list) or len(found) != 2:
+        reason = "expected a pair of masses in kg" if found is not None else "missing; give it there or as an argument"
+        raise InputError(prototype.name, [("payload.outer_end_mass_kg", reason)])
+    return float(found[0]), float(found[1])
