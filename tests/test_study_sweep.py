@@ -17,7 +17,7 @@ from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.sweep import workers
 from beamdesign.sweep.case import case
-from beamdesign.sweep.sampling import points
+from beamdesign.sweep.methods import points
 from beamdesign.sweep.sweep_file import known_keys, read_sweep, with_value, wrong_key
 from beamdesign.sweep.sweep_run import plan, run_sweep
 from beamdesign.synthesis.sizing import size

@@ -12,8 +12,7 @@ from beamdesign.files import write_whole
 from beamdesign.records import InputError
 from beamdesign.spelling import in_csv
 from beamdesign.sweep.case import short
-from beamdesign.sweep.methods import NO_RESULT, cost, figures_of
-from beamdesign.sweep.sampling import Plan
+from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
 from beamdesign.sweep.sweep_file import Demand, Sweep
 
 Row = Mapping[str, Any]

@@ -1,11 +1,12 @@
-"""Methods beyond grids and samples: tolerances, worst case, sensitivity, optimisation.
+"""What a sweep is about to compute, and the methods: grids, samples, tolerances, worst case, sensitivity, optimisation.
 
 What spreads are the keys of a prototype's file for which its [tolerance] has a standard deviation.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, log2
+from itertools import product
+from math import ceil, floor, log2
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,111 @@ from beamdesign.parameters import PARAMETERS
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.sweep.case import Case
-from beamdesign.sweep.sampling import Plan, case_at, merged, scaled
-from beamdesign.sweep.sweep_file import Sweep
+from beamdesign.sweep.case import Case, case
+from beamdesign.sweep.sweep_file import SAMPLED, Sweep, Vary, with_value
+
+_OPTIONS = "options"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep read from its file, with its base document.
+
+    Attributes:
+        path: of the sweep file.
+        sweep: what it says.
+        base: tables of the base document.
+        cases: the cases that are known beforehand; of an adaptive method none.
+        budget: how many there are at most.
+        limit: as asked, None for all.
+    """
+
+    path: Path
+    sweep: Sweep
+    base: dict[str, Any]
+    cases: tuple[Case, ...]
+    budget: int
+    limit: int | None = None
+
+
+def points(sweep: Sweep, cases: int | None = None) -> list[dict[str, Any]]:
+    """Varied values by key, one table per case, in a stable order.
+
+    Args:
+        sweep: with method grid, latin_hypercube or sobol.
+        cases: take no more than so many: spread evenly over a grid, or as many samples.
+    """
+    if sweep.study.method in SAMPLED:
+        return list(_sampled(sweep, cases or sweep.study.cases))
+    found = [merged(parts) for parts in product(*(_axis(vary) for vary in sweep.vary))]
+    if cases is None or cases >= len(found):
+        return found
+    chosen = np.unique(np.round(np.linspace(0, len(found) - 1, cases)).astype(int))
+    return [found[k] for k in chosen]
+
+
+def merged(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Several tables of varied values as one."""
+    return {key: value for part in parts for key, value in part.items()}
+
+
+def at(vary: Vary, value: Any, number: int | None = None) -> dict[str, Any]:
+    """Values of a varied key and of those that go along; `number` is that of a listed value."""
+    found = {vary.key: value}
+    for key, other in vary.along.items():
+        found[key] = other.values[number or 0] if other.values is not None else _times(value, other.times)
+    return found
+
+
+def _times(value: Any, factor: float | None) -> Any:
+    """A factor on a value; digits beyond those that any tape measures are noise of binary arithmetic."""
+    return float(f"{float(value) * float(factor or 1.0):.12g}")
+
+
+def scaled(vary: Vary, share: float) -> dict[str, Any]:
+    """Values at a share, 0 to 1, of an axis: between its ends, or one of its listed values."""
+    if vary.values is not None:
+        number = min(int(share * len(vary.values)), len(vary.values) - 1)
+        return at(vary, vary.values[number], number)
+    assert vary.low is not None
+    assert vary.high is not None
+    if vary.spacing == "logarithmic":
+        value = vary.low * (vary.high / vary.low) ** share
+    else:
+        value = vary.low + share * (vary.high - vary.low)
+    return at(vary, float(f"{value:.12g}"))
+
+
+def _axis(vary: Vary) -> list[dict[str, Any]]:
+    if vary.values is not None:
+        return [at(vary, value, number) for number, value in enumerate(vary.values)]
+    return [scaled(vary, k / (vary.count - 1)) for k in range(vary.count)]
+
+
+def _sampled(sweep: Sweep, cases: int) -> Iterator[dict[str, Any]]:
+    from scipy.stats import qmc
+
+    dimensions, seed = len(sweep.vary), sweep.study.seed
+    if sweep.study.method == "sobol":  # balanced only as a power of two: the rest of the last one is left out
+        unit = qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(max(0, ceil(log2(cases))))[:cases]
+    else:
+        unit = qmc.LatinHypercube(dimensions, rng=seed).random(cases)
+    for row in unit:
+        yield merged([scaled(vary, float(share)) for vary, share in zip(sweep.vary, row, strict=True)])
+
+
+def case_at(sweep: Sweep, base: Mapping[str, Any], varied: Mapping[str, Any]) -> Case:
+    """The case of a sweep with the given varied values put into its base document and options.
+
+    Raises:
+        ValueError: where a value cannot be put in.
+    """
+    document: dict[str, Any] = dict(base) | {_OPTIONS: dict(sweep.options)}
+    for key, value in varied.items():
+        document = with_value(document, key, value)
+    options = document.pop(_OPTIONS)
+    return case(sweep.study.task, document, options, varied)
+
 
 CUT_SIGMAS = 4.0
 """Draws are of a normal distribution cut off here; 6 in 100 000 would lie beyond."""
@@ -128,8 +231,16 @@ def laid_out(sweep: Sweep, base: Mapping[str, Any], path: Path, limit: int | Non
     """Cases that are known beforehand, and how many there will be at most.
 
     Raises:
-        InputError: where the base has nothing that spreads, or SALib is not installed and is needed.
+        InputError: where a value cannot be put in, the base has nothing that spreads, or SALib is not installed and
+            is needed.
     """
+    if sweep.study.method in ("grid", *SAMPLED):
+        try:
+            every = [case_at(sweep, base, values) for values in points(sweep, limit)]
+        except ValueError as error:
+            raise InputError(path, [Problem("vary", str(error))]) from None
+        known = tuple({one.address: one for one in every}.values())
+        return known, len(known)
     if sweep.study.method == "optimise":
         assert sweep.optimise is not None
         return (), _generations(sweep, limit) * sweep.optimise.population

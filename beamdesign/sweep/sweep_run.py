@@ -17,7 +17,7 @@ from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import Case, in_words
 from beamdesign.sweep.conclusion import write_tables
-from beamdesign.sweep.sampling import Plan, case_at, points
+from beamdesign.sweep.methods import Plan, adapt, laid_out
 from beamdesign.sweep.sweep_file import Sweep, read_sweep, task_of
 
 Progress = Callable[[float, str], None]
@@ -150,22 +150,7 @@ def plan(path: Path, limit: int | None = None) -> Plan:
     """
     sweep = read_sweep(path)
     base = records.read_table(path.parent / sweep.study.base)
-    if sweep.study.method in ADAPTIVE or sweep.study.method in ("tolerance", "sensitivity"):
-        from beamdesign.sweep.methods import laid_out
-
-        cases, budget = laid_out(sweep, base, path, limit)
-    else:
-        cases = _cases(sweep, base, points(sweep, limit), path)
-        budget = len(cases)
-    return Plan(path, sweep, base, cases, budget, limit)
-
-
-def _cases(sweep: Sweep, base: Mapping[str, Any], varied: Sequence[Mapping[str, Any]], path: Path) -> tuple[Case, ...]:
-    try:
-        found = tuple(case_at(sweep, base, values) for values in varied)
-    except ValueError as error:
-        raise InputError(path, [Problem("vary", str(error))]) from None
-    return tuple({one.address: one for one in found}.values())
+    return Plan(path, sweep, base, *laid_out(sweep, base, path, limit), limit)
 
 
 def default_folder(path: Path) -> Path:
@@ -202,8 +187,6 @@ def run_sweep(
     progression = Progression(laid, folder, compute, told or (lambda share, words: None), again)
     try:
         if laid.sweep.study.method in ADAPTIVE:
-            from beamdesign.sweep.methods import adapt
-
             adapt(laid, progression.evaluate)
         else:
             progression.evaluate(laid.cases)
