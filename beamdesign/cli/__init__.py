@@ -18,6 +18,7 @@ from beamdesign.cli.begin import explain, new
 from beamdesign.cli.certify import certify
 from beamdesign.cli.certify_variations import certify_box, certify_switching
 from beamdesign.cli.code import code
+from beamdesign.cli.command import INTERRUPTED
 from beamdesign.cli.design import codesign, front, remedies, run
 from beamdesign.cli.gap import gap
 from beamdesign.cli.limits import limits
@@ -30,10 +31,6 @@ from beamdesign.cli.spec import spec
 from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
-
 
 HEADINGS = ("Begin", "Design", "Prove", "Build", "Simulate", "Compare with a rig", "Source")
 """Of the help, in the order of a newcomer's way."""

@@ -1,7 +1,9 @@
 """What every command shares: its options, the way from them to an answer, and the exit status of that."""
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from math import inf
@@ -90,6 +92,27 @@ def command(
     carried_out.__signature__ = inspect.Signature([*own, last])  # type: ignore[attr-defined]
     carried_out.__annotations__ = work.__annotations__ | {"json": JsonOption, "return": None}
     return carried_out
+
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it: 128 and the number of the signal."""
+
+
+@contextmanager
+def resumed(words: Callable[[], str]) -> Iterator[None]:
+    """For work that is kept: an interruption ends it with a line on what there is.
+
+    Args:
+        words: what is kept and how to go on; behind the word "interrupted".
+
+    Raises:
+        typer.Exit: with status 130 after Ctrl-C.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f"interrupted{words()}", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def implausible(option: str, value: float, quantity: str) -> list[tuple[str, str]]:

@@ -1,6 +1,5 @@
 """`beamdesign gap`: from records of a built rig back to the model."""
 
-import sys
 from collections.abc import Iterable, Sequence
 from math import isfinite
 from pathlib import Path
@@ -8,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.command import Result, command, out_folder, resumed
 from beamdesign.cli.completion import data_sets, toml_files
-from beamdesign.cli.output import JsonOption, default_folder, folder_to_write, progress, say, say_table, write_json
+from beamdesign.cli.output import default_folder, progress, say, say_table
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ gap = typer.Typer(
     help="Compare a built rig with its model. Where they differ, why, and how far the difference closes.",
 )
 
-INTERRUPTED = 130
-"""Exit status of a run that was interrupted, as shells have it."""
 _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
 DataSet = Annotated[
@@ -36,28 +34,19 @@ DataSet = Annotated[
 ]
 
 
-def _interrupted(words: str) -> typer.Exit:
-    print(f"interrupted: {words}", file=sys.stderr)
-    return typer.Exit(INTERRUPTED)
-
-
 @gap.command()
+@command
 def diagnose(
     dataset: DataSet,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            callback=folder_to_write,
-            help="Folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here.",
-        ),
+        out_folder("Folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here."),
     ] = None,
     redesign: Annotated[
         bool, typer.Option("--redesign", help="Tune and prove a controller for the diagnosed prototype as well.")
     ] = False,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that fit at the same time.")] = 2,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Diagnose the gap between a prototype and its rig.
 
     Every cause that is known, alone and in pairs, is fitted to all records with the tolerances of the prototype. The
@@ -69,11 +58,11 @@ def diagnose(
 
     folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
     if kind_of(dataset) == "actuator_bench":
-        return _diagnose_bench(dataset, folder, redesign, json)
-    _diagnose(dataset, folder, redesign, workers, json)
+        return _diagnose_bench(dataset, folder, redesign)
+    return _diagnose(dataset, folder, redesign, workers)
 
 
-def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path | None) -> None:
+def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Result:
     from beamdesign.diagnosis.data.dataset import read_dataset
     from beamdesign.diagnosis.designer_terms import designer_terms, payload_range
     from beamdesign.diagnosis.diagnose import diagnose as engine
@@ -84,7 +73,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
     data = read_dataset(dataset)
     kept = fit_cache(folder / "fits", data)
     renewed = None
-    try:
+    with resumed(lambda: f": {kept.count} fits are kept in {kept.folder}; the same command goes on from there"):
         with progress("diagnosing") as update:
             found = engine(data, workers, update, kept)
         say_diagnosis(found)
@@ -95,19 +84,17 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int, json: Path
         terms = designer_terms(data, found.prototype, new)
         with progress("drawing"):
             paths, fields = write_gap_folder(folder, found, data, terms, renewed)
-    except KeyboardInterrupt:
-        words = f"{kept.count} fits are kept in {kept.folder}; the same command goes on from there"
-        raise _interrupted(words) from None
     _say_terms(terms)
     if renewed is not None and renewed.reason:
         say(f"no new controller: {renewed.reason}")
-    _say_written(json, paths, fields)
+    _say_written(paths)
     if renewed is None:
         low, high = payload_range(data)
         say(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+    return Result(fields)
 
 
-def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None) -> None:
+def _diagnose_bench(dataset: Path, folder: Path, renew: bool) -> Result:
     from beamdesign.diagnosis.bench.data import read_bench_set
     from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set
     from beamdesign.records import InputError
@@ -120,11 +107,11 @@ def _diagnose_bench(dataset: Path, folder: Path, renew: bool, json: Path | None)
         found = diagnose_bench_set(data)
     say_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
-    _say_written(json, paths, fields)
+    _say_written(paths)
+    return Result(fields)
 
 
-def _say_written(json: Path | None, paths: dict[str, Path], fields: dict[str, Any]) -> None:
-    write_json(json, fields)
+def _say_written(paths: dict[str, Path]) -> None:
     for path in paths.values():
         say(str(path))
 
@@ -205,49 +192,42 @@ def _share(value: float) -> str:
 
 
 @gap.command()
+@command
 def predict(
     prototype: Annotated[
         Path,
         typer.Argument(autocompletion=toml_files, help="The prototype.toml to simulate, with the effects it names."),
     ],
     dataset: DataSet,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", callback=folder_to_write, help="Folder for one CSV file per record.")
-    ],
-    json: JsonOption = None,
-) -> None:
+    out: Annotated[Path, out_folder("Folder for one CSV file per record.")],
+) -> Result:
     """Predict the records of a data set from its inputs alone.
 
     Times, forces, commands, end masses and controllers are read; measured columns are not, and may be missing or not
     finite. Displacements are stated as the data set states them: the sensor's volts over the gain believed there. A
     loop that diverges ends its record there, and the exit status is 1.
     """
-    from beamdesign.diagnosis.predict import predict_set
+    from beamdesign import predict as predicted
     from beamdesign.simulation import write_tables
 
     with progress("simulating") as update:
-        found = predict_set(prototype, dataset, update)
+        found = predicted(prototype, dataset, update)
     with fresh_folder(out) as fresh:
-        written = write_tables({record.name: (record.columns, record.samples) for record in found}, fresh)
+        written = write_tables({record.name: (record.columns, record.samples) for record in found.records}, fresh)
     paths = settled(written, fresh, out)
-    column = found[0].columns.index("displacement_m")
-    rows = [
-        (record.name, len(record.samples), float(abs(record.samples[:, column]).max()), record.reason or "complete")
-        for record in found
-    ]
-    say_table(f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), rows)
+    say_table(
+        f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), found.rows()
+    )
     say(f"records: {len(paths)} files in {out}")
-    reasons = {record.name: record.reason for record in found if record.reason}
-    write_json(json, {"records": paths, "complete": not reasons, "reasons": reasons})
-    if reasons:
-        raise typer.Exit(1)
+    return Result({"records": paths} | found.to_dict(), found.yes)
 
 
 @gap.command()
+@command
 def blindcheck(
     out: Annotated[
         Path,
-        typer.Option(metavar="DIR", callback=folder_to_write, help="Folder of the check; one that is there goes on."),
+        out_folder("Folder of the check; one that is there goes on."),
     ] = Path("blindcheck"),
     cases: Annotated[int, typer.Option(min=1, max=10000, help="How many cases.")] = 200,
     seed: Annotated[int, typer.Option(min=0, help="Of the plan; another one gives other cases.")] = 1,
@@ -263,8 +243,7 @@ def blindcheck(
     score_only: Annotated[
         bool, typer.Option("--score-only", help="Diagnose no more; score the cases that are finished.")
     ] = False,
-    json: JsonOption = None,
-) -> None:
+) -> Result:
     """Check the diagnosis blind.
 
     Cases are drawn from a truth model of its own: nulls, single effects, wrong figures, pairs, and effects that the
@@ -277,22 +256,20 @@ def blindcheck(
     """
     from beamdesign.validation.blind.blindcheck import begin_check, diagnose_all, draw_and_seal
 
-    try:
+    with resumed(lambda: f": the same command goes on with what is in {out}"):
         with progress("drawing") as update:
             check = begin_check(out, cases, seed, short)
             seal = draw_and_seal(check, workers, update)
         say(f"sealed: {len(seal.answers)} answers in {check.seal}, SHA-256 {seal.whole}")
         if draw_only:
-            return
+            return Result({"planned": len(check.cases), "seal": seal.whole})
         if not score_only:
             with progress("diagnosing") as update:
                 diagnose_all(check, workers, update, rejudge)
-    except KeyboardInterrupt:
-        raise _interrupted(f"the same command goes on with what is in {out}") from None
-    _score(check, seal, score_only, json)
+    return _score(check, seal, score_only)
 
 
-def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) -> None:
+def _score(check: "Check", seal: "Seal", unfinished: bool) -> Result:
     from beamdesign.files import write_whole
     from beamdesign.report.canvas import save
     from beamdesign.validation.blind.blindcheck import open_all
@@ -302,7 +279,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) ->
     opened = open_all(check, unfinished)
     if not opened:
         say("no case is finished")
-        raise typer.Exit(1)
+        return Result({"planned": len(check.cases), "scored": 0}, yes=False)
     found = [outcome(case) for case in opened]
     length = "short" if check.short else "full"
     setting = {
@@ -320,13 +297,13 @@ def _score(check: "Check", seal: "Seal", unfinished: bool, json: Path | None) ->
     }
     fields = result_fields(found, setting)
     paths = check.folder / "result.json", check.folder / "result.md"
-    write_json(json, fields)
     write_whole(paths[0], result_text(fields))
     write_whole(paths[1], markdown(found, setting))
     drawn = save(blindcheck_picture(found), check.folder / "result", ("svg",))
     say_result(found)
     for path in (*paths, *drawn):
         say(str(path))
+    return Result(fields)
 
 
 def _all(digests: Iterable[Any]) -> str:

@@ -1,25 +1,21 @@
 """`beamdesign study`: sweeps over a study file, kept, resumed, shown and compared."""
 
-import sys
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Result, command, out_folder
+from beamdesign.cli.command import Result, command, out_folder, resumed
 from beamdesign.cli.output import progress, say, say_table, say_wide
 from beamdesign.cli.size import say_checks
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.sweep.sampling import Plan
+    from beamdesign.sweep.methods import Plan
     from beamdesign.sweep.sweep_run import SweepRun
     from beamdesign.sweep.workers import Workers
 
-
-INTERRUPTED = 130
-"""Exit status of a run that was interrupted, as shells have it."""
 
 CASE_SECONDS = 3600
 """After which a case is given up, if nothing else is said."""
@@ -64,12 +60,12 @@ def run(
         raise InputError("study run", [("--case-seconds", reason)])
     laid = plan(file, cases)
     folder = out or default_folder(file)
-    try:
-        with progress(laid.sweep.name) as update, _where(workers, scheduler, case_seconds) as compute:
-            found = run_sweep(laid, folder, compute, update, again, draw)
-    except KeyboardInterrupt:
-        _interrupted(folder, laid)
-        raise typer.Exit(INTERRUPTED) from None
+    with (
+        resumed(lambda: _kept(folder, laid)),
+        progress(laid.sweep.name) as update,
+        _where(workers, scheduler, case_seconds) as compute,
+    ):
+        found = run_sweep(laid, folder, compute, update, again, draw)
     unsound = unsound_words(found.unsound, "computed again")
     _say_run(found, laid)
     for line in (*unsound, *in_words(found.conclusion, laid.sweep), *map(str, found.files)):
@@ -86,14 +82,11 @@ def _where(workers: int, scheduler: str | None, case_seconds: int) -> "AbstractC
     return room.processes(workers, case_seconds) if scheduler is None else room.cluster(scheduler)
 
 
-def _interrupted(folder: Path, laid: "Plan") -> None:
+def _kept(folder: Path, laid: "Plan") -> str:
     from beamdesign.sweep.sweep_run import finished
 
-    print(
-        f"interrupted; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: the same command goes on"
-        " from there",
-        file=sys.stderr,
-    )
+    done = finished(laid, folder)
+    return f"; {done} of {laid.budget} cases are kept in {folder}: the same command goes on from there"
 
 
 def _say_run(found: "SweepRun", laid: "Plan") -> None:
