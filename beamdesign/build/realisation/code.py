@@ -64,7 +64,7 @@ class ProvedCode(Result):
         """The worst of the loop at all masses looked at: continuous, put out at once, and one period late."""
         found = [worst([getattr(at, at_what) for at in self.judgement.masses]) for at_what in _PUT_OUT]
         return [
-            (words, *(getattr(one, key) for one in found))  # type: ignore[misc]
+            (words, *(getattr(one, key) for one in found))
             for words, key in (
                 ("peak sensitivity", "peak_sensitivity"),
                 ("gain margin, factor", "gain_up"),
