@@ -62,8 +62,8 @@ def code(
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.build.realisation.code import code as realised
     from beamdesign.build.realisation.c_code import compiler
+    from beamdesign.build.realisation.code import code as realised
 
     if compile_here and compiler() is None:
         raise InputError("--compile", [("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it")])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from beamdesign.build.realisation.folder import write_code
+from beamdesign.build.realisation.c_code import write_code
 from beamdesign.build.realisation.loop import prove_any_computing_time, realised_loop
 from beamdesign.build.realisation.realise import Realisation, full_scales_of, realise
 from beamdesign.build.realisation.verdict import Judgement, judge, worst
