@@ -49,8 +49,7 @@ def _tube(record: Beam) -> Tube:
     if record.width_m is None or record.wall_m is None or record.free_length_m is None:
         raise ValueError("a drawing needs the width and the wall of both beams, and their free length")
     cut = None if record.length_m is None else _mm(record.length_m)
-    sizes = (record.width_m, record.wall_m, record.corner_radius_m, record.free_length_m)
-    return Tube(*(_mm(size) for size in sizes), cut)
+    return Tube(_mm(record.width_m), _mm(record.wall_m), _mm(record.corner_radius_m), _mm(record.free_length_m), cut)
 
 
 def _mm(length_m: float) -> float:
