@@ -68,6 +68,10 @@ class Loop:
         """Whether a factor on the gain and the mass do not multiply each other: `loop_numerator` is free of m."""
         return self.loop_numerator.slope.is_zero()
 
+    def scaled(self, factor: fmpq) -> "Loop":
+        """The loop with its gain times a factor, on the valve or its flow and not on the controller."""
+        return replace(self, loop_numerator=self.loop_numerator * factor, added=self.added * factor)
+
     def at(self, outer_end_mass: float) -> "LoopAtMass":
         """The loop at one outer end mass, kg."""
         mass = exact(outer_end_mass)
@@ -115,10 +119,7 @@ def _member_loop(prototype: Prototype, member: VertexModel) -> Loop:
     if prototype.controller is None:
         raise ValueError("the prototype has no [controller]")
     closed = rig_loop(member.rig, prototype.payload.inner_end_mass_kg, prototype.controller)
-    factor = member.gain.high
-    if factor == 1:
-        return closed
-    return replace(closed, loop_numerator=closed.loop_numerator * exact(factor), added=closed.added * exact(factor))
+    return closed.scaled(exact(member.gain.high))
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,7 @@ from beamdesign.proofs.certificate import (
 )
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
-from beamdesign.proofs.rectangle import (
-    Rectangle,
-    scaled,
-)
+from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.proofs.stability import Range, StabilityMap, in_words, stable_ranges
 from beamdesign.proofs.writer import certificate
 from beamdesign.prototype import Goal, InStage, Prototype
@@ -88,7 +85,7 @@ def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> Stabilit
     which both ends are, the range gives way: what is left is proved, but need not be all.
     """
     maps = [
-        stable_ranges(scaled(part.loop, factor).characteristic, low, high)
+        stable_ranges(part.loop.scaled(factor).characteristic, low, high)
         for part in parts
         for factor in sorted({part.least, part.most})
     ]

@@ -18,7 +18,7 @@ from flint import arb, ctx, fmpq, fmpq_poly
 from beamdesign.polynomial import Affine, at_points, even_odd, exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import quadratic_nonnegative
-from beamdesign.proofs.rectangle import Rectangle, Side, scaled, shifted
+from beamdesign.proofs.rectangle import Rectangle, Side, shifted
 from beamdesign.proofs.stability import unstable_at
 from beamdesign.rational import bounds, nearest, shortened
 
@@ -194,7 +194,7 @@ def _gain_margin(rectangle: Rectangle, limit: fmpq, held: Claim) -> Claim:
     """Whether a rectangle stays stable with its gain times every number between one and a limit."""
     alone = rectangle.least == rectangle.most
     if alone:  # the witness's factor is one on the loop as it stands
-        rectangle = Rectangle(scaled(rectangle.loop, rectangle.least), rectangle.low, rectangle.high)
+        rectangle = Rectangle(rectangle.loop.scaled(rectangle.least), rectangle.low, rectangle.high)
     wide = rectangle.widened(limit)
     for side in sorted(wide.sides(), key=lambda side: side.factor != 1):  # the loop as it stands first
         if alone and (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:

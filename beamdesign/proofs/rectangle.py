@@ -208,7 +208,7 @@ class Rectangle:
     def sides(self) -> list[Side]:
         """The sides, those of varying mass first; one alone where the factor does not vary."""
         over_mass = [
-            Side(scaled(self.loop, factor), self.low, self.high, factor=factor)
+            Side(self.loop.scaled(factor), self.low, self.high, factor=factor)
             for factor in sorted({self.least, self.most})
         ]
         if self.least == self.most:
@@ -246,11 +246,6 @@ class Rectangle:
         if self.least != self.most and not self.loop.gain_and_mass_apart:
             raise ValueError("mass and gain multiply each other in this loop, so that the sides do not decide")
         return self.sides()
-
-
-def scaled(loop: Loop, factor: fmpq) -> Loop:
-    """A loop with its gain times a factor."""
-    return loop if factor == 1 else replace(loop, loop_numerator=loop.loop_numerator * factor)
 
 
 def over_gain(loop: Loop, mass: fmpq) -> Loop:

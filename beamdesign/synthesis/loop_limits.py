@@ -21,7 +21,7 @@ from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind, goal_claims
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
-from beamdesign.proofs.rectangle import Rectangle, scaled
+from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Goal
 
 LIMITED: tuple[Kind, ...] = ("peak_sensitivity", "compliance", "loop_gain", "controller_effort")
@@ -92,7 +92,7 @@ class LoopSet:
     def ends(self) -> list[Loop]:
         """The loops over the mass at the ends of the gains, those that are to perform."""
         return [
-            scaled(rectangle.loop, factor)
+            rectangle.loop.scaled(factor)
             for rectangle in self.performing.values()
             for factor in sorted({rectangle.least, rectangle.most})
         ]
