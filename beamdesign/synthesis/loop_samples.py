@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from math import pi
-from typing import Any
 
 import numpy as np
 from flint import fmpq_poly
@@ -82,14 +81,13 @@ class Samples:
     def joined(self, other: "Samples") -> "Samples":
         """With the points of another, of rigs that are off likewise, in rows of their own."""
         arrays = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        whole: dict[str, Any] = {
-            name: np.concatenate([value, getattr(other, name)], axis=-1) for name, value in arrays.items()
-        }
+        whole = {name: np.concatenate([value, getattr(other, name)], axis=-1) for name, value in arrays.items()}
+        whole["row"] = np.append(self.row, other.row + self.row.max() + 1)
         off = tuple(
             (larger.joined(more), smaller.joined(less))
             for (larger, smaller), (more, less) in zip(self.off, other.off, strict=True)
         )
-        return replace(self, **whole | {"row": np.append(self.row, other.row + self.row.max() + 1), "off": off})
+        return replace(self, **whole, off=off)  # type: ignore[arg-type]  # all of them are arrays
 
     def at(self, inner: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Plant (n,), then control (p, n), disturbance (n,) and crossed (p, n) over it, with a mass inside (kg)."""
