@@ -28,7 +28,7 @@ from beamdesign.build.folder import document_of
 from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files, compile_self_test, compiler
 from beamdesign.build.realisation.realise import Realisation, realise
 from beamdesign.build.specification import specification_of
-from beamdesign.cli.output import say, say_table, write_csv
+from beamdesign.cli.output import echo, echo_table, write_csv
 from beamdesign.cli.progress import display
 from beamdesign.columns import read_columns
 from beamdesign.controllers import Lag
@@ -390,8 +390,8 @@ def test_nothing_in_a_name_steers_a_terminal(name: str) -> None:
         told = io.StringIO()
         patch.setattr("sys.stdout", told)
         patch.setattr("sys.stderr", told)
-        say(name)
-        say_table(name, (name, "b"), [(name, 1.0)])
+        echo(name)
+        echo_table(name, (name, "b"), [(name, 1.0)])
         for error in (InputError(name, [(name, name)]), OSError(1, name, name), ValueError(name)):
             patch.setattr(cli, "app", lambda error=error: (_ for _ in ()).throw(error))
             with pytest.raises(SystemExit):

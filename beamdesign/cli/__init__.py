@@ -22,7 +22,7 @@ from beamdesign.cli.command import INTERRUPTED
 from beamdesign.cli.design import codesign, front, remedies, run
 from beamdesign.cli.gap import gap
 from beamdesign.cli.limits import limits
-from beamdesign.cli.output import hush, reporting, say, shown, speak
+from beamdesign.cli.output import echo, hush, reporting, shown, speak
 from beamdesign.cli.paper import paper
 from beamdesign.cli.progress import remembered
 from beamdesign.cli.simulate import simulate
@@ -72,7 +72,7 @@ class Commands(TyperGroup):
             with remembered(), reporting(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip()):
                 return super().invoke(ctx)
         except KeyboardInterrupt:
-            say_interrupted(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip())
+            echo_interrupted(f"{ctx.info_name} {ctx.invoked_subcommand or ''}".strip())
             raise typer.Exit(INTERRUPTED) from None
 
     def make_context(self, info_name: str | None, args: list[str], *rest: Any, **extra: Any) -> Any:
@@ -80,11 +80,11 @@ class Commands(TyperGroup):
         try:
             return super().make_context(info_name, args, *rest, **extra)
         except KeyboardInterrupt:
-            say_interrupted(info_name or "beamdesign")
+            echo_interrupted(info_name or "beamdesign")
             raise typer.Exit(INTERRUPTED) from None
 
 
-def say_interrupted(name: str) -> None:
+def echo_interrupted(name: str) -> None:
     """One line on stderr; where that is a terminal it takes the place of the ^C."""
     print(f"{chr(13) if sys.stderr.isatty() else ''}{name}: interrupted", file=sys.stderr)
 
@@ -104,7 +104,7 @@ def _tell_version(asked: bool) -> None:
     if asked:
         import beamdesign
 
-        say(f"beamdesign {beamdesign.__version__}")
+        echo(f"beamdesign {beamdesign.__version__}")
         raise typer.Exit
 
 
@@ -184,7 +184,7 @@ def main() -> None:
     try:
         app()
     except KeyboardInterrupt:  # outside of any command
-        say_interrupted("beamdesign")
+        echo_interrupted("beamdesign")
         sys.exit(INTERRUPTED)
     except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
         print(shown(f"{error.filename or 'beamdesign'}: {error.strerror or error}"), file=sys.stderr)

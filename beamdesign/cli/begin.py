@@ -7,7 +7,7 @@ import typer
 
 from beamdesign.cli.command import Result, command
 from beamdesign.cli.completion import templates, words
-from beamdesign.cli.output import path_to_write, say, say_table
+from beamdesign.cli.output import echo, echo_table, path_to_write
 
 
 @command
@@ -38,8 +38,8 @@ def new(
 
     if template is None or listed:
         rows = [(name, each.purpose) for name, each in TEMPLATES.items()]
-        say_table("templates", ("name", "what it starts"), rows)
-        say("beamdesign new NAME --out FILE")
+        echo_table("templates", ("name", "what it starts"), rows)
+        echo("beamdesign new NAME --out FILE")
         return Result({"templates": [{"name": name, "purpose": purpose} for name, purpose in rows]})
     if template not in TEMPLATES:
         close = difflib.get_close_matches(template, TEMPLATES, n=1)
@@ -49,10 +49,10 @@ def new(
     it = target(template, out)
     following = [step.format(it=shlex.quote(str(it)), name=shlex.quote(it.stem)) for step in TEMPLATES[template].next]
     for path in paths:
-        say(f"written: {path}")
-    say(f"next:    {following[0]}")
+        echo(f"written: {path}")
+    echo(f"next:    {following[0]}")
     for step in following[1:]:
-        say(f"         {step}")
+        echo(f"         {step}")
     return Result({"template": template, "files": paths, "next": following})
 
 
@@ -83,7 +83,7 @@ def explain(
     if key is None:
         everything = {"keys": [asdict(each) for each in keys()], "effects": [asdict(e) for e in effects()]}
         if reference:
-            say(told.reference_markdown())
+            echo(told.reference_markdown())
         else:
             _list()
         return Result(everything | {"topics": topics()})
@@ -99,13 +99,13 @@ def explain(
         hint = f"did you mean {' or '.join(close)}?" if close else "`beamdesign explain` lists all"
         raise InputError("explain", [(key or "''", f"unknown key; {hint}")])
     if effect:
-        say("\n".join(told.effect_lines(effect)))
+        echo("\n".join(told.effect_lines(effect)))
     elif some:
-        say("\n\n".join("\n".join(told.key_lines(group)) for group in told.alike(some)))
+        echo("\n\n".join("\n".join(told.key_lines(group)) for group in told.alike(some)))
         for one in every:
-            say(f"\n{one.name} ({one.subsystem})\n  {one.meaning}")
+            echo(f"\n{one.name} ({one.subsystem})\n  {one.meaning}")
     if text is not None:
-        say(f"\n{text}".rstrip() if some else text.rstrip())
+        echo(f"\n{text}".rstrip() if some else text.rstrip())
     found = {"keys": [asdict(each) for each in some], "effects": [asdict(e) for e in every if e], "page": text}
     return Result({"key": key} | found)
 
@@ -119,17 +119,17 @@ def _list() -> None:
 
     plain = [key for key in keys() if not key.path.startswith("effects.")]
     for file, of_file in groupby(plain, lambda key: key.file):
-        say(f"{file}:")
+        echo(f"{file}:")
         for table, inside in groupby(
             sorted((key for key in of_file if not key.is_table), key=lambda key: key.path.rpartition(".")[0]),
             lambda key: key.path.rpartition(".")[0],
         ):
             names = dict.fromkeys(key.name for key in inside)
-            say(f"  {f'[{table}]' if table else '(top)'} {', '.join(names)}")
-    say("effects:")
+            echo(f"  {f'[{table}]' if table else '(top)'} {', '.join(names)}")
+    echo("effects:")
     for effect in effects():
-        say(f"  [effects.{effect.name}] {', '.join(q.name for q in effect.parameters)}")
-    say("topics:")
+        echo(f"  [effects.{effect.name}] {', '.join(q.name for q in effect.parameters)}")
+    echo("topics:")
     for topic, title in topics().items():
-        say(f"  {topic}: {title.partition(': ')[2] or title}")
-    say("\nbeamdesign explain KEY tells more of any of these.")
+        echo(f"  {topic}: {title.partition(': ')[2] or title}")
+    echo("\nbeamdesign explain KEY tells more of any of these.")

@@ -10,7 +10,7 @@ import typer
 
 from beamdesign.cli.command import Figure, Result, beside, by_stage, command, mass_range, out_file, with_controller
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import RangeOption, default_file, say, say_table
+from beamdesign.cli.output import RangeOption, default_file, echo, echo_table
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.json_text import picked
 
@@ -108,8 +108,8 @@ def _proved(
     record, (robust, shape) = stage.prototype, sought
     certificate = prove(record, *stage.outer_end_mass_kg, asked)
     write_certificate(path, certificate.text)
-    _say(record, certificate)
-    say(f"certificate: {path}")
+    _echo(record, certificate)
+    echo(f"certificate: {path}")
     fields = certificate.to_dict() | (_between(record, certificate, path) if record.effects else {})
     holds = certificate.holds
     if robust > 0:
@@ -126,12 +126,12 @@ def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dic
 
     verdict = between(record, *certificate.outer_end_mass_kg) if certificate.stable else None
     if certificate.stable and (words := in_words(verdict)):
-        say(f"  {words}")
+        echo(f"  {words}")
     fields: dict[str, Any] = {"stable_between": None if verdict is None else verdict.stable}
     if verdict is not None and verdict.certificate:
         beside = path.with_suffix(".between.toml")
         write_certificate(beside, verdict.certificate)
-        say(f"certificate of that: {beside}")
+        echo(f"certificate of that: {beside}")
         fields["certificate_between"] = beside
     return fields
 
@@ -152,41 +152,43 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
     return [kinds[option](value) for option, value in claims.items() if value is not None]
 
 
-def _say(record: "Prototype", certificate: "Certificate") -> None:
+def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
 
     low, high = certificate.outer_end_mass_kg
     if certificate.stable:
-        say(f"{record.name}: stable for every outer end mass from {low:g} to {high:g} kg")
+        echo(f"{record.name}: stable for every outer end mass from {low:g} to {high:g} kg")
     else:
-        say(f"{record.name}: NOT stable from {low:g} to {high:g} kg: {certificate.stability.reason}")
+        echo(f"{record.name}: NOT stable from {low:g} to {high:g} kg: {certificate.stability.reason}")
         for least, most in certificate.stable_ranges_kg:
-            say(f"  stable from {least:.7g} to {most:.7g} kg")
+            echo(f"  stable from {least:.7g} to {most:.7g} kg")
     if certificate.crossings:
         rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in certificate.crossings]
-        say_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
+        echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
     for side, crossing in certificate.next_crossings.items():
         if crossing is not None:
-            say(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
+            echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
     if certificate.guaranteed is not None:
         found, goal = certificate.guaranteed, record.goal
-        say(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {found.bandwidth_Hz:.6g} Hz")
+        echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {found.bandwidth_Hz:.6g} Hz")
         met = "within" if found.peak_sensitivity <= goal.peak_sensitivity else "beyond"
-        say(
+        echo(
             f"  guaranteed: peak sensitivity at most {found.peak_sensitivity:.6g}, {met} the goal of"
             f" {goal.peak_sensitivity:g}"
         )
         for words in _beyond_peak(found, goal):
-            say(f"  guaranteed: {words}")
+            echo(f"  guaranteed: {words}")
     for claim in certificate.claims:
-        say(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
+        echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
-            say(f"    {claim.reason}")
-    say(f"method: {certificate.method}")
+            echo(f"    {claim.reason}")
+    echo(f"method: {certificate.method}")
     for line in certificate.scope:
-        say(f"  {line}")
+        echo(f"  {line}")
     if record.arm is not None and (any(record.arm.offset_m) or any(record.arm.sensor_m or ())):
-        say("  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm")
+        echo(
+            "  payload and sensor on the beam's axis at the tip; with the offsets of [arm] and torsion: beamdesign arm"
+        )
 
 
 def _beyond_peak(found: "Guaranteed", goal: "Goal") -> list[str]:
@@ -222,8 +224,8 @@ def _replay(path: Path, record: "Prototype | None") -> Result:
     except Unreadable as error:
         raise InputError(path, [("(certificate)", str(error))]) from error
     for words in verdict.lines():
-        say(words)
-    say(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
+        echo(words)
+    echo(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
     return Result(picked(verdict, "valid reasons=failed checked=proved not_checked=open about"), verdict.valid)
 
 
@@ -254,7 +256,7 @@ def write_certificate(path: Path, text: str) -> None:
         if any(older.get(key) != new.get(key) for key in _TELLING):
             aside = path.with_suffix(f".{hashlib.sha256(standing).hexdigest()[:8]}{path.suffix}")
             write_whole(aside, standing)
-            say(f"the certificate of {older.get('name', 'another prototype')} that stood there is now {aside}")
+            echo(f"the certificate of {older.get('name', 'another prototype')} that stood there is now {aside}")
     write_whole(path, text)
 
 

@@ -18,7 +18,7 @@ from beamdesign.cli.command import (
     toml_file,
     with_controller,
 )
-from beamdesign.cli.output import RangeOption, progress, say, say_table
+from beamdesign.cli.output import RangeOption, echo, echo_table, progress
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -79,37 +79,37 @@ def _proved_box(
         verdict = prove(record, box, budget, seconds)
         update(0.5, "" if scaled_sigmas is None else "scaling the tolerances")
         found = None if scaled_sigmas is None else largest_scaling(record, box, budget=budget)
-    _say_box(record, box, verdict)
+    _echo_box(record, box, verdict)
     if found is not None:
-        say(f"scaling of the tolerances ({scaled_sigmas:g} standard deviations are 1): {found.reason}")
+        echo(f"scaling of the tolerances ({scaled_sigmas:g} standard deviations are 1): {found.reason}")
     if verdict.certificate:
         write_certificate(path, verdict.certificate)
-        say(f"certificate: {path}")
+        echo(f"certificate: {path}")
     fields = _box_fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
     return fields, verdict.stable is True
 
 
-def _say_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
+def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
     from beamdesign.proofs.tolerance_box import figure_key
     from beamdesign.rational import nearest
 
     words = {True: "stable for every member of the box", False: "NOT stable throughout the box", None: "undecided"}
-    say(f"{record.name}: {words[verdict.stable]}")
+    echo(f"{record.name}: {words[verdict.stable]}")
     rows = []
     for name, (low, high) in box.ranges.items():
         key, factor = figure_key(name)
         row = [key, nearest(low) / factor, nearest(high) / factor]
         rows.append(row if verdict.unstable_point is None else [*row, nearest(verdict.unstable_point[name]) / factor])
     last = () if verdict.unstable_point is None else ("not stable at",)
-    say_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
+    echo_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
     if verdict.stable is not True:
-        say(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
+        echo(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
         if verdict.volumes is not None:
             shares = [nearest(share) for share in verdict.volumes]
-            say("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
+            echo("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
     if record.effects:
-        say("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
-    say(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+        echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
+    echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
 
 
 def _box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
@@ -176,9 +176,9 @@ def certify_switching(
         found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
     lines = describe(found)
     several = f"{len(families)} stages, " if schedule else ""
-    say(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
+    echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
     for line in lines:
-        say(f"  {line}")
+        echo(f"  {line}")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
-    say(f"certificate: {path}")
+    echo(f"certificate: {path}")
     return Result(switching_fields(found) | {"certificate": path}, found.stable)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
-from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
+from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.code import ProvedCode
@@ -77,14 +77,14 @@ def code(
             raise InputError(prototype, error.problems) from error
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
     if found.reason:
-        say(f"{record.name}: {found.reason}")
+        echo(f"{record.name}: {found.reason}")
         return Result(found.to_dict() | {"files": []}, yes=False)
     paths = found.write(folder)
-    _say(found)
+    _echo(found)
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
-        say("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
+        echo("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
     for path in paths:
-        say(str(path))
+        echo(str(path))
     return Result(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder))
 
 
@@ -101,27 +101,27 @@ def _compiles(folder: Path) -> bool:
             copy(folder / name, scratch)
         program = compile_self_test(Path(scratch))
         passed = subprocess.run([str(program)], check=False).returncode == 0
-    say("compiled; the self-test passes to the last bit" if passed else "compiled, but THE SELF-TEST FAILS here")
+    echo("compiled; the self-test passes to the last bit" if passed else "compiled, but THE SELF-TEST FAILS here")
     return passed
 
 
-def _say(code: "ProvedCode") -> None:
+def _echo(code: "ProvedCode") -> None:
     made, found, masses = code.realisation, code.judgement, code.outer_end_mass_kg
     words = "floats of 32 bits" if made.word_length is None else f"words of {made.word_length} bits"
-    say_table(f"{code.prototype.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), code.rows())
+    echo_table(f"{code.prototype.name} at {made.rate_Hz:g} Hz in {words}: the law alone", ("", "computed"), code.rows())
     if found.reason:
-        say(f"stability as realised: not looked at, {found.reason}")
+        echo(f"stability as realised: not looked at, {found.reason}")
         return
     when = "at once or one period late" if found.any_time is None else "after any computing time up to one period"
-    say(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
+    echo(f"proved: stable for {masses[0]:g} to {masses[1]:g} kg, the current held, put out {when}")
     title = f"Worst of {len(found.masses)} masses, computed"
-    say_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
+    echo_table(title, ("", "continuous", "as realised, at once", "one period late"), code.loop_rows())
     effects = [at.rounding for at in found.masses if at.rounding is not None]
     if effects:
-        say(
+        echo(
             f"rounding moves the tip by at most {1e6 * max(one.displacement_m for one in effects):.3g} um"
             f" (expected {1e6 * max(one.expected_displacement_m for one in effects):.3g} um RMS) and the current by"
             f" {1e3 * max(one.current_A for one in effects):.3g} mA, limit cycles included"
         )
         if (most := max(one.error_V for one in effects)) > 0.1 * made.full_scale_V:
-            say(f"  that is up to {most:.3g} V of error in {made.full_scale_V:g} V of full scale: take longer words")
+            echo(f"  that is up to {most:.3g} V of error in {made.full_scale_V:g} V of full scale: take longer words")

@@ -14,7 +14,7 @@ import typer
 from typer.models import OptionInfo
 
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, file_to_write, folder_to_write, say, write_csv, write_json
+from beamdesign.cli.output import JsonOption, echo, file_to_write, folder_to_write, write_csv, write_json
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def write_drawn(out: Path, name: str, figure: Any, rows: Sequence[dict[str, Any]
         files += save(figure, fresh / name)
     files = settled(files, fresh, out)
     for path in files:
-        say(str(path))
+        echo(str(path))
     return files
 
 
@@ -261,7 +261,7 @@ def by_stage(
     """
     found = [work(stage) for stage in record.stages(masses_kg)]
     if record.schedule is not None:
-        say("each stage by itself, while the payload stays in its range; of changes: beamdesign certify-switching")
+        echo("each stage by itself, while the payload stays in its range; of changes: beamdesign certify-switching")
     return Result(of_all(record, found), all(yes for _, yes in found))
 
 

@@ -17,7 +17,7 @@ from beamdesign.cli.command import (
     toml_file,
     write_drawn,
 )
-from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
+from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -47,7 +47,7 @@ def run(
             update(0.95, "drawing the report")
             folder = write_result_folder(result, out)
     if result.prototype is None:
-        say(f"no design: {result.reason}")
+        echo(f"no design: {result.reason}")
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
         return Result(nothing | {"reason": result.reason}, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
@@ -64,9 +64,9 @@ def run(
             ("guaranteed peak sensitivity", at_most(one.peak_sensitivity, "1")),
             ("for every outer end mass", mass_range_text(one.outer_end_mass_kg)),
         ]
-    say_table(f"{problem.name}: designed and certified", ("", ""), rows)
+    echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
     for path in folder.values():
-        say(str(path))
+        echo(str(path))
     return Result(
         {
             "prototype": folder["prototype"],
@@ -109,7 +109,7 @@ def codesign(
         found = room.codesign(problem, masses, bandwidth_Hz, progress=update)
     point = found.point
     if point is None:
-        say(found.reason)
+        echo(found.reason)
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
         return Result(dict.fromkeys(fields) | picked(found, "reason attempts"), yes=False)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
@@ -130,8 +130,8 @@ def codesign(
         ("guaranteed peak sensitivity", at_most(point.proved.peak_sensitivity, "1")),
         ("for every outer end mass", mass_range_text(masses)),
     ]
-    say_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
-    say(f"prototype: {paths['prototype']}")
+    echo_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
+    echo(f"prototype: {paths['prototype']}")
     return Result(
         {
             **paths,
@@ -196,7 +196,7 @@ def front(
     rows = [_front_row(design) for design in found.designs]
     figure = new_figure()
     plot_front(figure.add_subplot(), found)
-    say_table(
+    echo_table(
         f"{problem.name}: lightest proved designs",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
         [
@@ -255,7 +255,7 @@ def remedies(
     ]
     figure = new_figure(height_mm=80)
     plot_remedies(figure.add_subplot(), found)
-    say_table(
+    echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
         ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
         [(row["remedy"], row["bandwidth_Hz"], row["added_mass_kg"], row["controllers"], row["reason"]) for row in rows],

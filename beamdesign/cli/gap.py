@@ -9,7 +9,7 @@ import typer
 
 from beamdesign.cli.command import Result, command, out_folder, resumed
 from beamdesign.cli.completion import data_sets, toml_files
-from beamdesign.cli.output import default_folder, progress, say, say_table
+from beamdesign.cli.output import default_folder, echo, echo_table, progress
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Result:
     with resumed(lambda: f": {kept.count} fits are kept in {kept.folder}; the same command goes on from there"):
         with progress("diagnosing") as update:
             found = engine(data, workers, update, kept)
-        say_diagnosis(found)
+        echo_diagnosis(found)
         if renew:
             with progress("redesigning") as update:
                 renewed = redesign(found.prototype, payload_range(data), update)
@@ -84,13 +84,13 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Result:
         terms = designer_terms(data, found.prototype, new)
         with progress("drawing"):
             paths, fields = write_gap_folder(folder, found, data, terms, renewed)
-    _say_terms(terms)
+    _echo_terms(terms)
     if renewed is not None and renewed.reason:
-        say(f"no new controller: {renewed.reason}")
-    _say_written(paths)
+        echo(f"no new controller: {renewed.reason}")
+    _echo_written(paths)
     if renewed is None:
         low, high = payload_range(data)
-        say(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+        echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
     return Result(fields)
 
 
@@ -105,67 +105,67 @@ def _diagnose_bench(dataset: Path, folder: Path, renew: bool) -> Result:
     data = read_bench_set(dataset)
     with progress("diagnosing"):
         found = diagnose_bench_set(data)
-    say_diagnosis(found)
+    echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
-    _say_written(paths)
+    _echo_written(paths)
     return Result(fields)
 
 
-def _say_written(paths: dict[str, Path]) -> None:
+def _echo_written(paths: dict[str, Path]) -> None:
     for path in paths.values():
-        say(str(path))
+        echo(str(path))
 
 
-def _say_terms(terms: Sequence["LoopTerms"]) -> None:
+def _echo_terms(terms: Sequence["LoopTerms"]) -> None:
     from beamdesign.report.gap_tables import controller_text, terms_rows
 
     for loop in terms:
         title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
-        say_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
+        echo_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
 
 
-def say_diagnosis(found: "Diagnosis") -> None:
+def echo_diagnosis(found: "Diagnosis") -> None:
     """The answer for people."""
-    say(f"{found.name}: {found.verdict.replace('_', ' ')}")
-    say(found.sentences)
+    echo(f"{found.name}: {found.verdict.replace('_', ' ')}")
+    echo(found.sentences)
     for words in found.warnings:
-        say(f"warning: {words}")
-    say("")
+        echo(f"warning: {words}")
+    echo("")
     if found.causes:
-        _say_causes(found)
+        _echo_causes(found)
     where = found.where
     if where.subsystem:
         low, high = where.band_Hz
         condition = f", {where.condition}" if where.condition else ""
         kind = f", {where.kind}" if where.kind else ""
-        say(f"where: {where.subsystem}, {low:g} to {high:g} Hz{kind}{condition}")
+        echo(f"where: {where.subsystem}, {low:g} to {high:g} Hz{kind}{condition}")
     if where.sentence:
-        say(where.sentence)
-    _say_gap(found)
+        echo(where.sentence)
+    _echo_gap(found)
     for words in found.notes:
-        say(words)
+        echo(words)
     separability = found.separability
     for alike in separability.classes if separability is not None else ():
-        say(f"known before any fit: these data cannot tell apart {', '.join(alike)}")
+        echo(f"known before any fit: these data cannot tell apart {', '.join(alike)}")
     if separability is not None and separability.invisible:
-        say(f"known before any fit: these data cannot show {', '.join(separability.invisible)}")
+        echo(f"known before any fit: these data cannot show {', '.join(separability.invisible)}")
     for rivals in found.classes:
-        say(f"these data cannot tell apart: {'; '.join(rivals)}")
+        echo(f"these data cannot tell apart: {'; '.join(rivals)}")
     if found.next_experiment is not None:
-        say(f"measure next: {found.next_experiment.text}")
+        echo(f"measure next: {found.next_experiment.text}")
 
 
-def _say_causes(found: "Diagnosis") -> None:
-    say_table("causes", ("cause", "subsystem", "probability", "share of the gap"), found.rows())
+def _echo_causes(found: "Diagnosis") -> None:
+    echo_table("causes", ("cause", "subsystem", "probability", "share of the gap"), found.rows())
     for cause in found.causes:
         if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
             for key, q in cause.parameters.items():
-                say(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
+                echo(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
             for flag in cause.flags:
-                say(f"{cause.name}: {flag}")
+                echo(f"{cause.name}: {flag}")
 
 
-def _say_gap(found: "Diagnosis") -> None:
+def _echo_gap(found: "Diagnosis") -> None:
     from beamdesign.report.gap_tables import closed_text
 
     gap = found.gap
@@ -178,9 +178,9 @@ def _say_gap(found: "Diagnosis") -> None:
     of_all = "held out" if any(record.held_out for record in gap.records) else "all"
     rows.append((f"{of_all} together", "", *map(_share, _errors(gap))))
     columns = ("record", "", "believed", "re-tuned", "with cause", "noise")
-    say_table("prediction error, per cent", columns, rows)
+    echo_table("prediction error, per cent", columns, rows)
     low, high = (closed_text(value) for value in gap.closed_interval)
-    say(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
+    echo(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
 
 
 def _errors(of: Any) -> tuple[float, float, float, float]:
@@ -215,10 +215,10 @@ def predict(
     with fresh_folder(out) as fresh:
         written = write_tables({record.name: (record.columns, record.samples) for record in found.records}, fresh)
     paths = settled(written, fresh, out)
-    say_table(
+    echo_table(
         f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), found.rows()
     )
-    say(f"records: {len(paths)} files in {out}")
+    echo(f"records: {len(paths)} files in {out}")
     return Result({"records": paths} | found.to_dict(), found.yes)
 
 
@@ -260,7 +260,7 @@ def blindcheck(
         with progress("drawing") as update:
             check = begin_check(out, cases, seed, short)
             seal = draw_and_seal(check, workers, update)
-        say(f"sealed: {len(seal.answers)} answers in {check.seal}, SHA-256 {seal.whole}")
+        echo(f"sealed: {len(seal.answers)} answers in {check.seal}, SHA-256 {seal.whole}")
         if draw_only:
             return Result({"planned": len(check.cases), "seal": seal.whole})
         if not score_only:
@@ -278,7 +278,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> Result:
 
     opened = open_all(check, unfinished)
     if not opened:
-        say("no case is finished")
+        echo("no case is finished")
         return Result({"planned": len(check.cases), "scored": 0}, yes=False)
     found = [outcome(case) for case in opened]
     length = "short" if check.short else "full"
@@ -300,9 +300,9 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> Result:
     write_whole(paths[0], result_text(fields))
     write_whole(paths[1], markdown(found, setting))
     drawn = save(blindcheck_picture(found), check.folder / "result", ("svg",))
-    say_result(found)
+    echo_result(found)
     for path in (*paths, *drawn):
-        say(str(path))
+        echo(str(path))
     return Result(fields)
 
 
@@ -311,15 +311,15 @@ def _all(digests: Iterable[Any]) -> str:
     return ", ".join(sorted({str(digest) for digest in digests if digest}))
 
 
-def say_result(found: "Sequence[Outcome]") -> None:
+def echo_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
     from beamdesign.validation.blind.scoring import confusion, scores, split
     from beamdesign.validation.blindcheck_result import BASELINE_COLUMNS, TARGET_COLUMNS, baseline_rows, target_rows
 
     large, small = split(found)
     title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"
-    say_table(title, TARGET_COLUMNS, target_rows(scores(large)))
-    say_table("baselines on the same cases", BASELINE_COLUMNS, baseline_rows(large))
+    echo_table(title, TARGET_COLUMNS, target_rows(scores(large)))
+    echo_table("baselines on the same cases", BASELINE_COLUMNS, baseline_rows(large))
     named = confusion(large)
     rows = [(label, ", ".join(f"{name} {count}" for name, count in row.items())) for label, row in named.items()]
-    say_table("named first", ("truth", "named"), rows)
+    echo_table("named first", ("truth", "named"), rows)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from beamdesign.cli.command import Figure, Result, RigArgument, by_stage, command, out_folder, ready_to_run, write_drawn
-from beamdesign.cli.output import progress, say, say_table
+from beamdesign.cli.output import echo, echo_table, progress
 
 if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
@@ -43,56 +43,56 @@ def _stated(rig: "Prototype", mass: float, preload: float, out: Path | None) -> 
     with progress("limits") as update:
         found = worked_out(rig, mass, preload, update)
     if found.reason:
-        say(f"{rig.name}: {found.reason}; a loop that is not stable has no operating limits")
+        echo(f"{rig.name}: {found.reason}; a loop that is not stable has no operating limits")
         return found.to_dict(), False
-    _say(found)
+    _echo(found)
     figures = [] if out is None else _draw(found.envelope, rig.payload.largest_force_N, preload, out)
     return found.to_dict() | {"figures": figures}, True
 
 
-def _say(found: "Limits") -> None:
+def _echo(found: "Limits") -> None:
     from beamdesign.plant.linear_reach import with_published_effects
 
     rig, mass = found.prototype, found.outer_end_mass_kg
-    say_table(
+    echo_table(
         f"{rig.name} with {mass:g} kg outside: largest amplitude of a force on the tip",
         ("frequency, Hz", "force, N", "governed by", "tip moves, um", "supply power, W"),
         found.rows(),
     )
     for limit, key in found.envelope.missing.items():
-        say(f"{limit}: not looked at, {key} is not given")
-    _say_sensor(found.sensor)
+        echo(f"{limit}: not looked at, {key} is not given")
+    _echo_sensor(found.sensor)
     if isinstance(found.modes, str):
-        say(f"higher modes: not looked at, {found.modes}")
+        echo(f"higher modes: not looked at, {found.modes}")
     else:
-        say_table("One bending mode per beam", ("", ""), found.mode_rows())
+        echo_table("One bending mode per beam", ("", ""), found.mode_rows())
     effects = ", ".join(sorted(with_published_effects(rig).effects))
-    say_table(
+    echo_table(
         f"Linear amplitude within 10 % up to ({effects})",
         ("varied", "at, Hz", "limit", "off there, %"),
         found.linear_rows(),
     )
     assert rig.controller is not None
-    say_table(
+    echo_table(
         f"Limit cycles by harmonic balance; the prototype's gain is {1e3 * rig.controller.gain_A_per_V:.4g} mA/V",
         ("amplitude, um", "gain, mA/V", "frequency, Hz", "settles there"),
         found.cycle_rows(),
     )
 
 
-def _say_sensor(reach: Any) -> None:
-    say(f"sensor: static error {1e8 * reach.static_error_m_per_N:.3g} um under 100 N")
+def _echo_sensor(reach: Any) -> None:
+    echo(f"sensor: static error {1e8 * reach.static_error_m_per_N:.3g} um under 100 N")
     if reach.resolution_m is not None:
-        say(f"  resolution {1e6 * reach.resolution_m:.3g} um: hides constant forces up to {reach.hidden_N:.4g} N")
+        echo(f"  resolution {1e6 * reach.resolution_m:.3g} um: hides constant forces up to {reach.hidden_N:.4g} N")
     if reach.noise_m is not None:
         share = "" if reach.rated_share is None else f", {100 * reach.rated_share:.3g} % of the largest"
         noise = f"{1e6 * reach.noise_m:.3g} um RMS, followed where slow"
-        say(f"  noise {noise}; {1e3 * reach.current_noise_A:.3g} mA{share}")
+        echo(f"  noise {noise}; {1e3 * reach.current_noise_A:.3g} mA{share}")
     missing = [
         key for key, value in (("resolution_m", reach.resolution_m), ("noise_V", reach.noise_m)) if value is None
     ]
     if missing:
-        say(f"  not looked at: {', '.join(f'sensor.{key}' for key in missing)} not given")
+        echo(f"  not looked at: {', '.join(f'sensor.{key}' for key in missing)} not given")
 
 
 def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Path]:

@@ -119,12 +119,12 @@ def shown(text: str) -> str:
     return "\n".join(map(one_line, text.split("\n")))
 
 
-def say(text: str) -> None:
+def echo(text: str) -> None:
     """Print a line for people. Where nobody reads on (`| head`), the work goes on without a word."""
-    _say(shown(text))
+    _echo(shown(text))
 
 
-def _say(text: str) -> None:
+def _echo(text: str) -> None:
     if _hushed.get():
         return
     try:
@@ -133,7 +133,7 @@ def _say(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def echo_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Print a table; floats get four significant digits. Styles go only to terminals."""
     from rich import box
     from rich.console import Console
@@ -151,7 +151,7 @@ def say_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]])
     console = Console(highlight=False, file=sys.stdout, color_system=None if plain else "auto")
     with console.capture() as captured:
         console.print(table)
-    _say("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
+    _echo("\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n")
 
 
 def write_json(path: Path | None, fields: Mapping[str, Any]) -> None:
@@ -197,7 +197,7 @@ def progress(description: str) -> AbstractContextManager[Any]:
 _GAP = "  "
 
 
-def say_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], every: bool = False) -> list[str]:
+def echo_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], every: bool = False) -> list[str]:
     """Print a table, floats with six significant digits.
 
     Args:
@@ -217,10 +217,10 @@ def say_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], 
         while len(shown) > 2 and sum(widths[k] + len(_GAP) for k in shown) > room:
             shown.pop()
     lines = [[columns[k] for k in shown], ["-" * widths[k] for k in shown], *([row[k] for k in shown] for row in cells)]
-    say(title + "\n")
+    echo(title + "\n")
     for line in lines:
-        say(_GAP.join(cell.ljust(widths[k]) for cell, k in zip(line, shown, strict=True)).rstrip())
-    say("")
+        echo(_GAP.join(cell.ljust(widths[k]) for cell, k in zip(line, shown, strict=True)).rstrip())
+    echo("")
     return [columns[k] for k in range(len(columns)) if k not in shown]
 
 

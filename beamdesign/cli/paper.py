@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from beamdesign.cli.command import Result, command, out_folder
-from beamdesign.cli.output import progress, say, say_table, write_json
+from beamdesign.cli.output import echo, echo_table, progress, write_json
 from beamdesign.files import fresh_folder, settled
 
 
@@ -40,10 +40,10 @@ def paper(
         }
         write_json(fresh / "paper.json", fields)
 
-    say("Two choices the paper leaves open:")
+    echo("Two choices the paper leaves open:")
     for number, choice in enumerate(CHOICES, 1):
-        say(f"  {number}. {choice}")
-    say_table(
+        echo(f"  {number}. {choice}")
+    echo_table(
         "Critical gain, mA/V",
         ["case", "paper, predicted", "paper, measured", "model", "with 400 Hz filter", "and smaller side"],
         [
@@ -54,19 +54,19 @@ def paper(
             for row in comparison.gains
         ],
     )  # fmt: skip
-    say_table(
+    echo_table(
         "Bandwidth at -100 dB in/lbf, Hz",
         ["case", "gain, mA/V", "paper", "model"],
         [(row.case, row.gain_mA_per_V, row.paper_Hz, row.model_Hz) for row in comparison.bandwidths],
     )
     differing = [claim for claim in comparison.claims if not claim.agrees]
-    say_table(
+    echo_table(
         f"{len(differing)} of {len(comparison.claims)} numbers differ",
         ["quantity", "paper", "model", "unit", "verdict"],
         [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in differing],
     )
-    _say_checks(checks)
-    say(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
+    _echo_checks(checks)
+    echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
     return Result(fields)
 
 
@@ -81,18 +81,18 @@ def _one_figure(number: int, out: Path) -> Result:
     with fresh_folder(out) as fresh:
         pictures = save(drawing.figure, fresh / drawing.name)
     files = settled(pictures, fresh, out)
-    say(drawing.title)
-    say(f"paper: {drawing.claim}")
-    say(f"model: {drawing.caption}")
-    _say_checks(drawing.checks)
+    echo(drawing.title)
+    echo(f"paper: {drawing.claim}")
+    echo(f"model: {drawing.caption}")
+    _echo_checks(drawing.checks)
     for path in files:
-        say(str(path))
+        echo(str(path))
     return Result({"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
 
 
-def _say_checks(checks: Sequence[Any]) -> None:
+def _echo_checks(checks: Sequence[Any]) -> None:
     failing = sum(not check.holds for check in checks)
-    say_table(
+    echo_table(
         f"{len(checks) - failing} of {len(checks)} claims about the figures hold",
         ["figure", "claim", "paper says", "model says", "holds"],
         [(check.figure, check.claim, check.paper, check.model, "yes" if check.holds else "no") for check in checks],

@@ -9,7 +9,7 @@ import typer
 
 from beamdesign.cli.command import Result, command, out_folder, toml_file
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import progress, say, say_table
+from beamdesign.cli.output import echo, echo_table, progress
 from beamdesign.files import fresh_folder, settled
 from beamdesign.json_text import picked
 
@@ -58,15 +58,15 @@ def simulate(
         at = record.oscillation
         peak = float(abs(record.column("displacement_m")).max())
         rows.append((record.name, "yes" if record.stable else "no", peak, "" if at is None else at.frequency_Hz))
-    say_table(f"{rig.name}: {plan.name}", ("record", "stable", "peak displacement_m", "oscillation_Hz"), rows)
+    echo_table(f"{rig.name}: {plan.name}", ("record", "stable", "peak displacement_m", "oscillation_Hz"), rows)
     for record in found.records:
         if not record.stable:
-            say(f"{record.name}: {record.reason}")
+            echo(f"{record.name}: {record.reason}")
         if "stage" in record.columns:
             stages = " -> ".join(["1", *(str(stage) for _, stage in record.changes)])
             mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))
             known = f"{mass:.3g} kg, give or take {std:.2g}" if isfinite(std) else "nothing"
-            say(f"{record.name}: stages {stages}; of the payload it knows {known}")
+            echo(f"{record.name}: stages {stages}; of the payload it knows {known}")
     pictures = [_plotted(record, plan, rig) for record in found.records] if plots else []
     tables = {record.name: (record.columns, record.samples) for record in found.records}
     files = write_folder(rig, plan, tables, pictures, out)
@@ -84,7 +84,7 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
     plan = read_scenario(scenario)
     found = simulate_bench(rig, plan)
     rows = [(name, *(float(peak) for peak in table[:, 2:].max(axis=0))) for name, table in found.items()]
-    say_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
+    echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
     pictures: list[Any] = []
     if plots:
         from beamdesign.report.record_plot import PlottedRecord
@@ -138,7 +138,7 @@ def write_folder(
             with progress("drawing"):
                 page, figures = write_record_page(rig.name, plan.name, rig.effects, pictures, fresh)
             drawn = {"report": settled(page, fresh, out), "figures": settled(figures, fresh, out)}
-    say(f"records: {len(files)} files in {out}")
+    echo(f"records: {len(files)} files in {out}")
     if pictures:
-        say(f"pictures: {drawn['report']}")
+        echo(f"pictures: {drawn['report']}")
     return {"records": settled(files, fresh, out), **drawn}

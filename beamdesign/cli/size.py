@@ -8,7 +8,7 @@ import typer
 
 from beamdesign.cli.command import Figure, Result, command
 from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import progress, say, say_table
+from beamdesign.cli.output import echo, echo_table, progress
 
 if TYPE_CHECKING:
     pass
@@ -55,16 +55,16 @@ def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
         raise InputError("--tip-force-N", [(f"{tip_force_N:g}", f"{path} states its own load; change it there")])
     with progress("sizing") as update:
         found = find_sections(problem, update)
-    say(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
-    say_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
+    echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
+    echo_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
     if found.price_of_rounding_kg is not None:
-        say(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
-    say_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
+        echo(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
+    echo_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
     if found.free:
         free = found.free
-        say(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
+        echo(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
         prices = [(name, price) for name, price in free.shadow_prices.items() if price]
-        say_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
+        echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
     return found.to_dict()
 
 
@@ -77,17 +77,17 @@ def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
     prototype = read_prototype(path)
     force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
     pair = check_prototype(prototype, force, str(path))
-    say(
+    echo(
         f"{prototype.name}: sections checked for a tip force of {force:g} N "
         f"({'default' if tip_force_N is None else '--tip-force-N'}), with default safety factors "
         f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
         f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
         "a prototype states none of these"
     )
-    say_checks("checks", map(check_fields, pair.checks))
-    say(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
+    echo_checks("checks", map(check_fields, pair.checks))
+    echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
     if not pair.feasible:
-        say(f"fails: {'; '.join(check.name for check in pair.failing)}")
+        echo(f"fails: {'; '.join(check.name for check in pair.failing)}")
     assumed = {
         "load": {"tip_force_N": force},
         "clearance": Clearance().model_dump(),
@@ -97,7 +97,7 @@ def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
     return pair.to_dict() | {"governing": pair.governing, "feasible": pair.feasible, "assumed": assumed}
 
 
-def say_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
+def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
     """Print structural checks, given as the fields that the task `size` keeps of them."""
     rows = [
         (
@@ -111,4 +111,4 @@ def say_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
         )
         for check in checks
     ]
-    say_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)
+    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
-from beamdesign.cli.output import RangeOption, default_folder, progress, say, say_table
+from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
 
 
 @command
@@ -43,11 +43,11 @@ def spec(
         paths = write_specification(found, folder)
     answer = Result(found.to_dict() | {"files": paths}, not found.reason)
     if found.reason:
-        say(f"{record.name}: {found.reason}")
+        echo(f"{record.name}: {found.reason}")
         return answer
-    say_table(f"{record.name}: specification", ("figure", "value", "basis"), found.rows())
+    echo_table(f"{record.name}: specification", ("figure", "value", "basis"), found.rows())
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
-        say("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
+        echo("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
     for path in paths.values():
-        say(str(path))
+        echo(str(path))
     return answer

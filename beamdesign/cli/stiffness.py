@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import Figure, Result, by_stage, command, figures_of, mass_range, out_folder, toml_file
-from beamdesign.cli.output import RangeOption, progress, say, say_table
+from beamdesign.cli.output import RangeOption, echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -129,7 +129,7 @@ def give_stiffness(
     with progress("end stiffness") as update:
         found = design(record, end_stiffness, masses, wall, need, servo, rigs, update, spread)
     if found.best is None:
-        say(found.reason)
+        echo(found.reason)
         return Result({"controller": None, "met": None, "reason": found.reason}, yes=False)
     best = found.best
     assert best.law is not None  # it was searched
@@ -143,21 +143,21 @@ def give_stiffness(
         ("stiffest, the servo alone", quantity(best.servo_N_per_m, "N/m")),
         ("for every outer end mass", mass_range_text(masses)),
     ]
-    say_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
+    echo_table(f"{record.name}: end stiffness {quantity(end_stiffness, 'N/m')}", ("figure", "value"), rows)
     if found.reason:
-        say(f"{found.reason}; the next best is given")
+        echo(f"{found.reason}; the next best is given")
     for line in in_words(best, wall):
-        say(line)
+        echo(line)
     robust: dict[str, Any] = {}
     if spread is not None:
         robust = {"robust": {"sigmas": spread.sigmas, "shape": spread.shape, "drawn": rigs, "met": rigs}}
-        say(
+        echo(
             f"Sampled: {rigs} rigs drawn evenly from within {spread.sigmas:g} standard deviations ({spread.shape}) are"
             " in contact as is asked, each decided in exact arithmetic; the rigs between are not."
         )
     others = drawn_rigs(done.prototype, masses, wall, RIGS)
     if others:
-        say(drawn_in_words(others))
+        echo(drawn_in_words(others))
     texts = {
         "prototype": ("prototype.toml", to_toml(done.prototype)),
         "certificate": (CERTIFICATE_NAME, done.certificate.text),
@@ -165,7 +165,7 @@ def give_stiffness(
     }
     paths = {} if out is None else write_set(out, texts)
     for kind, path in paths.items():
-        say(f"{kind}: {path}")
+        echo(f"{kind}: {path}")
     fields = _fields(best, wall) | picked(found, "met reason")
     return Result(fields | {"drawn": others, **robust, **paths})
 
@@ -185,13 +185,13 @@ def _judged(
     except ValueError as error:
         raise InputError(source, [("controller", str(error))]) from error
     rows = [*_kept(found), ("for every outer end mass", mass_range_text(masses))]
-    say_table(f"{record.name}: its end, with the controller as it is", ("figure", "value"), rows)
+    echo_table(f"{record.name}: its end, with the controller as it is", ("figure", "value"), rows)
     for line in in_words(found, wall):
-        say(line)
+        echo(line)
     paths: dict[str, Path] = {}
     if out is not None:
         paths = write_set(out, {"certificate_contact": (CONTACT_NAME, contact_text(record, found, masses, wall))})
-        say(f"certificate_contact: {paths['certificate_contact']}")
+        echo(f"certificate_contact: {paths['certificate_contact']}")
     met = next((one for one in CONTACTS.values() if found.meets(one)), None)
     return _fields(found, wall) | {"met": met, "reason": "", **paths}, found.meets(need)
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import Result, command, out_folder, resumed
-from beamdesign.cli.output import progress, say, say_table, say_wide
-from beamdesign.cli.size import say_checks
+from beamdesign.cli.output import echo, echo_table, echo_wide, progress
+from beamdesign.cli.size import echo_checks
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -67,9 +67,9 @@ def run(
     ):
         found = run_sweep(laid, folder, compute, update, again, draw)
     unsound = unsound_words(found.unsound, "computed again")
-    _say_run(found, laid)
+    _echo_run(found, laid)
     for line in (*unsound, *in_words(found.conclusion, laid.sweep), *map(str, found.files)):
-        say(line)
+        echo(line)
     fields = {"name": laid.sweep.name, "cases": len(found.records), "unsound": unsound}
     return Result(
         fields | picked(found, "counts computed folder tables files conclusion"), bool(found.counts.get("done"))
@@ -89,15 +89,15 @@ def _kept(folder: Path, laid: "Plan") -> str:
     return f"; {done} of {laid.budget} cases are kept in {folder}: the same command goes on from there"
 
 
-def _say_run(found: "SweepRun", laid: "Plan") -> None:
+def _echo_run(found: "SweepRun", laid: "Plan") -> None:
     counts = ", ".join(f"{count} {status}" for status, count in found.counts.items())
     kept = len(found.records) - found.computed
-    say(f"{laid.sweep.name}: {len(found.records)} cases: {counts}; {found.computed} computed, {kept} kept from before")
+    echo(f"{laid.sweep.name}: {len(found.records)} cases: {counts}; {found.computed} computed, {kept} kept from before")
     amiss = [record for record in found.records if record["status"] in ("refused", "failed")]
     rows = [(_varied(record), record["status"], record["reason"]) for record in amiss[:_SHOWN_REASONS]]
     if rows:
         more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
-        say_table(f"without a result{more}", ("case", "status", "reason"), rows)
+        echo_table(f"without a result{more}", ("case", "status", "reason"), rows)
 
 
 def _varied(record: dict[str, Any]) -> str:
@@ -125,17 +125,17 @@ def status(
     found = sweep_status(laid, out or default_folder(file))
     counts = ", ".join(f"{count} {status}" for status, count in found.counts.items()) or "none finished"
     remaining = "an unknown number" if found.remaining is None else str(found.remaining)
-    say(f"{laid.sweep.name}: {counts}; {remaining} to go")
+    echo(f"{laid.sweep.name}: {counts}; {remaining} to go")
     if found.impossible:
-        say("  every case is refused: `study run` does not begin with them")
+        echo("  every case is refused: `study run` does not begin with them")
     for line in found.unsound:
-        say(f"  {line}")
+        echo(f"  {line}")
     if found.seconds_left is not None:
-        say(f"  about {found.seconds_left:.0f} s of computing are left, divided by the number of workers")
+        echo(f"  about {found.seconds_left:.0f} s of computing are left, divided by the number of workers")
     if found.stale or found.foreign:
-        say(f"  also there: {found.stale} of another version of the code, {found.foreign} of other inputs; not used")
+        echo(f"  also there: {found.stale} of another version of the code, {found.foreign} of other inputs; not used")
     if found.reasons:
-        say_table("without a result", ("status", "reason", "cases"), found.reasons)
+        echo_table("without a result", ("status", "reason", "cases"), found.reasons)
     fields = {"name": laid.sweep.name, "folder": out or default_folder(file), **found.__dict__}
     return Result(fields, found.remaining == 0 and not found.impossible)
 
@@ -160,17 +160,17 @@ def show(
     kept = rows_of(folder)
     table, unsound = rows(kept.records), in_words(kept.unsound)
     for line in unsound:
-        say(line)
+        echo(line)
     if not table:
-        say(f"{name}: no case is finished")
+        echo(f"{name}: no case is finished")
         return Result({"name": name, "columns": [], "rows": [], "unsound": unsound}, yes=False)
     names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
     table = ordered(table, sort)
     shown = [[row[column] for column in names] for row in table[:first]]
-    out = say_wide(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown, columns is not None)
+    out = echo_wide(f"{name}: {min(first, len(table))} of {len(table)} rows", names, shown, columns is not None)
     hidden = [column for column in table[0] if column not in names or column in out]
     if columns is None and hidden:
-        say(f"also there: {', '.join(hidden)}")
+        echo(f"also there: {', '.join(hidden)}")
     return Result({"name": name, "columns": list(table[0]), "rows": table, "unsound": unsound})
 
 
@@ -190,18 +190,18 @@ def diff(
 
     found = difference(first, second)
     for line in found.unsound:
-        say(line)
+        echo(line)
     if found.same:
-        say(f"no difference in {len(found.cases)} cases{_code(found.code_changed)}")
+        echo(f"no difference in {len(found.cases)} cases{_code(found.code_changed)}")
     else:
-        say(f"{len(found.changed)} of {len(found.cases)} common cases have other results{_code(found.code_changed)}")
+        echo(f"{len(found.changed)} of {len(found.cases)} common cases have other results{_code(found.code_changed)}")
         if found.inputs:
             rows = [(key, _shown(before), _shown(after)) for key, (before, after) in found.inputs.items()]
-            say_wide("inputs that changed in every case", ("key", first.name, second.name), rows)
-        _say_cases(found, first, second)
+            echo_wide("inputs that changed in every case", ("key", first.name, second.name), rows)
+        _echo_cases(found, first, second)
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
-                say(f"only in {name}: {len(only)} cases, such as {_varied_keys(only[0])}")
+                echo(f"only in {name}: {len(only)} cases, such as {_varied_keys(only[0])}")
     return Result({**found.__dict__, "same": found.same}, found.same)
 
 
@@ -209,7 +209,7 @@ def _code(changed: bool) -> str:
     return "; another version of the code computed the second" if changed else ""
 
 
-def _say_cases(found: Any, first: Path, second: Path) -> None:
+def _echo_cases(found: Any, first: Path, second: Path) -> None:
     from beamdesign.sweep.store import relative
 
     rows = []
@@ -228,7 +228,7 @@ def _say_cases(found: Any, first: Path, second: Path) -> None:
             )
     if rows:
         more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
-        say_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
+        echo_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
 
 
 def _varied_keys(varied: dict[str, Any]) -> str:
@@ -259,27 +259,27 @@ def why(
     found = governing(case_of(case))
     record, details = found.record, found.record["details"]
     varied = ", ".join(f"{key} = {value}" for key, value in record["varied"].items()) or "base"
-    say(f"{record['task']} of {varied}: {record['status']}{': ' + record['reason'] if record['reason'] else ''}")
+    echo(f"{record['task']} of {varied}: {record['status']}{': ' + record['reason'] if record['reason'] else ''}")
     if found.checks:
-        say_checks("structural checks, the most used first", found.checks)
-        say(f"binding: {'; '.join(found.binding) or 'none'}")
+        echo_checks("structural checks, the most used first", found.checks)
+        echo(f"binding: {'; '.join(found.binding) or 'none'}")
     if found.requirements:
-        say(f"active at the lightest free sizes: {'; '.join(found.requirements)}")
+        echo(f"active at the lightest free sizes: {'; '.join(found.requirements)}")
     for sentence in price_words(found.shadow_prices) if found.shadow_prices else ():
-        say(f"  {sentence}")
+        echo(f"  {sentence}")
     for item in found.relaxations:
-        say(f"  enough alone: {item['key']} from {item['asked']:g} to {item['enough']:.6g}")
+        echo(f"  enough alone: {item['key']} from {item['asked']:g} to {item['enough']:.6g}")
     for name in ("scope", "failures", "attempts"):
         for line in details.get(name, ()):
-            say(f"  {line}")
+            echo(f"  {line}")
     for claim in details.get("claims", ()):
-        say(f"  {'proved' if claim['holds'] else 'REFUTED'}: {claim['claim']} {claim['reason']}".rstrip())
+        echo(f"  {'proved' if claim['holds'] else 'REFUTED'}: {claim['claim']} {claim['reason']}".rstrip())
     if "traceback" in details:
-        say(details["traceback"].rstrip())
+        echo(details["traceback"].rstrip())
     if not details:
-        say("  the task keeps no more than its outputs:")
+        echo("  the task keeps no more than its outputs:")
         for name, value in record["outputs"].items():
-            say(f"  {name}: {value}")
+            echo(f"  {name}: {value}")
     return Result({**found.__dict__, "outputs": record["outputs"]}, record["status"] == "done")
 
 

@@ -8,7 +8,7 @@ import typer
 
 from beamdesign.cli.certify import write_certificate
 from beamdesign.cli.command import Figure, Result, command, mass_range, of_all, out_folder, toml_file
-from beamdesign.cli.output import RangeOption, progress, say, say_table
+from beamdesign.cli.output import RangeOption, echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -126,7 +126,7 @@ def tune(
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
         found = tuning.tune(*asked)
     if found.reason:
-        say(found.reason)
+        echo(found.reason)
         nothing = dict.fromkeys(("controller", "inner_end_mass_kg", "guaranteed"))
         return Result(nothing | {"reason": found.reason}, yes=False)
     guaranteed, each = certified_laws(found)
@@ -141,22 +141,22 @@ def tune(
         if record.effects:
             verdict = between(guaranteed, *masses)
             if words := in_words(verdict):
-                say(f"  {words}")
+                echo(f"  {words}")
             if verdict is not None and verdict.certificate:
                 texts["certificate_between"] = ("certificate.between.toml", verdict.certificate)
     answer = of_all(guaranteed, answers) | {"controller": guaranteed.controller and guaranteed.controller.model_dump()}
     if (changes := found.switching) is not None:
         lines = describe(changes)
         for line in (*lines, *(["changes are proved of the nominal rig alone"] if spread is not None else [])):
-            say(f"  {line}")
+            echo(f"  {line}")
         summary = "\n".join((f"{record.name}: changes between {len(found.laws)} stages", *lines))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(guaranteed, changes, summary))
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
     elif found.laws:
-        say("  changes between the laws are not covered by any proof: the prototype has effects")
+        echo("  changes between the laws are not covered by any proof: the prototype has effects")
     paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
     for name, path in paths.items():
-        say(f"{name}: {path}")
+        echo(f"{name}: {path}")
     return Result(answer | paths, changes is None or bool(changes.stable))
 
 
@@ -174,10 +174,10 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         *_kept(goal),
         ("for every outer end mass", mass_range_text(masses)),
     ]
-    say_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
-    say(f"proved in exact arithmetic; {law.certificates} stability certificates on the way")
+    echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
+    echo(f"proved in exact arithmetic; {law.certificates} stability certificates on the way")
     for line in certificate.scope:
-        say(f"  {line}")
+        echo(f"  {line}")
     return {
         "controller": best.controller.model_dump(),
         "inner_end_mass_kg": best.inner_end_mass_kg,
@@ -243,7 +243,7 @@ def with_stated_tolerances(record: "Prototype") -> "Prototype":
 
     found, cautions = with_tolerances(record)
     for caution in cautions:
-        say(caution.text)
+        echo(caution.text)
     return found
 
 
@@ -269,10 +269,10 @@ def told_of_rigs(
         raise AssertionError(f"a rig that was proved is refuted: {refuted[0]}")
     for k, certificate in enumerate(certificates, start=1):
         texts[f"certificate_rig_{k}{end.replace('.', '_')}"] = (f"certificate{end}.rig-{k}.toml", certificate.text)
-    _say_rigs(spread, factors)
-    say(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
+    _echo_rigs(spread, factors)
+    echo(f"proved: these {len(certificates)} rigs and the nominal one, each for every outer end mass")
     draws = draw_rigs(spread, best, masses, DRAWS)
-    say(
+    echo(
         f"sampled: {reach_in_words(spread)}; of {draws.count} rigs drawn from the tolerances {draws.bandwidth_kept}"
         f" keep the bandwidth (at least {100 * draws.least_share:.0f} % of all, at {100 * CONFIDENCE:.0f} %"
         f" confidence), {draws.kept} every limit; the draws are decided in exact arithmetic, the rigs between are not"
@@ -286,11 +286,11 @@ def told_of_rigs(
     }
 
 
-def _say_rigs(spread: "RigSpread", factors: Sequence[dict[str, float]]) -> None:
+def _echo_rigs(spread: "RigSpread", factors: Sequence[dict[str, float]]) -> None:
     """What the figures of each rig are off by."""
     names = [name for name in spread.deviations if any(one.get(name, 1.0) != 1.0 for one in factors)]
     rows = [(name, *(f"{100 * (one.get(name, 1.0) - 1):+.1f}" for one in factors)) for name in names]
-    say_table("worst rigs: figures off by, %", ("figure", *(str(k + 1) for k in range(len(factors)))), rows)
+    echo_table("worst rigs: figures off by, %", ("figure", *(str(k + 1) for k in range(len(factors)))), rows)
 
 
 def certified_rigs(
@@ -312,7 +312,7 @@ def certified_rigs(
     spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)
     worst = worst_of(spread, masses)
     factors = list(map(spread.factors, worst))
-    _say_rigs(spread, factors)
+    _echo_rigs(spread, factors)
     every, rows = True, []
     for k, rig in enumerate(map(spread.rig, worst), start=1):
         certificate = certify(rig, *masses, asked)
@@ -328,8 +328,8 @@ def certified_rigs(
                 certificate.reason,
             )
         )
-    say_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
-    say(f"{reach_in_words(spread)}; the rigs between are not proved")
+    echo_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
+    echo(f"{reach_in_words(spread)}; the rigs between are not proved")
     return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": factors, "holds": every}}
 
 
