@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from beamdesign.problem import DesignProblem, read_problem
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
-from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks, stock_optimum
+from beamdesign.synthesis.checks import REQUIREMENTS, beam_mass, check_sections, checks
 from beamdesign.synthesis.free_search import (
     Conditions,
     free_optimum,
@@ -22,6 +22,7 @@ from beamdesign.synthesis.free_search import (
     start_variables,
 )
 from beamdesign.synthesis.sizing import size
+from beamdesign.synthesis.stock_search import stock_optimum
 
 PUBLISHED = SquareTube(0.140, 0.0023), SquareTube(0.100, 0.0032)
 

@@ -1,15 +1,7 @@
-"""Sizing: the lightest pair of square tubes that carries the load and keeps its clearance, and what that costs.
+"""Sizing: the lightest pair of square tubes that carries the load and keeps its clearance, and what that costs."""
 
-Where no pair of tubes fits, which requirement to relax: each alone, as little as possible.
-"""
-
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor, log10
 from typing import Any, Literal
-
-import casadi as ca
-import numpy as np
 
 from beamdesign.json_text import finite, picked
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
@@ -20,183 +12,16 @@ from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.checks import (
-    REQUIREMENTS,
     Check,
     CheckedPair,
-    Requirements,
-    StockOptimum,
     check_sections,
-    feasible_pairs,
-    lightest,
-    nearest_pair,
-    requirements,
-    stock_optimum,
 )
 from beamdesign.synthesis.free_search import (
-    FEASIBLE,
-    SIZE_UNITS,
-    Conditions,
-    Elastic,
     FreeOptimum,
-    Program,
     free_optimum,
-    sizing_program,
-    solve,
-    solver,
-    start_points,
-    start_variables,
-    tubes,
 )
-
-_DIGITS = 4
-
-
-@dataclass(frozen=True)
-class Relaxation:
-    """A change of one requirement that is enough, all others staying as they are.
-
-    Attributes:
-        key: where the requirement stands in a study file.
-        asked: its figure there.
-        enough: a figure with which tubes were found, rounded to the easier side.
-        outer: outer tube that does then.
-        inner: inner tube that does then.
-    """
-
-    key: str
-    asked: float
-    enough: float
-    outer: SquareTube
-    inner: SquareTube
-
-    def __str__(self) -> str:
-        """In words, as in "load.tip_force_N from 2000 to 1500"."""
-        return f"{self.key} from {self.asked:g} to {self.enough:g}"
-
-    @property
-    def share(self) -> float:
-        """Size of the change relative to what was asked."""
-        return abs(self.enough - self.asked) / self.asked
-
-
-def _eased(asked: Requirements, name: str, share: float) -> float:
-    """The figure of a requirement at a share, 0 to 1, of the way to its easiest."""
-    figure = float(getattr(asked, name))
-    return figure + share * (REQUIREMENTS[name].easiest - figure)
-
-
-def _rounded(figure: float, easiest: float) -> float:
-    """Round to a few digits in the direction of the easiest figure, and not beyond it."""
-    if figure == 0 or figure == easiest:
-        return easiest
-    step = 10.0 ** (floor(log10(abs(figure))) - _DIGITS + 1)
-    steps = figure / step
-    # Steps are counted from rounded text, so that 1500 stays 1500 and does not become 1500.0000000000002.
-    whole = ceil(steps - 1e-9) if easiest > figure else floor(steps + 1e-9)
-    value = float(f"{whole * step:.{_DIGITS}g}")
-    return min(value, easiest) if easiest > figure else max(value, easiest)
-
-
-def _relaxable(asked: Requirements) -> list[str]:
-    """Names of those that can be eased."""
-    figures = zip(REQUIREMENTS.items(), asked, strict=True)
-    return [name for (name, one), figure in figures if figure is not None and float(figure) != one.easiest]
-
-
-def _confirmed(
-    problem: DesignProblem, name: str, enough: float, pair: tuple[SquareTube, SquareTube]
-) -> Relaxation | None:
-    """The relaxation, if the pair really passes with the rounded figure."""
-    asked = requirements(problem)
-    if not check_sections(problem, *pair, asked=asked._replace(**{name: enough})).feasible:
-        return None
-    return Relaxation(REQUIREMENTS[name].key, float(getattr(asked, name)), enough, *pair)
-
-
-def _in_order(found: Sequence[Relaxation | None]) -> tuple[Relaxation, ...]:
-    return tuple(sorted((item for item in found if item is not None), key=lambda item: item.share))
-
-
-def relax_free(problem: DesignProblem) -> tuple[tuple[Relaxation, ...], CheckedPair]:
-    """For tubes of free sizes: the requirements that could be eased alone, and the pair that misses least.
-
-    Each is found by IPOPT from several starts with the requirement as a further variable; the reported figure is
-    confirmed by the checks themselves. A requirement that is not listed was not found to help alone.
-
-    Returns:
-        The relaxations, the relatively smallest first; and the pair with the least sum of relative violations.
-    """
-    program = sizing_program(problem)
-    conditions = Conditions(program)
-    elastic = Elastic(problem, program, conditions)
-    points = start_points(problem)[::3]
-    nearest, _ = elastic.nearest(program.figures, points)
-    points.insert(0, nearest[:4] * SIZE_UNITS)
-    found = [
-        _ease_one(problem, program, conditions, elastic, name, points) for name in _relaxable(requirements(problem))
-    ]
-    return _in_order(found), check_sections(problem, *tubes(nearest))
-
-
-def _ease_one(
-    problem: DesignProblem,
-    program: Program,
-    conditions: Conditions,
-    elastic: Elastic,
-    name: str,
-    points: Sequence[np.ndarray],
-) -> Relaxation | None:
-    """The smallest change of one requirement that makes room, or None if none was found."""
-    place, easiest = program.names.index(name), REQUIREMENTS[name].easiest
-    figure = float(program.figures[place])
-
-    def figures(share: float) -> np.ndarray:
-        eased = program.figures.copy()
-        eased[place] = figure + share * (easiest - figure)
-        return eased
-
-    with_room, missed = elastic.nearest(figures(1.0), points)
-    if missed > FEASIBLE:
-        return None
-    share = ca.SX.sym("share")
-    eased = ca.SX(program.asked)
-    eased[place] = figure + share * (easiest - figure)
-    constraints = ca.substitute(program.constraints, program.asked, eased)
-    ready = solver(program, share, constraints, share)
-    least, best = 1.0, with_room
-    for sizes in (with_room[:4] * SIZE_UNITS, points[0]):
-        end = solve(ready, np.append(start_variables(problem, sizes), 0.5), program.figures, [(0.0, 1.0)])
-        if end[8] < least and conditions.violation(end[:8], figures(float(end[8]))) <= FEASIBLE:
-            least, best = float(end[8]), end[:8]
-    enough = _rounded(float(figures(least)[place]), easiest)
-    return _confirmed(problem, name, enough, tubes(best))
-
-
-def relax_stock(problem: DesignProblem, stock: Sequence[SquareTube]) -> tuple[tuple[Relaxation, ...], CheckedPair]:
-    """For stock tubes: the requirements that could be eased alone, each by bisection over all pairs.
-
-    More pairs pass as a requirement is eased, so that the bisection finds the least change over the whole list.
-
-    Returns:
-        The relaxations, the relatively smallest first; and the pair that misses least.
-    """
-    asked = requirements(problem)
-
-    def pairs(name: str, figure: float) -> np.ndarray:
-        return feasible_pairs(problem, stock, asked._replace(**{name: figure}))
-
-    found = []
-    for name in _relaxable(asked):
-        if not pairs(name, REQUIREMENTS[name].easiest).any():
-            continue
-        hard, easy = 0.0, 1.0
-        for _ in range(40):
-            middle = (hard + easy) / 2
-            hard, easy = (hard, middle) if pairs(name, _eased(asked, name, middle)).any() else (middle, easy)
-        enough = _rounded(_eased(asked, name, easy), REQUIREMENTS[name].easiest)
-        found.append(_confirmed(problem, name, enough, lightest(problem, stock, pairs(name, enough))))
-    return _in_order(found), nearest_pair(problem, stock)
-
+from beamdesign.synthesis.relaxation import Relaxation, relax_free, relax_stock
+from beamdesign.synthesis.stock_search import StockOptimum, stock_optimum
 
 _GEOMETRY = ("width_m", "wall_m", "length_m", "free_length_m", "material")
 

@@ -52,6 +52,8 @@ SMALLEST_BANDWIDTH_HZ = 1e-3
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
 
+_NO_START = "a {} controller is tuned from one of its kind with a stable loop, and the prototype has none"
+
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Result):
@@ -178,19 +180,19 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     if any(_varies_on_the_mount(member) for member in members):
         raise InputError(prototype.name, gain_and_mass(prototype, masses_kg[1]))
     given = (members, prototype.goal, masses_kg, asked.inner_kg)
-    opened = own.form() if own is not None and own.sought["kind"] == kind else None
+    start = own.form() if own is not None and own.sought["kind"] == kind else None
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*given, asked.sensors, spread, effort)
-        alone = asked.near and opened is not None and opened[0].sensors == task.sensors and task.settled(*opened, inner)
+        alone = asked.near and start is not None and start[0].sensors == task.sensors and task.settled(*start, inner)
         heard = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
         found = search_observer(task, None if alone else kind, heard, report)
     else:
-        task = Search(*given, opened[0].sensors if opened else SENSED[:1], spread)
+        task = Search(*given, start[0].sensors if start else SENSED[:1], spread)
         starts, growths, alone = from_seeds(task, KINDS[kind]), asked.sections if KINDS[kind].grows else 0, False
-        if opened is not None and (asked.near or not starts) and task.settled(*opened, inner):
+        if start is not None and (asked.near or not starts) and task.settled(*start, inner):
             alone = growths > 0
-            starts, growths = [(opened[0], np.append(opened[1], inner)), *([] if growths else starts)], 0
+            starts, growths = [(start[0], np.append(start[1], inner)), *([] if growths else starts)], 0
         found = search(task, starts, growths, report) if starts else Found(None, (), 0, _NO_START.format(kind))
     best = found.proved
     if best is None and alone:
@@ -200,9 +202,6 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
     built = tuned(prototype, best, masses_kg)
     return Tuning(built, masses_kg, best, found.sampled, found.certificates, worst=found.worst)
-
-
-_NO_START = "a {} controller is tuned from one of its kind with a stable loop, and the prototype has none"
 
 
 def _varies_on_the_mount(member: VertexModel) -> bool:
