@@ -87,7 +87,7 @@ def tune(
     peak sensitivity and compliance are proved for every mass of the range, in exact arithmetic, and for all linear
     members of a prototype with effects. A structured controller is a lag with second-order sections, within limits of
     loop gain and current that its valve sets; lqg and hinf are state feedback with an observer, synthesised by Riccati
-    equations, reduced to order 8 and polished within the same limits, as is the prototype's own
+    equations, reduced to order 8 and refined within the same limits, as is the prototype's own
     controller where it is structured or an observer. A scheduled one has a law for each part of the payloads, chosen by
     an estimate of the payload and stable whichever acts when: lags, or structured ones where the prototype's own
     controller is. With --robust the same is proved of the worst rigs that the tolerances allow, one by one. Exit

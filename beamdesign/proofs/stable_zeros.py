@@ -60,9 +60,9 @@ def stable_zeros(
     plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg)
     lag = Lag(gain_A_per_V=gain_A_per_V, pole_Hz=pole_Hz, zero_Hz=1.0)
     pole = fmpq_poly([1, 1 / exact(2 * pi * lag.pole_Hz)])
-    opened = plant.denominator * pole
-    returned = plant.control[0].constant * exact(lag.gain_A_per_V)
-    p0, p1, p2 = opened.constant + returned, opened.slope, returned * fmpq_poly([0, 1])
+    denominator = plant.denominator * pole
+    numerator = plant.control[0].constant * exact(lag.gain_A_per_V)
+    p0, p1, p2 = denominator.constant + numerator, denominator.slope, numerator * fmpq_poly([0, 1])
     low, high = (exact(mass) for mass in outer_end_mass_kg)
     ends = tuple(1 / exact(2 * pi * frequency) for frequency in (LARGEST_HZ, LEAST_HZ))
     edges: list[tuple[fmpq, fmpq]] = [(ends[0], ends[0])]

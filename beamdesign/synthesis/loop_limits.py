@@ -165,18 +165,18 @@ def slack_of(
         crossed: likewise.
     """
     above, below = law
-    opened = product(plant, below)
-    returned = _sum(*map(product, above, control))
+    denominator = product(plant, below)
+    numerator = _sum(*map(product, above, control))
     match kind:
         case "loop_gain":
-            return _log_size(opened) - _log_size(returned)
+            return _log_size(denominator) - _log_size(numerator)
         case "peak_sensitivity":
-            over = _log_size(opened)
+            over = _log_size(denominator)
         case "compliance":
             over = _log_size(_sum(product(disturbance, below), *map(product, above, crossed)))
         case _:
             over = _log_size(plant) + _log_size(above[0])
-    return _log_size(_sum(opened, returned)) - over
+    return _log_size(_sum(denominator, numerator)) - over
 
 
 @cache

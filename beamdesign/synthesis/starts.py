@@ -79,14 +79,14 @@ def best_gain(
     frequency = points.frequency_Hz[: len(points.frequency_Hz) // rows]
     own = form.responses(np.log([1.0, *shape]), 2j * pi * points.frequency_Hz)[0]
     _, control, disturbance, crossed = points.at(inner_end_mass)
-    per_gain, opened = (own * control[0]).reshape(rows, -1), np.abs(disturbance).reshape(rows, -1)
+    per_gain, open_compliance = (own * control[0]).reshape(rows, -1), np.abs(disturbance).reshape(rows, -1)
     per_gain_crossed = (own * crossed[0] / disturbance).reshape(rows, -1)  # by what share a unit of gain changes that
     best = Candidate(0.0, 0.0, tuple(shape), inner_end_mass)
     for gain in feasible_gain_ends(per_gain, peak_sensitivity):
-        returned = 1 + gain * per_gain
-        if only_stable and (np.abs(np.unwrap(np.angle(returned), axis=1)[:, -1]) > pi).any():
+        return_difference = 1 + gain * per_gain
+        if only_stable and (np.abs(np.unwrap(np.angle(return_difference), axis=1)[:, -1]) > pi).any():
             continue
-        worst = (opened * np.abs(1 + gain * per_gain_crossed) / np.abs(returned)).max(axis=0)
+        worst = (open_compliance * np.abs(1 + gain * per_gain_crossed) / np.abs(return_difference)).max(axis=0)
         bandwidth = sampled_bandwidth(frequency, worst, compliance)
         if bandwidth > best.bandwidth_Hz:
             best = Candidate(bandwidth, float(gain), tuple(shape), inner_end_mass)

@@ -204,15 +204,15 @@ def search_observer(task: Search, kind: str | None, starts: Sequence[Given] = ()
     if kind:
         laws += [(one.law, one.inner_end_mass) for one in _proposals(task, kind, report)[: task.effort.synthesised]]
     worth = _worth(task.points)
-    opened = [
+    proposed = [
         (form[0], np.append(form[1], inner))
         for law, inner in laws
         if len(law.a) <= 2 * task.effort.blocks
         and (form := block_form(task.sensors, law.a, law.b, law.c, law.d, task.effort.blocks, worth)) is not None
     ]
-    if not opened:
+    if not proposed:
         return Found(None, (), 0, "no weights led to a stable controller with a stable loop")
-    return search(task, opened, report=lambda share, text: report(0.4 + 0.6 * share, text))
+    return search(task, proposed, report=lambda share, text: report(0.4 + 0.6 * share, text))
 
 
 def _proposals(task: Search, kind: str, report: Progress) -> list[Proposal]:

@@ -130,13 +130,13 @@ def phase_crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Iterator[tup
     response = np.linalg.solve(resolvents, np.tile(b[:, None], (len(near), 1, 1)))[..., 0] @ c
     seen: list[float] = []
     for k in np.argsort(-response.real):  # the gain at which it crosses is 1 / Re G
-        crossing = _polished(a, b, c, float(near[k])) if response[k].real > 0 else None
+        crossing = _refined(a, b, c, float(near[k])) if response[k].real > 0 else None
         if crossing is not None and all(abs(crossing[1] / w - 1) > 1e-9 for w in seen):
             seen.append(crossing[1])
             yield crossing
 
 
-def _polished(a: np.ndarray, b: np.ndarray, c: np.ndarray, w: float) -> tuple[float, float] | None:
+def _refined(a: np.ndarray, b: np.ndarray, c: np.ndarray, w: float) -> tuple[float, float] | None:
     """Newton's method on Im G(jw); None where it does not settle nearby on a positive gain."""
     start, eye = w, np.eye(len(a))
     for _ in range(_MOST_STEPS):
