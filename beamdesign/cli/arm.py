@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Figure, Result, RigArgument, by_stage, command, figures_of, mass_range, out_folder
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    RigArgument,
+    by_stage,
+    command,
+    figures_of,
+    mass_range,
+    out_folder,
+)
 from beamdesign.cli.output import RangeOption, echo, echo_table, write_csv
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
@@ -48,7 +57,7 @@ def arm(
         float | None, Figure("Error that twist may leave; says which tube keeps it.", "Millimetres")
     ] = None,
     out: Annotated[Path | None, out_folder("Folder for certificates, tables, picture and prototype.")] = None,
-) -> Result:
+) -> CommandResult:
     """Work out the link as an arm.
 
     One compensator upwards (z), one sideways (y), and torsion of the outer beam under a payload that stands off its

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from beamdesign.cli.command import Result, command
+from beamdesign.cli.command import CommandResult, command
 from beamdesign.cli.completion import templates, words
 from beamdesign.cli.output import echo, echo_table, path_to_write
 
@@ -24,7 +24,7 @@ def new(
         ),
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
-) -> Result:
+) -> CommandResult:
     """Start a study, a rig or a data set from a template.
 
     The file is commented, runs as it stands, and the command to run it with is printed. Nothing that exists is
@@ -40,7 +40,7 @@ def new(
         rows = [(name, each.purpose) for name, each in TEMPLATES.items()]
         echo_table("templates", ("name", "what it starts"), rows)
         echo("beamdesign new NAME --out FILE")
-        return Result({"templates": [{"name": name, "purpose": purpose} for name, purpose in rows]})
+        return CommandResult({"templates": [{"name": name, "purpose": purpose} for name, purpose in rows]})
     if template not in TEMPLATES:
         close = difflib.get_close_matches(template, TEMPLATES, n=1)
         hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(TEMPLATES)}"
@@ -53,7 +53,7 @@ def new(
     echo(f"next:    {following[0]}")
     for step in following[1:]:
         echo(f"         {step}")
-    return Result({"template": template, "files": paths, "next": following})
+    return CommandResult({"template": template, "files": paths, "next": following})
 
 
 @command
@@ -67,7 +67,7 @@ def explain(
         ),
     ] = None,
     reference: Annotated[bool, typer.Option("--reference", help="Print all keys as Markdown.")] = False,
-) -> Result:
+) -> CommandResult:
     """Explain a key, a table or an effect of any file, or a topic.
 
     Meaning, unit, bounds, default, and the files it may stand in, from the records that the files are read as. Of a
@@ -86,7 +86,7 @@ def explain(
             echo(told.reference_markdown())
         else:
             _list()
-        return Result(everything | {"topics": topics()})
+        return CommandResult(everything | {"topics": topics()})
     if reference:
         raise InputError("explain", [("--reference", "prints all keys; leave KEY away")])
     wanted = key.strip("[]")
@@ -107,7 +107,7 @@ def explain(
     if text is not None:
         echo(f"\n{text}".rstrip() if some else text.rstrip())
     found = {"keys": [asdict(each) for each in some], "effects": [asdict(e) for e in every if e], "page": text}
-    return Result({"key": key} | found)
+    return CommandResult({"key": key} | found)
 
 
 def _list() -> None:

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Figure, Result, beside, by_stage, command, mass_range, out_file, with_controller
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    beside,
+    by_stage,
+    command,
+    mass_range,
+    out_file,
+    with_controller,
+)
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import RangeOption, default_file, echo, echo_table
 from beamdesign.files import read_bytes, write_whole
@@ -59,7 +68,7 @@ def certify(
         Path | None,
         typer.Option(metavar="CERTIFICATE", help="Prove this certificate again; with PROTOTYPE, also that it is its."),
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Prove stability and performance over a payload range.
 
     For every outer end mass of the range; the proof is written down. All decisions are exact, none is sampled.
@@ -213,7 +222,7 @@ def _hertz(crossing: "Crossing") -> str:
     return f"{crossing.frequency_Hz:.6g}" if crossing.finite else "infinite"
 
 
-def _replay(path: Path, record: "Prototype | None") -> Result:
+def _replay(path: Path, record: "Prototype | None") -> CommandResult:
     """Prove a certificate again from what it states."""
     from beamdesign.checker import Unreadable, check
     from beamdesign.proofs.writer import prototype_table
@@ -226,7 +235,7 @@ def _replay(path: Path, record: "Prototype | None") -> Result:
     for words in verdict.lines():
         echo(words)
     echo(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
-    return Result(picked(verdict, "valid reasons=failed checked=proved not_checked=open about"), verdict.valid)
+    return CommandResult(picked(verdict, "valid reasons=failed checked=proved not_checked=open about"), verdict.valid)
 
 
 _TELLING = ("name", "rig", "controller", "effects", "arm")

@@ -8,8 +8,8 @@ import typer
 
 from beamdesign.cli.certify import certificate_file, write_certificate
 from beamdesign.cli.command import (
+    CommandResult,
     Figure,
-    Result,
     beside,
     by_stage,
     command,
@@ -44,7 +44,7 @@ def certify_box(
     out: Annotated[
         Path | None, out_file("File for the certificate; else STEM.box.toml in this folder.", metavar=None)
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Prove stability for all tolerances at once.
 
     Figures, end masses and a delay vary together; the proof is written down.
@@ -146,7 +146,7 @@ def certify_switching(
         Figure("Prove stability up to this rate of change; else find the largest.", "MassRate", metavar="KG_PER_S"),
     ] = None,
     out: Annotated[Path | None, out_file("File for the certificate; else STEM.stages.toml in this folder.")] = None,
-) -> Result:
+) -> CommandResult:
     """Prove stability while the payload changes in motion.
 
     That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov
@@ -181,4 +181,4 @@ def certify_switching(
         echo(f"  {line}")
     write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
     echo(f"certificate: {path}")
-    return Result(switching_fields(found) | {"certificate": path}, found.stable)
+    return CommandResult(switching_fields(found) | {"certificate": path}, found.stable)

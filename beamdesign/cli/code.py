@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
+from beamdesign.cli.command import CommandResult, Figure, RigArgument, command, mass_range, out_folder, ready_to_run
 from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def code(
     compile_here: Annotated[
         bool, typer.Option("--compile", help="Compile it with the system's C compiler and run its self-test.")
     ] = False,
-) -> Result:
+) -> CommandResult:
     """Write the controller as C99 as it is proved, an argument per reading.
 
     Sections in incremental form, coefficients and words of the length asked for, limits with anti-windup, a self-test
@@ -78,14 +78,14 @@ def code(
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
     if found.reason:
         echo(f"{record.name}: {found.reason}")
-        return Result(found.to_dict() | {"files": []}, yes=False)
+        return CommandResult(found.to_dict() | {"files": []}, yes=False)
     paths = found.write(folder)
     _echo(found)
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
         echo("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
     for path in paths:
         echo(str(path))
-    return Result(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder))
+    return CommandResult(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder))
 
 
 def _compiles(folder: Path) -> bool:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Result:
+class CommandResult:
     """What a command has found.
 
     Attributes:
@@ -50,7 +50,7 @@ class Figure(OptionInfo):
 
 
 def command(
-    work: Callable[..., Result], problems: Callable[..., Iterable[tuple[str, str]]] | None = None
+    work: Callable[..., CommandResult], problems: Callable[..., Iterable[tuple[str, str]]] | None = None
 ) -> Callable[..., None]:
     """A command from a function that says what it finds: with `--json`, checked figures, and an exit status.
 
@@ -245,7 +245,7 @@ def by_stage(
     record: "Prototype",
     masses_kg: tuple[float, float],
     work: "Callable[[InStage], tuple[dict[str, Any], bool]]",
-) -> Result:
+) -> CommandResult:
     """Do the work of a command stage by stage, and give its answer; a controller of one law is its only stage.
 
     The answer is that of the stage that governs: the first whose answer is no, else that of the least guaranteed
@@ -262,7 +262,7 @@ def by_stage(
     found = [work(stage) for stage in record.stages(masses_kg)]
     if record.schedule is not None:
         echo("each stage by itself, while the payload stays in its range; of changes: beamdesign certify-switching")
-    return Result(of_all(record, found), all(yes for _, yes in found))
+    return CommandResult(of_all(record, found), all(yes for _, yes in found))
 
 
 def of_all(record: "Prototype", found: "list[tuple[dict[str, Any], bool]]") -> dict[str, Any]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.command import (
+    CommandResult,
     Figure,
-    Result,
     StudyArgument,
     command,
     figures_of,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def run(
     study: Annotated[Path, toml_file("The study file, such as studies/prototype.toml.")],
     out: Annotated[Path, out_folder("Folder for the results; made if need be.")],
-) -> Result:
+) -> CommandResult:
     """Carry a study to a certified prototype.
 
     Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
@@ -49,7 +49,7 @@ def run(
     if result.prototype is None:
         echo(f"no design: {result.reason}")
         nothing = dict.fromkeys(("prototype", "certificate", "mass_kg", "report"))
-        return Result(nothing | {"reason": result.reason}, yes=False)
+        return CommandResult(nothing | {"reason": result.reason}, yes=False)
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
     rows = [
@@ -67,7 +67,7 @@ def run(
     echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
     for path in folder.values():
         echo(str(path))
-    return Result(
+    return CommandResult(
         {
             "prototype": folder["prototype"],
             "certificate": folder[f"certificate{end}"],
@@ -90,7 +90,7 @@ def codesign(
     out: Annotated[
         Path | None, out_folder("Folder for prototype.toml and certificate.toml; else STEM-codesign.")
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Find the lightest link that guarantees a bandwidth.
 
     Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
@@ -111,7 +111,7 @@ def codesign(
     if point is None:
         echo(found.reason)
         fields = ("prototype", "moving_mass_kg", "beam_mass_kg", "inner_end_mass_kg", "guaranteed")
-        return Result(dict.fromkeys(fields) | picked(found, "reason attempts"), yes=False)
+        return CommandResult(dict.fromkeys(fields) | picked(found, "reason attempts"), yes=False)
     certificate, guaranteed = certified(point.prototype, point.proved, masses)
     folder = out or default_folder(f"{study.stem}-codesign")
     paths = write_set(
@@ -132,7 +132,7 @@ def codesign(
     ]
     echo_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
     echo(f"prototype: {paths['prototype']}")
-    return Result(
+    return CommandResult(
         {
             **paths,
             **picked(point, "moving_mass_kg beam_mass_kg inner_end_mass_kg governing"),
@@ -172,7 +172,7 @@ def front(
     payloads_kg: Annotated[
         str | None, typer.Option("--payloads-kg", help="Upper ends of the payload range; else the study's.")
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Draw moving mass against bandwidth and payload range.
 
     Every point is a proved design; points that failed stay in the table with their reason. Exit
@@ -212,7 +212,7 @@ def front(
     )
     write_drawn(out, "front", figure, rows)
     efficient = [_front_row(design) for design in found.efficient]
-    return Result({"points": rows, "efficient": efficient}, bool(found.proved))
+    return CommandResult({"points": rows, "efficient": efficient}, bool(found.proved))
 
 
 @command
@@ -221,7 +221,7 @@ def remedies(
     out: Annotated[Path, out_folder("Folder for remedies.csv and the picture.")],
     outer_end_mass: RangeOption = None,
     added_mass_kg: Annotated[float, Figure("Most moving mass that a remedy may add.", "MassOrNone")] = 4.5,
-) -> Result:
+) -> CommandResult:
     """Compare the paper's four remedies for payload.
 
     They are a stiffer outer beam, a heavier or softer inner beam, more phase, and a lag scheduled on the
@@ -261,4 +261,4 @@ def remedies(
         [(row["remedy"], row["bandwidth_Hz"], row["added_mass_kg"], row["controllers"], row["reason"]) for row in rows],
     )
     write_drawn(out, "remedies", figure, rows)
-    return Result({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})
+    return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})

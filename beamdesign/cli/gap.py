@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Result, command, out_folder, resumed
+from beamdesign.cli.command import CommandResult, command, out_folder, resumed
 from beamdesign.cli.completion import data_sets, toml_files
 from beamdesign.cli.output import default_folder, echo, echo_table, progress
 from beamdesign.files import fresh_folder, settled
@@ -46,7 +46,7 @@ def diagnose(
         bool, typer.Option("--redesign", help="Tune and prove a controller for the diagnosed prototype as well.")
     ] = False,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that fit at the same time.")] = 2,
-) -> Result:
+) -> CommandResult:
     """Diagnose the gap between a prototype and its rig.
 
     Every cause that is known, alone and in pairs, is fitted to all records with the tolerances of the prototype. The
@@ -62,7 +62,7 @@ def diagnose(
     return _diagnose(dataset, folder, redesign, workers)
 
 
-def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Result:
+def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> CommandResult:
     from beamdesign.diagnosis.data.dataset import read_dataset
     from beamdesign.diagnosis.designer_terms import designer_terms, payload_range
     from beamdesign.diagnosis.diagnose import diagnose as engine
@@ -91,10 +91,10 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Result:
     if renewed is None:
         low, high = payload_range(data)
         echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
-    return Result(fields)
+    return CommandResult(fields)
 
 
-def _diagnose_bench(dataset: Path, folder: Path, renew: bool) -> Result:
+def _diagnose_bench(dataset: Path, folder: Path, renew: bool) -> CommandResult:
     from beamdesign.diagnosis.bench.data import read_bench_set
     from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set
     from beamdesign.records import InputError
@@ -108,7 +108,7 @@ def _diagnose_bench(dataset: Path, folder: Path, renew: bool) -> Result:
     echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     _echo_written(paths)
-    return Result(fields)
+    return CommandResult(fields)
 
 
 def _echo_written(paths: dict[str, Path]) -> None:
@@ -200,7 +200,7 @@ def predict(
     ],
     dataset: DataSet,
     out: Annotated[Path, out_folder("Folder for one CSV file per record.")],
-) -> Result:
+) -> CommandResult:
     """Predict the records of a data set from its inputs alone.
 
     Times, forces, commands, end masses and controllers are read; measured columns are not, and may be missing or not
@@ -219,7 +219,7 @@ def predict(
         f"{prototype} under the inputs of {dataset}", ("record", "samples", "peak displacement_m", ""), found.rows()
     )
     echo(f"records: {len(paths)} files in {out}")
-    return Result({"records": paths} | found.to_dict(), found.yes)
+    return CommandResult({"records": paths} | found.to_dict(), found.yes)
 
 
 @gap.command()
@@ -243,7 +243,7 @@ def blindcheck(
     score_only: Annotated[
         bool, typer.Option("--score-only", help="Diagnose no more; score the cases that are finished.")
     ] = False,
-) -> Result:
+) -> CommandResult:
     """Check the diagnosis blind.
 
     Cases are drawn from a truth model of its own: nulls, single effects, wrong figures, pairs, and effects that the
@@ -262,14 +262,14 @@ def blindcheck(
             seal = draw_and_seal(check, workers, update)
         echo(f"sealed: {len(seal.answers)} answers in {check.seal}, SHA-256 {seal.whole}")
         if draw_only:
-            return Result({"planned": len(check.cases), "seal": seal.whole})
+            return CommandResult({"planned": len(check.cases), "seal": seal.whole})
         if not score_only:
             with progress("diagnosing") as update:
                 diagnose_all(check, workers, update, rejudge)
     return _score(check, seal, score_only)
 
 
-def _score(check: "Check", seal: "Seal", unfinished: bool) -> Result:
+def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
     from beamdesign.files import write_whole
     from beamdesign.report.canvas import save
     from beamdesign.validation.blind.blindcheck import open_all
@@ -279,7 +279,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> Result:
     opened = open_all(check, unfinished)
     if not opened:
         echo("no case is finished")
-        return Result({"planned": len(check.cases), "scored": 0}, yes=False)
+        return CommandResult({"planned": len(check.cases), "scored": 0}, yes=False)
     found = [outcome(case) for case in opened]
     length = "short" if check.short else "full"
     setting = {
@@ -303,7 +303,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> Result:
     echo_result(found)
     for path in (*paths, *drawn):
         echo(str(path))
-    return Result(fields)
+    return CommandResult(fields)
 
 
 def _all(digests: Iterable[Any]) -> str:

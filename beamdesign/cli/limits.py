@@ -3,7 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from beamdesign.cli.command import Figure, Result, RigArgument, by_stage, command, out_folder, ready_to_run, write_drawn
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    RigArgument,
+    by_stage,
+    command,
+    out_folder,
+    ready_to_run,
+    write_drawn,
+)
 from beamdesign.cli.output import echo, echo_table, progress
 
 if TYPE_CHECKING:
@@ -20,7 +29,7 @@ def limits(
     ] = None,
     preload: Annotated[float, Figure("Constant force on the outer tip.", "SignedForce", metavar="N")] = 0.0,
     out: Annotated[Path | None, out_folder("Folder for the envelope as a figure.")] = None,
-) -> Result:
+) -> CommandResult:
     """State the limits of a rig and of its linear model.
 
     What the actuator can carry over frequency and which limit governs; what the sensor hides; up to what frequency and

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Result, command, out_folder
+from beamdesign.cli.command import CommandResult, command, out_folder
 from beamdesign.cli.output import echo, echo_table, progress, write_json
 from beamdesign.files import fresh_folder, settled
 
@@ -17,7 +17,7 @@ def paper(
     figure: Annotated[
         int | None, typer.Option("--figure", metavar="N", help="Draw this figure of the paper alone, 8 to 16.")
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Recompute the numbers of Zalucky and Hardt (1984).
 
     Every number and the figures 8 to 16, the paper's beside the model's; where they disagree, why. What the paper says
@@ -67,10 +67,10 @@ def paper(
     )
     _echo_checks(checks)
     echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
-    return Result(fields)
+    return CommandResult(fields)
 
 
-def _one_figure(number: int, out: Path) -> Result:
+def _one_figure(number: int, out: Path) -> CommandResult:
     from beamdesign.records import InputError
     from beamdesign.report.canvas import save
     from beamdesign.validation.paper.drawings import NUMBERED, drawn
@@ -87,7 +87,7 @@ def _one_figure(number: int, out: Path) -> Result:
     _echo_checks(drawing.checks)
     for path in files:
         echo(str(path))
-    return Result({"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
+    return CommandResult({"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
 
 
 def _echo_checks(checks: Sequence[Any]) -> None:

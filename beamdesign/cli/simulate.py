@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Result, command, out_folder, toml_file
+from beamdesign.cli.command import CommandResult, command, out_folder, toml_file
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import echo, echo_table, progress
 from beamdesign.files import fresh_folder, settled
@@ -22,7 +22,7 @@ def simulate(
         Path, out_folder("Folder for one CSV file and one picture per record, and records.html.", metavar=None)
     ],
     plots: Annotated[bool, typer.Option("--plots/--no-plots", help="Whether to draw the records.")] = True,
-) -> Result:
+) -> CommandResult:
     """Simulate time records of a prototype.
 
     A twin beam moves with its controller in the loop, an actuator bench without. A scheduled controller is sampled,
@@ -71,10 +71,10 @@ def simulate(
     tables = {record.name: (record.columns, record.samples) for record in found.records}
     files = write_folder(rig, plan, tables, pictures, out)
     each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
-    return Result({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
+    return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
 
 
-def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> Result:
+def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
     from beamdesign.plant.bench_simulation import BENCH_COLUMNS, problems_on_rig, simulate_bench
     from beamdesign.records import InputError
     from beamdesign.scenario import read_scenario
@@ -93,7 +93,7 @@ def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bo
         pictures = [PlottedRecord(name, columns, "done") for name, columns in tables.items()]
     files = write_folder(rig, plan, {name: (BENCH_COLUMNS, table) for name, table in found.items()}, pictures, out)
     # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
-    return Result({"stable": True, "effects": list(rig.effects), **files})
+    return CommandResult({"stable": True, "effects": list(rig.effects), **files})
 
 
 def _plotted(record: Any, plan: Any, rig: Any) -> Any:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Figure, Result, command
+from beamdesign.cli.command import CommandResult, Figure, command
 from beamdesign.cli.completion import toml_files
 from beamdesign.cli.output import echo, echo_table, progress
 
@@ -28,7 +28,7 @@ def size(
     tip_force_N: Annotated[
         float | None, Figure(f"Load to check a prototype for; {DEFAULT_TIP_FORCE_N:g} by default.", "Force")
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Find the lightest tubes for a study, or check a rig's.
 
     For a study, the pair of least mass that passes every structural check; for a prototype, its own sections checked.
@@ -41,7 +41,7 @@ def size(
         fields = _of_study(study, tip_force_N)
     else:
         fields = _of_prototype(study, tip_force_N)
-    return Result(fields, fields["feasible"])
+    return CommandResult(fields, fields["feasible"])
 
 
 def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:

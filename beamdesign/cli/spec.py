@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from beamdesign.cli.command import Figure, Result, RigArgument, command, mass_range, out_folder, ready_to_run
+from beamdesign.cli.command import CommandResult, Figure, RigArgument, command, mass_range, out_folder, ready_to_run
 from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
 
 
@@ -21,7 +21,7 @@ def spec(
     noise_share: Annotated[
         float, Figure("Share of the motion that the goal allows, which sensor noise may cause.", "Share")
     ] = 0.1,
-) -> Result:
+) -> CommandResult:
     """Specify what to build and how to accept it.
 
     Sections, drawing (DXF and SVG), ratings, sensor, the controller as a circuit and as code, each proved again as it
@@ -41,7 +41,7 @@ def spec(
         found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
         update(1.0, "writing")
         paths = write_specification(found, folder)
-    answer = Result(found.to_dict() | {"files": paths}, not found.reason)
+    answer = CommandResult(found.to_dict() | {"files": paths}, not found.reason)
     if found.reason:
         echo(f"{record.name}: {found.reason}")
         return answer

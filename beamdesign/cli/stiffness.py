@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Figure, Result, by_stage, command, figures_of, mass_range, out_folder, toml_file
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    by_stage,
+    command,
+    figures_of,
+    mass_range,
+    out_folder,
+    toml_file,
+)
 from beamdesign.cli.output import RangeOption, echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -70,7 +79,7 @@ def stiffness(
     out: Annotated[
         Path | None, out_folder("Folder for prototype.toml and its certificates; else none is written.")
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Give the end of the link a stiffness.
 
     From nearly none to that of the servo. The command moves by the force on the tip over the stiffness; the force is
@@ -109,7 +118,7 @@ def give_stiffness(
     rigs: int = RIGS,
     out: Path | None = None,
     spread: "RigSpread | None" = None,
-) -> Result:
+) -> CommandResult:
     """Design, prove, say and write, against every wall where none is given.
 
     The rigs that the law has to suit are drawn from the tolerances, or evenly from within a spread.
@@ -130,7 +139,7 @@ def give_stiffness(
         found = design(record, end_stiffness, masses, wall, need, servo, rigs, update, spread)
     if found.best is None:
         echo(found.reason)
-        return Result({"controller": None, "met": None, "reason": found.reason}, yes=False)
+        return CommandResult({"controller": None, "met": None, "reason": found.reason}, yes=False)
     best = found.best
     assert best.law is not None  # it was searched
     done = carried_out(record, best, masses, wall)
@@ -167,7 +176,7 @@ def give_stiffness(
     for kind, path in paths.items():
         echo(f"{kind}: {path}")
     fields = _fields(best, wall) | picked(found, "met reason")
-    return Result(fields | {"drawn": others, **robust, **paths})
+    return CommandResult(fields | {"drawn": others, **robust, **paths})
 
 
 def _judged(

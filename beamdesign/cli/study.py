@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import Result, command, out_folder, resumed
+from beamdesign.cli.command import CommandResult, command, out_folder, resumed
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress
 from beamdesign.cli.size import echo_checks
 from beamdesign.json_text import picked
@@ -40,7 +40,7 @@ def run(
         int, typer.Option(min=1, max=1_000_000, help="A case that takes longer is given up, and stays as a failed row.")
     ] = CASE_SECONDS,
     again: Annotated[bool, typer.Option("--again", help="Compute the cases again that failed.")] = False,
-) -> Result:
+) -> CommandResult:
     """Carry out a sweep.
 
     One row per case; a case that fails stays as a row with its reason. Results are kept by inputs and code, so that a
@@ -71,7 +71,7 @@ def run(
     for line in (*unsound, *in_words(found.conclusion, laid.sweep), *map(str, found.files)):
         echo(line)
     fields = {"name": laid.sweep.name, "cases": len(found.records), "unsound": unsound}
-    return Result(
+    return CommandResult(
         fields | picked(found, "counts computed folder tables files conclusion"), bool(found.counts.get("done"))
     )
 
@@ -113,7 +113,7 @@ def status(
         Path | None, typer.Option(metavar="DIR", help="Folder of the results; else NAME.study here.")
     ] = None,
     cases: Annotated[int | None, typer.Option(min=1, help="As given to `study run`.")] = None,
-) -> Result:
+) -> CommandResult:
     """Tell what of a sweep is finished.
 
     Results of other inputs or of another version of the code stay in the folder and are told as such; they are not
@@ -137,7 +137,7 @@ def status(
     if found.reasons:
         echo_table("without a result", ("status", "reason", "cases"), found.reasons)
     fields = {"name": laid.sweep.name, "folder": out or default_folder(file), **found.__dict__}
-    return Result(fields, found.remaining == 0 and not found.impossible)
+    return CommandResult(fields, found.remaining == 0 and not found.impossible)
 
 
 @command
@@ -148,7 +148,7 @@ def show(
     ] = None,
     sort: Annotated[str | None, typer.Option(help="Column to sort by; -NAME for the largest first.")] = None,
     first: Annotated[int, typer.Option(min=1, help="No more rows than so many.")] = 50,
-) -> Result:
+) -> CommandResult:
     """Show the table of a sweep.
 
     Rows are numbered as in table.csv; `beamdesign study why DIR/NUMBER` tells what governs one.
@@ -163,7 +163,7 @@ def show(
         echo(line)
     if not table:
         echo(f"{name}: no case is finished")
-        return Result({"name": name, "columns": [], "rows": [], "unsound": unsound}, yes=False)
+        return CommandResult({"name": name, "columns": [], "rows": [], "unsound": unsound}, yes=False)
     names = worth_showing(table) if columns is None else chosen(list(table[0]), columns)
     table = ordered(table, sort)
     shown = [[row[column] for column in names] for row in table[:first]]
@@ -171,7 +171,7 @@ def show(
     hidden = [column for column in table[0] if column not in names or column in out]
     if columns is None and hidden:
         echo(f"also there: {', '.join(hidden)}")
-    return Result({"name": name, "columns": list(table[0]), "rows": table, "unsound": unsound})
+    return CommandResult({"name": name, "columns": list(table[0]), "rows": table, "unsound": unsound})
 
 
 _MOST = 40
@@ -181,7 +181,7 @@ _MOST = 40
 def diff(
     first: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
     second: Annotated[Path, typer.Argument(metavar="B", help="Another, of the same or a changed sweep.")],
-) -> Result:
+) -> CommandResult:
     """Compare two result folders, case by case.
 
     Cases belong together by the values of their varied keys. Exit status 1 if anything differs.
@@ -202,7 +202,7 @@ def diff(
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
                 echo(f"only in {name}: {len(only)} cases, such as {_varied_keys(only[0])}")
-    return Result({**found.__dict__, "same": found.same}, found.same)
+    return CommandResult({**found.__dict__, "same": found.same}, found.same)
 
 
 def _code(changed: bool) -> str:
@@ -247,7 +247,7 @@ def why(
     case: Annotated[
         str, typer.Argument(metavar="CASE", help="DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.")
     ],
-) -> Result:
+) -> CommandResult:
     """Tell why a case came out as it did.
 
     The structural checks with their utilisation, what binds, the shadow prices, and for a no what to relax; of loops
@@ -280,7 +280,7 @@ def why(
         echo("  the task keeps no more than its outputs:")
         for name, value in record["outputs"].items():
             echo(f"  {name}: {value}")
-    return Result({**found.__dict__, "outputs": record["outputs"]}, record["status"] == "done")
+    return CommandResult({**found.__dict__, "outputs": record["outputs"]}, record["status"] == "done")
 
 
 study = typer.Typer(

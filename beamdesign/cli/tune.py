@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.certify import write_certificate
-from beamdesign.cli.command import Figure, Result, command, mass_range, of_all, out_folder, toml_file
+from beamdesign.cli.command import CommandResult, Figure, command, mass_range, of_all, out_folder, toml_file
 from beamdesign.cli.output import RangeOption, echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -80,7 +80,7 @@ def tune(
     out: Annotated[
         Path | None, out_folder("Folder for prototype.toml and certificate.toml; else neither is written.")
     ] = None,
-) -> Result:
+) -> CommandResult:
     """Tune for the largest bandwidth over a payload range.
 
     Gain, break frequencies and inner end mass are chosen for the largest bandwidth that can be guaranteed: stability,
@@ -128,7 +128,7 @@ def tune(
     if found.reason:
         echo(found.reason)
         nothing = dict.fromkeys(("controller", "inner_end_mass_kg", "guaranteed"))
-        return Result(nothing | {"reason": found.reason}, yes=False)
+        return CommandResult(nothing | {"reason": found.reason}, yes=False)
     guaranteed, each = certified_laws(found)
     texts = {"prototype": ("prototype.toml", to_toml(guaranteed))}
     answers = []
@@ -157,7 +157,7 @@ def tune(
     paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
     for name, path in paths.items():
         echo(f"{name}: {path}")
-    return Result(answer | paths, changes is None or bool(changes.stable))
+    return CommandResult(answer | paths, changes is None or bool(changes.stable))
 
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
@@ -199,7 +199,7 @@ def _compliant(
     masses: tuple[float, float],
     spread: "RigSpread | None",
     out: Path | None,
-) -> Result:
+) -> CommandResult:
     """The controller that gives the end a stiffness, with the inner end mass as it is."""
     from beamdesign.cli.stiffness import give_stiffness
     from beamdesign.records import InputError
