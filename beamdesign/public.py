@@ -3,9 +3,11 @@
 They take records and give records: a range of mass is a pair in kg, or None for what the prototype states.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from beamdesign.progress import Progress, silent
 
 if TYPE_CHECKING:
     from beamdesign.bench_prototype import AnyPrototype
@@ -15,8 +17,6 @@ if TYPE_CHECKING:
     from beamdesign.proofs.certificate import Asked, Certificate
     from beamdesign.prototype import Prototype
     from beamdesign.synthesis.design_run import DesignRun
-
-Progress = Callable[[float, str], None]
 
 
 def run(problem: "DesignProblem", progress: Progress | None = None) -> "DesignRun":
@@ -61,7 +61,7 @@ def spec(
     rate_Hz: float | None = None,
     load_N: float | None = None,
     noise_share: float = 0.1,
-    progress: Progress = lambda share, words: None,
+    progress: Progress = silent,
 ) -> "Specification":
     """Specify what to build and how to accept it; `write_specification` of `beamdesign.build.folder` writes it.
 
@@ -81,9 +81,7 @@ def spec(
     return specify(prototype, _range(prototype, outer_end_mass_kg), rate_Hz, load_N, noise_share, progress=progress)
 
 
-def predict(
-    prototype: "AnyPrototype | Path | str", dataset: Path | str, progress: Progress = lambda share, words: None
-) -> "Prediction":
+def predict(prototype: "AnyPrototype | Path | str", dataset: Path | str, progress: Progress = silent) -> "Prediction":
     """Predict the records of a data set from its inputs alone.
 
     Args:

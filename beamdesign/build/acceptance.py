@@ -6,7 +6,7 @@ amplitudes, forces and commands are asked for, because effects show in how these
 chosen by the diagnosis.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, pi, sqrt
 from pathlib import Path
@@ -20,6 +20,7 @@ from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.polynomial import exact
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import rig_values
@@ -94,7 +95,7 @@ def acceptance(
     prototype: Prototype,
     masses_kg: tuple[float, ...],
     tolerances: Mapping[str, float] | None = None,
-    told: Callable[[float, str], None] = lambda share, text: None,
+    told: Progress = silent,
 ) -> tuple[AcceptanceAtMass, ...]:
     """Expected measurements at some outer end masses.
 

@@ -1,6 +1,6 @@
 """The specification of a prototype: what to build, what of it is proved, and how to accept what was built."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from functools import partial
@@ -27,6 +27,7 @@ from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.build.tubes import StockChoice, stock_choices
 from beamdesign.json_text import finite
 from beamdesign.loop import loop
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certificate import Certificate, Guaranteed
 from beamdesign.proofs.certifying import certify, guaranteed_by_all
@@ -42,8 +43,6 @@ STANDARD_GRAVITY = 9.80665
 _REFERENCE_N = 100.0
 _DELAY_BUDGET = 2000
 _TRIES = 3
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ def specify(
     load_N: float | None = None,
     noise_share: float = 0.1,
     duration_s: float = DURATION_S,
-    progress: Progress = lambda share, words: None,
+    progress: Progress = silent,
 ) -> Specification:
     """Work out the specification of a prototype.
 

@@ -1,12 +1,13 @@
 """Tolerances that keep the proof of stability: each figure alone, and all of them at once."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR
 from typing import NamedTuple
 
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
 from beamdesign.plant.members import family
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import effect_spans, rig_family, rig_values
 from beamdesign.proofs.tolerance_box import Scaling, largest_scaling, tolerance_box
@@ -100,7 +101,7 @@ def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
 def tolerances(
     prototype: Prototype,
     masses_kg: tuple[float, float],
-    told: Callable[[float, str], None] = lambda share, text: None,
+    told: Progress = silent,
 ) -> Tolerances:
     """Prove tolerances of a prototype whose nominal loop is proved stable for every outer end mass of a range.
 

@@ -15,7 +15,7 @@ from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
-from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
+from beamdesign.diagnosis.fitting.search import Search, refit, search
 from beamdesign.diagnosis.gains.classes import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
@@ -23,6 +23,7 @@ from beamdesign.diagnosis.second_look import second_look
 from beamdesign.diagnosis.separability import indistinguishable
 from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.diagnosis.where.locate import locate
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 
 _SHARE = 0.25
@@ -90,7 +91,7 @@ def _masses(record: TimeRecord) -> tuple[float, float]:
 def diagnose(
     data: Dataset,
     workers: int = 2,
-    progress: Progress = lambda share, words: None,
+    progress: Progress = silent,
     kept: FitCache | None = None,
 ) -> Diagnosis[Prototype]:
     """Diagnose the gap between a prototype and its rig.

@@ -1,6 +1,6 @@
 """What a prototype would have recorded under the inputs of a data set; nothing that was measured is looked at."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
@@ -16,6 +16,7 @@ from beamdesign.diagnosis.data.inputs import without_noise
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, read_table
 from beamdesign.result import Result
@@ -189,7 +190,7 @@ def _stages(rig: Prototype, given: Inputs, believed_sensor_gain: float) -> np.nd
 def predict_set(
     prototype: AnyPrototype | str | Path,
     folder: str | Path,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = silent,
 ) -> tuple[Predicted, ...]:
     """Every record of a data set as a prototype predicts it; a bench by a bench.
 
@@ -218,7 +219,7 @@ def predict_set(
     return tuple(found)
 
 
-def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Callable[[float, str], None]) -> list[Predicted]:
+def _predict_bench(prototype: BenchPrototype, folder: Path, progress: Progress) -> list[Predicted]:
     from beamdesign.plant.bench_simulation import BENCH_COLUMNS as MADE
     from beamdesign.plant.bench_simulation import replay
 

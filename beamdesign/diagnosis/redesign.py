@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, replace
 
+from beamdesign.progress import Progress
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
-from beamdesign.synthesis import Progress
 from beamdesign.synthesis.design_run import certified_laws
 from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.stiffness_search import design

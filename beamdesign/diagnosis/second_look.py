@@ -26,10 +26,11 @@ from beamdesign.diagnosis.fitting.evidence import (
 )
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, WRONG, Hypothesis, Placement, singles, together
-from beamdesign.diagnosis.fitting.search import Progress, Search, refit, search
+from beamdesign.diagnosis.fitting.search import Search, refit, search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, starts
 from beamdesign.diagnosis.judgement import Judgement, judge
 from beamdesign.parameters import RIG_TOLERANCES
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
@@ -49,7 +50,7 @@ _STRAINED = 3.0  # tolerances by which play has to bend a figure for its being w
 
 
 def backlash_impacts(
-    data: Dataset, before: Search, progress: Progress = lambda share, words: None, beside: Fit | None = None
+    data: Dataset, before: Search, progress: Progress = silent, beside: Fit | None = None
 ) -> Search | None:
     """Fit all hypotheses to records that the model follows.
 
@@ -319,7 +320,7 @@ def second_look(
     data: Dataset,
     before: Search,
     workers: int = 1,
-    progress: Progress = lambda share, words: None,
+    progress: Progress = silent,
     kept: FitCache | None = None,
 ) -> SecondLook | None:
     """Look for play in which a joint hammers, then for causes that make the loop oscillate by itself.

@@ -13,14 +13,13 @@ from beamdesign import records
 from beamdesign.code_digest import code_digest
 from beamdesign.files import fresh_folder, refuse_irreplaceable, settled, write_whole
 from beamdesign.json_text import json_text
+from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import Case, in_words
 from beamdesign.sweep.conclusion import write_tables
 from beamdesign.sweep.methods import Plan, adapt, laid_out
 from beamdesign.sweep.sweep_file import Sweep, read_sweep, task_of
-
-Progress = Callable[[float, str], None]
 
 Draw = Callable[[Sweep, Sequence[dict[str, Any]], Mapping[str, Any], Path], list[Path]]
 """Draws the pictures of a finished sweep from its rows and its conclusion into a folder; gives the files."""
@@ -184,7 +183,7 @@ def run_sweep(
     store.addresses(folder)
     for path in (found for pattern in _SET for found in folder.glob(pattern)):
         refuse_irreplaceable(path)
-    progression = Progression(laid, folder, compute, told or (lambda share, words: None), again)
+    progression = Progression(laid, folder, compute, told or silent, again)
     try:
         if laid.sweep.study.method in ADAPTIVE:
             adapt(laid, progression.evaluate)

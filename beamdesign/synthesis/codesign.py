@@ -16,11 +16,11 @@ from beamdesign.controllers import KINDS
 from beamdesign.controllers.form import Form, form_of
 from beamdesign.plant.members import VertexModel, family
 from beamdesign.problem import DesignProblem
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import beam_figures, fixed_dashpot, hydraulic_figures
 from beamdesign.structure.section import SquareTube
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.checks import Check, beam_mass, check_sections, checks, materials
 from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
 from beamdesign.synthesis.refinement import LoopProgram, Proved, refine

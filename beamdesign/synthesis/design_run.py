@@ -4,17 +4,17 @@ Of a robust design the worst rigs have a certificate each, and rigs drawn at ran
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from beamdesign.problem import DesignProblem
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
 from beamdesign.result import Result
-from beamdesign.synthesis import silent
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.sizing import Sizing, size
@@ -57,7 +57,7 @@ class DesignRun(Result):
         return tuple(sorted((one for one in found if one is not None), key=lambda one: one.bandwidth_Hz))
 
 
-def run_design(problem: DesignProblem, progress: Callable[[float, str], None] | None = None) -> DesignRun:
+def run_design(problem: DesignProblem, progress: Progress | None = None) -> DesignRun:
     """Size, tune and certify.
 
     Args:

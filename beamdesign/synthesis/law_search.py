@@ -17,11 +17,11 @@ import numpy as np
 from beamdesign.controllers import SENSED, Controller, Sensed
 from beamdesign.controllers.form import Form
 from beamdesign.plant.members import VertexModel, family
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Claim
 from beamdesign.prototype import Goal
 from beamdesign.rational import nearest
 from beamdesign.records import InputError, Problem
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.bandwidth import NEARLY, TOUCH, WORTH, LawRefinement, coarse_search
 from beamdesign.synthesis.loop_limits import ends, loop_set
 from beamdesign.synthesis.loop_samples import (

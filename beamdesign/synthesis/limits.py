@@ -1,6 +1,5 @@
 """How far a prototype, and the linear model of it, can be trusted at one payload."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +9,7 @@ from beamdesign.json_text import finite, picked
 from beamdesign.plant.harmonic_balance import limit_cycles
 from beamdesign.plant.higher_modes import SingleModeReach, single_mode_reach
 from beamdesign.plant.linear_reach import Varied, reach, with_published_effects
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import Result
@@ -118,7 +118,7 @@ def limits(
     prototype: Prototype,
     outer_end_mass_kg: float | None = None,
     preload_N: float = 0.0,
-    progress: Callable[[float, str], None] = lambda share, words: None,
+    progress: Progress = silent,
 ) -> Limits:
     """Work out the limits of a prototype and of its linear model.
 
@@ -143,7 +143,7 @@ def limits(
     return Limits(prototype, mass, preload_N, found, sensor_reach(prototype, mass), modes, linear, cycles)
 
 
-def _linear(rig: Prototype, mass: float, progress: Callable[[float, str], None]) -> tuple[dict[str, Any], ...]:
+def _linear(rig: Prototype, mass: float, progress: Progress) -> tuple[dict[str, Any], ...]:
     real = with_published_effects(rig)
     equal = real.but(effects={name: given for name, given in real.effects.items() if name != "unequal_piston_areas"})
     asked: list[tuple[str, Varied, Prototype]] = [

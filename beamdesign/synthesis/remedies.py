@@ -17,8 +17,8 @@ from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
 from beamdesign.controllers.structured import as_lag
 from beamdesign.problem import DesignProblem
+from beamdesign.progress import Progress, silent
 from beamdesign.structure.section import SquareTube
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.codesign import (
     ROUNDED_SLACK,
     codesign_program,

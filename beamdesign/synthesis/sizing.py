@@ -5,12 +5,12 @@ from typing import Any, Literal
 
 from beamdesign.json_text import finite, picked
 from beamdesign.problem import BeamProblem, DesignProblem, Load, Sections
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Beam, Payload, Prototype
 from beamdesign.records import InputError, Problem
 from beamdesign.result import Result
 from beamdesign.structure.section import SquareTube
 from beamdesign.structure.stock import stock_tubes
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.checks import (
     Check,
     CheckedPair,

@@ -14,12 +14,12 @@ from beamdesign.loop import Loop, close_loop, tip
 from beamdesign.plant.linear import Plant
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Asked, goal_claims
 from beamdesign.proofs.contact import Wall
 from beamdesign.proofs.performance import prove
 from beamdesign.proofs.rectangle import Rectangle
 from beamdesign.prototype import Prototype
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.end_stiffness import (
     NEEDS,
     SHARE,

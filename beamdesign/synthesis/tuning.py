@@ -27,6 +27,7 @@ import numpy as np
 
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
 from beamdesign.plant.members import VertexModel, served
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
 from beamdesign.proofs.mass_family import stage_families
@@ -34,7 +35,6 @@ from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.law_search import Found, Search, from_seeds, search
 from beamdesign.synthesis.refinement import Proved
 from beamdesign.synthesis.rig_spread import RigSpread

@@ -16,8 +16,8 @@ import numpy as np
 from beamdesign.controllers import Controller, Sensed
 from beamdesign.controllers.form import block_form
 from beamdesign.plant.linear import LinearModel
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Goal
-from beamdesign.synthesis import Progress, silent
 from beamdesign.synthesis.law_search import Effort, Found, Search, sampled_masses, search
 from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, sampled_bandwidth, slacks_of
 from beamdesign.synthesis.synthesis import (

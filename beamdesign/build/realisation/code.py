@@ -1,6 +1,5 @@
 """The controller as code: realised for a rate and a word length, and proved as it is realised."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from beamdesign.build.realisation.loop import prove_any_computing_time, realised
 from beamdesign.build.realisation.realise import Realisation, full_scales_of, realise
 from beamdesign.build.realisation.verdict import Judgement, judge, worst
 from beamdesign.json_text import finite, picked
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.result import Result
@@ -108,7 +108,7 @@ def code(
     full_scale_V: float = 10.0,
     largest_current_A: float | None = None,
     any_computing_time: bool = False,
-    progress: Callable[[float, str], None] = lambda share, words: None,
+    progress: Progress = silent,
 ) -> ProvedCode:
     """Realise the controller of a prototype as C code, and prove the loop with it.
 

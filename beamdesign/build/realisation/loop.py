@@ -9,7 +9,6 @@ For a proof of every computing time, the same at every sample, Gamma(T - tau) is
 the proof over the masses is not found.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -20,6 +19,7 @@ from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.realise import Realisation, floats
 from beamdesign.build.sampled_loop import HeldPlant, SampledVerdict, held_plant, prove_sampled
 from beamdesign.polynomial import exact
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 
@@ -185,7 +185,7 @@ def prove_any_computing_time(
     loop: RealisedLoop[Any],
     low_kg: float,
     high_kg: float,
-    progress: Callable[[float, str], None] = lambda share, words: None,
+    progress: Progress = silent,
 ) -> SampledVerdict:
     """Prove stability for every outer end mass of a closed range and every computing time up to one period.
 

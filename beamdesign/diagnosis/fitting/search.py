@@ -17,6 +17,7 @@ from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
@@ -125,8 +126,6 @@ _TAKEN_APART = 2  # of the best pairs
 _HALF = 0.5  # of the evidence, that which the best single cause explains least, tells which pairs are worth fitting
 _DONE = 0.004  # of the excess misfit: a single cause that leaves no more needs no second one
 
-Progress = Callable[[float, str], None]
-
 
 @dataclass(frozen=True)
 class Search:
@@ -164,7 +163,7 @@ class Search:
 def search(
     data: Dataset,
     workers: int = 1,
-    progress: Progress = lambda share, words: None,
+    progress: Progress = silent,
     kept: FitCache | None = None,
     synchronised: bool = False,
     worth: float = np.inf,

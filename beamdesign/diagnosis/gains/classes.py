@@ -15,13 +15,13 @@ from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Verdict, W
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
-from beamdesign.diagnosis.fitting.search import Progress
 from beamdesign.diagnosis.gains.next_gain import another_size, next_experiment
 from beamdesign.diagnosis.gains.search import Figure, figures_of, log_posterior, search_few
 from beamdesign.diagnosis.gains.shares import CommonFactor, GainShares, common_factor, gain_shares
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
 from beamdesign.diagnosis.updated_prototype import updated_prototype
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 
@@ -68,9 +68,7 @@ class GainDiagnosis(Diagnosis[Prototype]):
         return found
 
 
-def explain_gains(
-    data: Dataset, progress: Progress = lambda share, words: None, among: Sequence[str] = ()
-) -> GainDiagnosis:
+def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[str] = ()) -> GainDiagnosis:
     """Diagnose from critical gains and frequency responses.
 
     Nulls first (tolerances alone, one common factor), then every cause, then pairs, weighed by Laplace's marginal

@@ -10,8 +10,9 @@ from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, singles
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
-from beamdesign.diagnosis.fitting.search import Progress, Search
+from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.fitting.starts import fit_from_starts
+from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 
 Figure = GainEvidence | ResponseEvidence
@@ -32,7 +33,7 @@ def figures_of(data: Dataset) -> tuple[Figure, ...]:
 def search_few(
     evidence: Sequence[Figure],
     prototype: Prototype,
-    progress: Progress = lambda share, words: None,
+    progress: Progress = silent,
     among: Sequence[str] = (),
 ) -> tuple[Search, tuple[str, ...]]:
     """Fit tolerances alone, every cause, and pairs of which one is an effect.

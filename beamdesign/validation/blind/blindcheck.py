@@ -19,12 +19,12 @@ import numpy as np
 
 from beamdesign.code_digest import code_digest
 from beamdesign.files import write_whole
+from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError
 from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, plan
 from beamdesign.validation.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
 from beamdesign.validation.blind.seal import Seal, broken, folder_digest, read_seal, sealed, write_seal
 
-Progress = Callable[[float, str], None]
 _DRAWN_BY = "beamdesign.validation.blind.case_plan"
 
 
@@ -116,7 +116,7 @@ def begin_check(folder: Path, count: int, seed: int, short: bool, cases: Sequenc
     return Check(folder, planned, short, seed)
 
 
-def draw_and_seal(check: Check, workers: int = 2, progress: Progress = lambda share, words: None) -> Seal:
+def draw_and_seal(check: Check, workers: int = 2, progress: Progress = silent) -> Seal:
     """Draw all cases and seal their answers, unless that has been done.
 
     Raises:
@@ -139,9 +139,7 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = lambda sh
     return seal
 
 
-def diagnose_all(
-    check: Check, workers: int = 2, progress: Progress = lambda share, words: None, rejudge: bool = False
-) -> Program:
+def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, rejudge: bool = False) -> Program:
     """Diagnose all sealed cases, each from its data alone, in processes that have never had an answer.
 
     Each process keeps what it has compiled for the next case.

@@ -1,11 +1,11 @@
 """The comparison as a folder: paper.html, paper.json and the figures."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
 from beamdesign.files import write_whole
+from beamdesign.progress import Progress
 from beamdesign.report.canvas import save
 from beamdesign.report.page import Block, Document, Items, Paragraph, Part, Picture, Table, to_html
 from beamdesign.validation.paper.comparison import CHOICES, REMEDY_GAIN_MA_PER_V, Comparison
@@ -26,9 +26,7 @@ class Written:
     figures: list[Path]
 
 
-def write_page(
-    comparison: Comparison, folder: Path, update: Callable[[float, str], None] = lambda fraction, text: None
-) -> Written:
+def write_page(comparison: Comparison, folder: Path, update: Progress = lambda fraction, text: None) -> Written:
     """Draw the figures and write the page.
 
     Args:
