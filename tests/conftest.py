@@ -13,6 +13,17 @@ from beamdesign.controllers import Lag
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Adds `--thorough`: all mutants and forgeries, of which a part is tried otherwise."""
+    parser.addoption("--thorough", action="store_true", help="try all mutants of inputs and all forged certificates")
+
+
+@pytest.fixture(scope="session")
+def tried(request: pytest.FixtureRequest) -> Callable[[int], int]:
+    """How many of so many mutants or forgeries to try."""
+    return lambda count: count if request.config.getoption("--thorough") else -(-count // 3)
+
+
 @pytest.fixture
 def paper() -> Prototype:
     """The appendix of Zalucky and Hardt (1984) in SI, without a controller; valve damping 0.5 as the README states."""

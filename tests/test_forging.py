@@ -1,5 +1,6 @@
 """Certificates of every kind are forged: whatever is altered, nothing false is ever called valid."""
 
+from collections.abc import Callable
 from copy import deepcopy
 
 import pytest
@@ -41,10 +42,10 @@ def test_a_verdict_repeats_every_claim_with_its_number(kind: str, name: str):
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)
-def test_nothing_false_is_valid(kind: str, name: str):
+def test_nothing_false_is_valid(kind: str, name: str, tried: Callable[[int], int]):
     """A valid one may state something else that is true; of the same prototype, only about the same rig."""
     true, made = FORGED[kind][0], honest(kind, name)
-    before, count = made.table, FORGED[kind][1][name][1]
+    before, count = made.table, tried(FORGED[kind][1][name][1])
     rig = figures({key: before[key] for key in OF_THE_RIG if key in before})
     kept = 0
     for words, forged in mutations(before, seed=1984, count=count):

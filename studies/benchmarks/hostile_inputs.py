@@ -343,9 +343,14 @@ def another_kind(dice: random.Random, path: Path) -> str:
     return name
 
 
+def stock_in(folder: Path) -> Path:
+    """The folder that holds what `make` lays out."""
+    return Mutant(0, COMMANDS[0], [], folder).work
+
+
 def make(folder: Path, commands: Sequence[Command] = COMMANDS, forked: bool = False) -> Path:
     """Lay out all that commands are given, shipped or made; the folder that holds it."""
-    stock = Mutant(0, COMMANDS[0], [], folder).work
+    stock = stock_in(folder)
     shutil.copytree(ROOT / "studies", stock / "studies", ignore=shutil.ignore_patterns("*.svg", "*.py", "__pycache__"))
     tame = (stock / _TAME).read_text(encoding="utf-8")
     (stock / "made").mkdir()
