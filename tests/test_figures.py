@@ -22,7 +22,7 @@ from beamdesign.report.figures import (
     plot_root_locus,
     plot_sensitivity,
 )
-from beamdesign.validation.paper.drawings import DRAWINGS, drawn
+from beamdesign.validation.paper.figures import DRAWINGS
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_styles_differ_in_grey():
 
 @pytest.mark.parametrize("draw", DRAWINGS, ids=lambda draw: draw.__name__)
 def test_published_figures_have_axes_captions_and_no_text_cut_off(draw):
-    drawing = drawn(draw)
+    drawing = draw()
     assert len(drawing.caption) > 40
     assert drawing.claim
     assert cut_off(drawing.figure) == []

@@ -17,9 +17,9 @@ from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.validation.paper import CASES, Comparison, compare, paper_prototype
-from beamdesign.validation.paper.claims import Claim, gain_cliff
-from beamdesign.validation.paper.figure_claims import figure_claims
-from beamdesign.validation.paper.rig import lag
+from beamdesign.validation.paper.claims import Claim
+from beamdesign.validation.paper.figures import NUMBERED
+from beamdesign.validation.paper.rig import gain_cliff, lag
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_every_figure_has_its_claims_checked(folder: Path):
 
 
 def test_phase_spike_points_up_without_and_down_with_the_mass():
-    signs = {claim.figure: claim.model for n in (11, 12) for claim in figure_claims(n) if "spike" in claim.claim}
+    signs = {claim.figure: claim.model for n in (11, 12) for claim in NUMBERED[n]().checks if "spike" in claim.claim}
     assert signs[11].startswith("+")
     assert signs[12].startswith("-")
 

@@ -25,18 +25,15 @@ def paper(
     """
     if figure is not None:
         return _one_figure(figure, out)
-    from beamdesign.validation.paper.comparison import CHOICES, compare
-    from beamdesign.validation.paper.figure_claims import NUMBERS, figure_claims
-    from beamdesign.validation.paper.page import write_page
+    from beamdesign.validation.paper.comparison import CHOICES, compare, write_page
 
     comparison = compare()
-    checks = [check for number in NUMBERS for check in figure_claims(number)]
     with progress("drawing") as update, fresh_folder(out) as fresh:
         written = write_page(comparison, fresh, update)
         fields = comparison.fields() | {
             "report": written.page.name,
             "figures": [path.name for path in written.figures],
-            "figure_claims": checks,
+            "figure_claims": written.checks,
         }
         write_json(fresh / "paper.json", fields)
 
@@ -57,7 +54,7 @@ def paper(
     echo_table(
         "Bandwidth at -100 dB in/lbf, Hz",
         ["case", "gain, mA/V", "paper", "model"],
-        [(row.case, row.gain_mA_per_V, row.paper_Hz, row.model_Hz) for row in comparison.bandwidths],
+        [(row.case, row.gain_mA_per_V, row.paper, row.model) for row in comparison.bandwidths],
     )
     differing = [claim for claim in comparison.claims if not claim.agrees]
     echo_table(
@@ -65,7 +62,7 @@ def paper(
         ["quantity", "paper", "model", "unit", "verdict"],
         [(claim.quantity, claim.paper, claim.model, claim.unit, claim.verdict) for claim in differing],
     )
-    _echo_checks(checks)
+    _echo_checks(written.checks)
     echo(f"{len(comparison.slips)} slips of the paper, the reasons and the figures: {out / written.page.name}")
     return CommandResult(fields)
 
@@ -73,11 +70,11 @@ def paper(
 def _one_figure(number: int, out: Path) -> CommandResult:
     from beamdesign.records import InputError
     from beamdesign.report.canvas import save
-    from beamdesign.validation.paper.drawings import NUMBERED, drawn
+    from beamdesign.validation.paper.figures import NUMBERED
 
     if number not in NUMBERED:
         raise InputError("--figure", [(str(number), f"not drawn here; there are {min(NUMBERED)} to {max(NUMBERED)}")])
-    drawing = drawn(NUMBERED[number])
+    drawing = NUMBERED[number]()
     with fresh_folder(out) as fresh:
         pictures = save(drawing.figure, fresh / drawing.name)
     files = settled(pictures, fresh, out)

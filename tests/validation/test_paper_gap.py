@@ -14,8 +14,7 @@ import pytest
 
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.gains.classes import GainDiagnosis, explain_gains
-from beamdesign.validation.paper.claims import gain_rows
-from beamdesign.validation.paper.rig import CASES
+from beamdesign.validation.paper.rig import CASES, gain_rows
 
 FOLDER = Path(__file__).parents[2] / "studies" / "gaps" / "paper_gains"
 

@@ -1,4 +1,4 @@
-"""The published rig as a prototype, the four cases whose critical gain was measured, and what may be varied in them.
+"""The published rig as a prototype, the four cases whose critical gain was measured, what may be varied, its loops.
 
 Source: A. Zalucky and D. E. Hardt, "Active Control of Robot Structure Deflections", ASME Journal of Dynamic Systems,
 Measurement, and Control 106 (1984) 63-69; figures from its Appendix unless said otherwise.
@@ -8,8 +8,14 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from math import pi, sqrt
 
+import numpy as np
+
 from beamdesign.controllers import Lag, Proportional
+from beamdesign.json_text import picked
+from beamdesign.loop import CriticalGain, LoopAtMass, critical_gain, loop
+from beamdesign.polynomial import crossings
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve
+from beamdesign.quantity_text import decibels
 from beamdesign.structure import section
 from beamdesign.structure.materials import material
 
@@ -66,6 +72,11 @@ class PublishedBeam:
     def rigidity(self) -> float:
         """E I of the tube, N m2."""
         return material(self.material).youngs_modulus_Pa * float(section.second_moment(self.width_m, self.wall_m))
+
+    @property
+    def natural_frequency_Hz(self) -> float:
+        """sqrt(K / M) / 2 pi."""
+        return sqrt(self.stiffness_N_per_m / self.effective_mass_kg) / (2 * pi)
 
     @property
     def mass_per_length(self) -> float:
@@ -206,3 +217,124 @@ VARIATIONS: dict[str, tuple[str, Variation]] = {
     "supply_flow_gain": ("flow gain at the 20 MPa supply", supply_flow_gain),
 }
 """What the critical gains are recomputed with, one at a time: key to words and change."""
+
+
+@dataclass(frozen=True)
+class GainRow:
+    """One case of the comparison, recomputed exactly.
+
+    Attributes:
+        case: the published case.
+        model: the model's critical gain with the two stated choices.
+        varied_mA_per_V: critical gain under each of `VARIATIONS`, one at a time, by key.
+    """
+
+    case: Case
+    model: CriticalGain
+    varied_mA_per_V: dict[str, float]
+
+    @property
+    def model_mA_per_V(self) -> float:
+        """The model's critical gain."""
+        return 1e3 * self.model.gain_A_per_V
+
+    @property
+    def explained(self) -> float:
+        """Share of the distance from model to measurement that the filter and the smaller piston side close."""
+        closed = self.model_mA_per_V - self.varied_mA_per_V["filter_and_smaller_side"]
+        return closed / (self.model_mA_per_V - self.case.measured_mA_per_V)
+
+    def fields(self) -> dict[str, object]:
+        """The row as it stands in the JSON result."""
+        return {
+            **picked(
+                self,
+                "case=case.name predicted_paper_mA_per_V=case.predicted_mA_per_V"
+                " measured_mA_per_V=case.measured_mA_per_V model_mA_per_V oscillation_Hz=model.frequency_Hz",
+            ),
+            **{f"model_{key}_mA_per_V": value for key, value in self.varied_mA_per_V.items()},
+            "gap_explained_by_filter_and_smaller_side": self.explained,
+        }
+
+
+def gain_rows() -> list[GainRow]:
+    """All four cases, with the stated choices and with each variation of them."""
+    return [
+        GainRow(
+            case,
+            critical_gain(case.prototype, case.outer_end_mass_kg),
+            {
+                key: critical_gain_mA_per_V(change(case.prototype, case.outer_end_mass_kg), case.outer_end_mass_kg)
+                for key, (_, change) in VARIATIONS.items()
+            },
+        )
+        for case in CASES
+    ]
+
+
+def at(prototype: Prototype, outer_end_mass_kg: float = 0.0) -> LoopAtMass:
+    """The closed loop of a prototype at one outer end mass."""
+    return loop(prototype).at(outer_end_mass_kg)
+
+
+def critical_gain_mA_per_V(prototype: Prototype, outer_end_mass_kg: float = 0.0) -> float:
+    """The gain at which a prototype begins to oscillate with one outer end mass."""
+    return 1e3 * critical_gain(prototype, outer_end_mass_kg).gain_A_per_V
+
+
+@dataclass(frozen=True)
+class Cliff:
+    """The outer end mass at which the critical gain drops at once, and the gains on its two sides."""
+
+    outer_end_mass_kg: float
+    before_mA_per_V: float
+    after_mA_per_V: float
+
+    @property
+    def reduction(self) -> float:
+        """Relative loss of gain."""
+        return 1 - self.after_mA_per_V / self.before_mA_per_V
+
+
+def gain_cliff() -> Cliff:
+    """Where the lag loop's oscillation jumps from the valve's frequency to the beams', by bisection of the mass.
+
+    There a new pair of gain crossings appears below the old one, so the critical gain is discontinuous in the mass.
+    """
+    rig = lag(300.0)
+    low, high = 0.0, OUTER_END_MASS_KG
+    between = (critical_gain(rig, low).frequency_Hz + critical_gain(rig, high).frequency_Hz) / 2
+    while high - low > 1e-6:
+        middle = (low + high) / 2
+        low, high = (middle, high) if critical_gain(rig, middle).frequency_Hz > between else (low, middle)
+    return Cliff(high, critical_gain_mA_per_V(rig, low), critical_gain_mA_per_V(rig, high))
+
+
+def stable_masses(gain_mA_per_V: float, inner_end_mass_kg: float) -> list[tuple[float, float]]:
+    """Outer end mass (kg) and frequency (Hz) of every crossing of the axis, m >= 0, for the lag loop at a gain."""
+    family = loop(lag(gain_mA_per_V, inner_end_mass_kg)).characteristic
+    return [(c.value, c.frequency_Hz) for c in crossings(family) if c.value >= 0]
+
+
+def pair_Hz(loop: LoopAtMass) -> tuple[float, float]:
+    """Frequencies of the slowest complex pole and zero of the open loop, Hz."""
+    pole, zero = (
+        min(abs(root) for root in roots if root.imag > 0) / (2 * pi)
+        for roots in (loop.open_loop_poles(), loop.open_loop_zeros())
+    )
+    return float(pole), float(zero)
+
+
+def lag_advantage_dB(frequency_Hz: np.ndarray) -> np.ndarray:
+    """By how many dB lag at 300 mA/V lowers the compliance against proportional control at 24 mA/V."""
+    before, after = (at(rig).compliance_response(frequency_Hz) for rig in (proportional(24.0), lag(300.0)))
+    return decibels(before) - decibels(after)
+
+
+def phase_spike_deg(loop: LoopAtMass) -> float:
+    """By how much the phase between pole and zero departs from what it is well outside them, degrees."""
+    low, high = sorted(pair_Hz(loop))
+    frequencies = np.geomspace(low / 2, high * 1.6, 2000)
+    phase = np.degrees(np.unwrap(np.angle(loop.loop_response(frequencies))))
+    inside = np.interp(sqrt(low * high), frequencies, phase)
+    return float(inside - (phase[0] + phase[-1]) / 2)
