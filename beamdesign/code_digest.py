@@ -1,7 +1,7 @@
 """Which code a result rests on: a digest of the source files that a function or a module can reach by imports.
 
 Only those files count, so that a change of the command line or of a report leaves results valid. Data files beside the
-modules (alloys, stock sizes) count too.
+modules (alloys, stock sizes) count too. And digests of folders.
 """
 
 import ast
@@ -102,3 +102,11 @@ def _imported(path: Path, tree: ast.Module) -> list[str]:
         folder = ".".join((_PACKAGE, *path.parent.relative_to(_ROOT).parts))
         names += [f"{folder}.{other.stem}" for other in path.parent.glob("*.py")]
     return names
+
+
+def folder_digest(folder: Path) -> str:
+    """SHA-256 of the names and the bytes of all files in a folder."""
+    sha = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        sha.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return sha.hexdigest()

@@ -16,11 +16,11 @@ from opened_cases import opened_case, opened_keys, true_rig, unlike
 from trial import at_rest, on_trial
 
 from beamdesign import InputError, Prototype, critical_gain
+from beamdesign.code_digest import folder_digest
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis.redesign import Redesign, redesign
 from beamdesign.loop import loop
-from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw
-from beamdesign.validation.blind.seal import folder_digest, sealed, write_seal
+from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, sealed, write_seal
 from beamdesign.validation.truth import Case, Departure, noise_free
 from beamdesign.validation.truth.believed import rig_figures
 from beamdesign.validation.truth.case import Noise

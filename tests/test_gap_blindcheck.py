@@ -14,23 +14,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamdesign.code_digest import code_digest, sources
+from beamdesign.code_digest import code_digest, folder_digest, sources
 from beamdesign.records import InputError
-from beamdesign.validation.blind import blindcheck, outcome, scoring
+from beamdesign.validation.blind import blindcheck, scoring
 from beamdesign.validation.blind.baselines import lasso, lasso_path
-from beamdesign.validation.blind.case_plan import SHARES, Planned, counts, plan
-from beamdesign.validation.blind.diagnosis import begin_blind
-from beamdesign.validation.blind.outcome import Outcome
-from beamdesign.validation.blind.scoring import bootstrap, clopper_pearson
-from beamdesign.validation.blind.seal import (
+from beamdesign.validation.blind.case_plan import (
+    SHARES,
+    Planned,
     broken,
     canonical,
-    folder_digest,
+    counts,
+    plan,
     read_seal,
     sealed,
     write_seal,
-)  # fmt: skip
-from beamdesign.validation.blindcheck_result import markdown, result_fields, result_text
+)
+from beamdesign.validation.blind.diagnosis import begin_blind
+from beamdesign.validation.blind.scoring import Outcome, bootstrap, clopper_pearson
+from beamdesign.validation.blindcheck_result import confusion, markdown, result_fields, result_text
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE
 
 # Bounds
@@ -265,7 +266,7 @@ def test_stated_probabilities_that_come_true_are_calibrated():
 
 
 def test_a_matrix_of_confusion_holds_every_case_once():
-    matrix = scoring.confusion(HAND)
+    matrix = confusion(HAND)
     assert sum(sum(row.values()) for row in matrix.values()) == len(HAND)
     for label, row in matrix.items():
         assert sum(row.values()) == sum(o.label == label for o in HAND)
@@ -314,10 +315,10 @@ def test_closed_against_exact_records():
 def test_parameters_are_compared_only_where_they_mean_the_same():
     answer = {"parameters": {"sensor_lag": {"break_Hz": 200.0, "order": 2.0}}}
     causes = {"sensor_lag": {"parameters": {"break_Hz": {"value": 210.0}}}}
-    assert outcome._parameter_error("sensor_lag", answer, causes) is None
+    assert scoring._parameter_error("sensor_lag", answer, causes) is None
     answer["parameters"]["sensor_lag"]["order"] = 1.0
-    assert outcome._parameter_error("sensor_lag", answer, causes) == pytest.approx(0.05)
-    assert outcome._parameter_error("seal_friction", answer, causes) is None
+    assert scoring._parameter_error("sensor_lag", answer, causes) == pytest.approx(0.05)
+    assert scoring._parameter_error("seal_friction", answer, causes) is None
 
 
 # Baselines' own algebra
@@ -404,10 +405,10 @@ def _here(*_):
 
 def test_five_cases_from_drawing_to_scores(checked):
     check, _ = checked
-    found = [outcome.outcome(case) for case in blindcheck.open_all(check)]
+    found = [scoring.outcome(case) for case in blindcheck.open_all(check)]
     assert [(o.kind, set(o.effects)) for o in found] == [(c.kind, set(c.names)) for c in FIVE]
     assert [o.key for o in found if o.verdict == "failed"] == []
-    matrix = scoring.confusion(found)
+    matrix = confusion(found)
     assert sum(sum(row.values()) for row in matrix.values()) == 5
     counted = {s.name: (s.count, s.of) for s in scoring.scores(found)}
     assert counted["gap detected"][1] == 4

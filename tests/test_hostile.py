@@ -24,9 +24,7 @@ def stock(made_once: Callable[[str, Callable[[Path], None]], Path]) -> Path:
 
 
 @pytest.mark.parametrize("first", range(0, len(SEEDS), AT_A_TIME))
-def test_mutants_are_met_without_a_fault(
-    stock: Path, tmp_path: Path, tried: Callable[[int], int], first: int
-) -> None:
+def test_mutants_are_met_without_a_fault(stock: Path, tmp_path: Path, tried: Callable[[int], int], first: int) -> None:
     wrong = []
     for seed in SEEDS[first : first + tried(AT_A_TIME)]:
         made = mutant(seed, tmp_path / str(seed), stock)

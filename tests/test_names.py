@@ -46,7 +46,7 @@ from beamdesign.spelling import LONGEST, in_csv, in_plot, one_line
 from beamdesign.sweep.plot import draw
 from beamdesign.sweep.sweep_file import Picture as Drawn
 from beamdesign.sweep.sweep_file import Sweep
-from beamdesign.validation.blind.outcome import Outcome
+from beamdesign.validation.blind.scoring import Outcome
 from beamdesign.validation.blindcheck_result import markdown
 
 PROTOTYPES = Path(__file__).parent.parent / "studies" / "prototypes"

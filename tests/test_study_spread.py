@@ -11,10 +11,11 @@ import tomli_w
 from beamdesign import InputError, certify, read_prototype
 from beamdesign.prototype import prototype_from
 from beamdesign.structure.lumped import figures
-from beamdesign.sweep.conclusion import clopper_pearson, conclude, holds, in_words
+from beamdesign.sweep.conclusion import conclude, holds, in_words
 from beamdesign.sweep.methods import CUT_SIGMAS, Figure, drawn, from_unit, saltelli, spreading, varied_at
 from beamdesign.sweep.sweep_file import Demand, with_value
 from beamdesign.sweep.sweep_run import plan, run_sweep
+from beamdesign.validation.blind.scoring import clopper_pearson
 
 TAME = Path(__file__).parents[1] / "studies" / "prototypes" / "tame_lag.toml"
 

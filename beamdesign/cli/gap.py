@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from beamdesign.diagnosis.designer_terms import LoopTerms
     from beamdesign.diagnosis.diagnosis import Diagnosis
     from beamdesign.validation.blind.blindcheck import Check
-    from beamdesign.validation.blind.outcome import Outcome
-    from beamdesign.validation.blind.seal import Seal
+    from beamdesign.validation.blind.case_plan import Seal
+    from beamdesign.validation.blind.scoring import Outcome
 
 gap = typer.Typer(
     no_args_is_help=True,
@@ -273,7 +273,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
     from beamdesign.files import write_whole
     from beamdesign.report.canvas import save
     from beamdesign.validation.blind.blindcheck import open_all
-    from beamdesign.validation.blind.outcome import outcome
+    from beamdesign.validation.blind.scoring import outcome
     from beamdesign.validation.blindcheck_result import blindcheck_picture, markdown, result_fields, result_text
 
     opened = open_all(check, unfinished)
@@ -313,8 +313,14 @@ def _all(digests: Iterable[Any]) -> str:
 
 def echo_result(found: "Sequence[Outcome]") -> None:
     """The scores for people."""
-    from beamdesign.validation.blind.scoring import confusion, scores, split
-    from beamdesign.validation.blindcheck_result import BASELINE_COLUMNS, TARGET_COLUMNS, baseline_rows, target_rows
+    from beamdesign.validation.blind.scoring import scores, split
+    from beamdesign.validation.blindcheck_result import (
+        BASELINE_COLUMNS,
+        TARGET_COLUMNS,
+        baseline_rows,
+        confusion,
+        target_rows,
+    )
 
     large, small = split(found)
     title = f"{len(large)} cases (and {len(small)} with a gap below three floors, apart)"

@@ -34,10 +34,9 @@ def conclude(laid: Plan, records: Sequence[Row]) -> dict[str, Any]:
 
 
 def met(sweep: Sweep, records: Sequence[Row]) -> dict[str, Any]:
-    """How many rows meet the specification. Rows without a result do not; yields only come from random samples.
+    """How many rows meet the specification. Rows without a result do not; yields only come from random samples."""
+    from beamdesign.validation.blind.scoring import clopper_pearson
 
-    The bounds of a yield are those of Clopper and Pearson, Biometrika 26 (1934) 404-413.
-    """
     demands = sweep.specification
     passed = [all(holds(demand, row["outputs"].get(name)) for name, demand in demands.items()) for row in records]
     each = {name: sum(holds(demand, row["outputs"].get(name)) for row in records) for name, demand in demands.items()}
@@ -57,14 +56,6 @@ def holds(demand: Demand, value: Any) -> bool:
     if isinstance(value, str | list):
         return False
     return (demand.at_least is None or value >= demand.at_least) and (demand.at_most is None or value <= demand.at_most)
-
-
-def clopper_pearson(successes: int, trials: int, confidence: float) -> tuple[float, float]:
-    """Exact two-sided bounds of a binomial share."""
-    from scipy.stats import binomtest
-
-    bounds = binomtest(successes, trials).proportion_ci(confidence_level=confidence, method="exact")
-    return float(bounds.low), float(bounds.high)
 
 
 def _extreme(records: Sequence[Row], output: str, largest: bool) -> dict[str, Any] | None:

@@ -1,6 +1,7 @@
 """The result of a blind check: fields for programs, rows for tables, a page of Markdown, a picture."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
@@ -10,18 +11,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from beamdesign.json_text import picked
 from beamdesign.report.canvas import new_figure
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.blind.baselines import NAMES
-from beamdesign.validation.blind.outcome import Outcome
 from beamdesign.validation.blind.scoring import (
+    NO_GAP,
     SMALL,
     Bin,
+    Outcome,
     Score,
     baseline_scores,
     calibration,
     clopper_pearson,
-    confusion,
     scores,
     split,
 )
@@ -39,11 +41,15 @@ def result_fields(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> di
     """
     large, small = split(outcomes)
     bins, _ = calibration(large)
+
+    def rows(found: Sequence[Score]) -> list[dict[str, Any]]:
+        return [asdict(score) | {"reached": score.reached} for score in found]
+
     fields = {
         "setting": dict(setting),
-        "scores": [score_fields(s) for s in scores(large)],
-        "scores_small_gaps": [score_fields(s) for s in scores(small)] if small else [],
-        "baselines": {name: [score_fields(s) for s in baseline_scores(name, large)] for name in NAMES},
+        "scores": rows(scores(large)),
+        "scores_small_gaps": rows(scores(small)) if small else [],
+        "baselines": {name: rows(baseline_scores(name, large)) for name in NAMES},
         "confusion": confusion(large),
         "confusion_small_gaps": confusion(small),
         "reliability": [asdict(b) for b in bins],
@@ -67,33 +73,13 @@ def result_text(fields: Mapping[str, Any]) -> str:
     return "{\n " + ",\n ".join(parts) + "\n}\n"
 
 
-def score_fields(score: Score) -> dict[str, Any]:
-    """One score with its target."""
-    return asdict(score) | {"reached": score.reached}
-
-
 def case_fields(o: Outcome) -> dict[str, Any]:
     """One case in short."""
-    return {
-        "case": o.key,
-        "kind": o.kind,
-        "truth": o.effects,
-        "gap_over_floor": o.gap_over_floor,
-        "verdict": o.verdict,
-        "chosen": o.chosen,
-        "named": o.named,
-        "on_truth": [o.probability.get(name, 0.0) for name in o.effects],
-        "no_gap": o.no_gap,
-        "unknown": o.unknown,
-        "where": o.where,
-        "where_truly": o.subsystem,
-        "closed": o.closed,
-        "interval": o.interval,
-        "closed_truly": o.closed_truly,
-        "parameter_error": o.parameter_error,
-        "seconds": o.seconds,
-        "baselines": o.baselines,
-    } | ({"failure": o.failure} if o.failure else {})
+    names = (
+        "case=key kind truth=effects gap_over_floor verdict chosen named on_truth no_gap unknown where"
+        " where_truly=subsystem closed interval closed_truly parameter_error seconds baselines"
+    )
+    return picked(o, names) | ({"failure": o.failure} if o.failure else {})
 
 
 def _rounded(value: Any) -> Any:
@@ -229,6 +215,19 @@ def blindcheck_picture(outcomes: Sequence[Outcome]) -> Figure:
     draw_confusion(left, matrix)
     draw_reliability(right, bins)
     return figure
+
+
+def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
+    """How often each truth (row) was named as what (column); rows and columns in order of their names."""
+    rows: dict[str, Counter[str]] = {}
+    for o in outcomes:
+        rows.setdefault(o.label, Counter())[o.named] += 1
+    return {label: dict(sorted(rows[label].items())) for label in sorted(rows, key=_place)}
+
+
+def _place(label: str) -> tuple[int, str]:
+    order = 0 if label == NO_GAP else 4 if label.startswith("outside") else 3 if label.endswith("+") else 1
+    return (2 if label.startswith("parameter:") and order == 1 else order, label)
 
 
 def draw_confusion(axes: Axes, matrix: Mapping[str, Mapping[str, int]]) -> Axes:

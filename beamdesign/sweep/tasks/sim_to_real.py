@@ -1,16 +1,30 @@
-"""Task `sim_to_real`: design, build a virtual rig, take records, diagnose, redesign, and look at the rig again."""
+"""Task `sim_to_real`: design, build a virtual rig, take records, diagnose, redesign, and look at the rig again.
 
+A virtual rig is built to a design: the truth model with its tolerances drawn and an effect in it, run in the designed
+loop. It shares no effect code with the diagnosis, so that what is found on its records is found and not read back.
+"""
+
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import numpy as np
+
+from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.redesign import redesign
 from beamdesign.prototype import Prototype
+from beamdesign.records import InputError
+from beamdesign.structure.lumped import lumped_beam
 from beamdesign.sweep.tasks import Answer, SimToRealOptions, payload_range
 from beamdesign.synthesis.tuning import tune
+from beamdesign.validation.truth.believed import assembled, draw_true, rig_figures
+from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take
+from beamdesign.validation.truth.drawing import linear_critical_gain
+from beamdesign.validation.truth.effects import KINDS, Scales
 from beamdesign.validation.truth.writing import write_case
-from beamdesign.validation.virtual_rig import LINEAR, RunawayError, gain_margin, runs, virtual_rig
 
 
 def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
@@ -58,3 +72,108 @@ def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
 
 def _bandwidth(prototype: Prototype) -> float | None:
     return None if prototype.guarantee is None else prototype.guarantee.bandwidth_Hz
+
+
+_GAIN_SHARE = 0.6
+"""Of the critical gain of the rig without its effect: records are not taken closer to it, as nobody would."""
+
+LINEAR = (
+    "none", "sensor_lag", "mount_compliance", "second_beam_mode", "entrained_air", "coil_lag", "structural_damping",
+    "unequal_piston_areas",
+)  # fmt: skip
+"""Effects that the linearised truth has in it; of others (delay, friction, play) its critical gain tells nothing."""
+
+_NOISE = Noise(displacement_m=0.5e-6, quantum_m=2e-7, force_N=0.5, current_A=2e-5, drift_m=0.2e-6)
+_HABITS = {"bulk_modulus": 1.2e9, "supply": 17e6, "leakage_across": 0.4, "stroke_on": 1.0}
+
+
+class RunawayError(Exception):
+    """A rig that cannot be run in any loop like the designed one."""
+
+
+def believed_table(prototype: Prototype) -> dict[str, Any]:
+    """A prototype as the truth model reads it: lumped figures, tolerances, nothing of its controller."""
+    table = prototype.model_dump(
+        mode="json", exclude_none=True, include={"name", "actuator", "servovalve", "sensor", "tolerance"}
+    )
+    for name, beam in (("outer_beam", prototype.outer_beam), ("inner_beam", prototype.inner_beam)):
+        lumped = lumped_beam(beam)
+        table[name] = {
+            "stiffness_N_per_m": lumped.stiffness,
+            "effective_mass_kg": lumped.mass,
+            "damping_ratio": beam.damping_ratio,
+        }
+    return table
+
+
+def virtual_rig(
+    prototype: Prototype, masses_kg: tuple[float, float], effect: str, severity: float, seed: int, duration_s: float
+) -> Case:
+    """Build a rig to a design and plan its records, in the designed loop or as near to it as the rig bears.
+
+    Args:
+        prototype: with its lag and inner end mass.
+        masses_kg: payload range; records are taken at both ends.
+        effect: a key of `beamdesign.validation.truth.effects.KINDS`, or none.
+        severity: of it; 1 is what a careful designer would not overlook.
+        seed: of tolerances, effect and signals.
+        duration_s: of each record.
+
+    Raises:
+        InputError: for an unknown effect.
+        RunawayError: where a record of it has no end.
+    """
+    if effect not in ("none", *KINDS):
+        raise InputError("options", [("effect", f"no effect {effect!r}; there are none, {', '.join(KINDS)}")])
+    law = prototype.controller
+    assert law is not None
+    rng = np.random.default_rng(seed)
+    believed = believed_table(prototype)
+    factors = draw_true(believed, rng)
+    figures = rig_figures(believed, factors, _HABITS)
+    scales = Scales(figures, figures["modes.stiffness"], figures["modes.mass"], 900.0, 7.5e-3)
+    departures = () if effect == "none" else (Departure(effect, severity, KINDS[effect].shape(rng)),)
+    kind = "null" if effect == "none" else "single"
+    case = Case(seed, kind, believed, factors, dict(_HABITS), (), departures, (), _NOISE, duration_s, scales)
+    inner = prototype.payload.inner_end_mass_kg
+    runs = []
+    for number, (name, drive, mass) in enumerate(
+        (
+            ("01_disturbance", ("disturbance_N", 150.0, 200.0), masses_kg[0]),
+            ("02_command", ("command_V", 0.1, 300.0), masses_kg[0]),
+            ("03_payload_disturbance", ("disturbance_N", 100.0, 150.0), masses_kg[1]),
+            ("04_payload_command", ("command_V", 0.1, 250.0), masses_kg[1]),
+        )
+    ):
+        gain = min(law.gain_A_per_V, _GAIN_SHARE * critical_gain(case.only(), law, mass, inner))
+        table = law.but(gain_A_per_V=float(f"{gain:.3g}")).model_dump()
+        channel, size, highest = drive
+        runs.append(Run(name, Drive(channel, "lines", size, highest, seed + 100 * number), table, mass, inner))  # type: ignore[arg-type]
+    whole = replace(case, runs=tuple(runs))
+    if not all(take(whole, run).bounded for run in whole.runs):
+        raise RunawayError(f"a record of this rig runs away: {effect} of severity {severity:g} is too much for it")
+    return whole
+
+
+def runs(case: Case, design: Prototype, masses_kg: tuple[float, float]) -> bool:
+    """Whether the virtual rig, simulated under a disturbance with a design's loop, stays bounded at both payloads."""
+    law = design.controller
+    assert law is not None
+    drive = Drive("disturbance_N", "lines", 150.0, 200.0, case.seed + 999)
+    inner = design.payload.inner_end_mass_kg
+    return all(take(case, Run("", drive, law.model_dump(), mass, inner)).bounded for mass in masses_kg)
+
+
+def critical_gain(case: Case, law: Controller, outer_end_mass_kg: float, inner_end_mass_kg: float) -> float:
+    """Gain at which the true rig, linearised, begins to oscillate with the breaks of a lag, A/V."""
+    unit = law.but(gain_A_per_V=1.0).model_dump()
+    run = Run("", Drive("disturbance_N", "lines", 1.0, 10.0, 0), unit, outer_end_mass_kg, inner_end_mass_kg)
+    return float(linear_critical_gain(*assembled(run_figures(case, run))))
+
+
+def gain_margin(case: Case, design: Prototype, masses_kg: tuple[float, float]) -> float:
+    """Least critical gain of the virtual rig at both ends of the payload, over a design's gain; 1 is the brink."""
+    law = design.controller
+    assert law is not None
+    gains = [critical_gain(case, law, mass, design.payload.inner_end_mass_kg) for mass in masses_kg]
+    return min(gains) / law.gain_A_per_V

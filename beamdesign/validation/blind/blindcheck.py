@@ -7,9 +7,9 @@ was stopped in any way goes on by the same call; after a change of the judgement
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -17,13 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.code_digest import code_digest
+from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.files import write_whole
 from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError
-from beamdesign.validation.blind.case_plan import Planned, displacements_digest, draw, plan
+from beamdesign.validation.blind.case_plan import (
+    Planned,
+    Seal,
+    broken,
+    displacements_digest,
+    draw,
+    plan,
+    read_seal,
+    sealed,
+    write_seal,
+)
 from beamdesign.validation.blind.diagnosis import Place, Program, begin_blind, diagnose_blind, program
-from beamdesign.validation.blind.seal import Seal, broken, folder_digest, read_seal, sealed, write_seal
 
 _DRAWN_BY = "beamdesign.validation.blind.case_plan"
 
@@ -125,13 +134,10 @@ def draw_and_seal(check: Check, workers: int = 2, progress: Progress = silent) -
     """
     if check.seal.is_file():
         return read_seal(check.seal)
-    with _processes(min(workers, len(check.cases))) as pool:
-        jobs = {pool.submit(draw, case, check.short, check.sets, check.answers): case for case in check.cases}
-        for done, (future, case) in enumerate(_as_done(jobs)):
-            reason = future.result()
-            if reason:
-                write_whole(check.folder / "not_drawn" / f"{case.key}.txt", reason + "\n")
-            progress((done + 1) / len(jobs), "drawing cases")
+    jobs = {case.key: (draw, case, check.short, check.sets, check.answers) for case in check.cases}
+    for key, reason in _done(jobs, _processes(min(workers, len(jobs))), progress, "drawing cases"):
+        if reason:
+            write_whole(check.folder / "not_drawn" / f"{key}.txt", reason + "\n")
     answers = read_answers(check.answers)
     digests = {key: folder_digest(check.sets / key) for key in answers}
     seal = sealed(answers, digests, code_digest(_DRAWN_BY))
@@ -154,12 +160,10 @@ def diagnose_all(check: Check, workers: int = 2, progress: Progress = silent, re
         digests of the program that did it.
     """
     now = program()
-    keys = list(read_seal(check.seal).sets)
-    with _processes(min(workers, len(keys)), begin_blind, (str(check.answers), os.getpid())) as pool:
-        jobs = {pool.submit(diagnose_blind, check.place(key), now, rejudge): key for key in keys}
-        for done, (future, _) in enumerate(_as_done(jobs)):
-            future.result()
-            progress((done + 1) / len(jobs), "diagnosing")
+    jobs = {key: (diagnose_blind, check.place(key), now, rejudge) for key in read_seal(check.seal).sets}
+    pool = _processes(min(workers, len(jobs)), begin_blind, (str(check.answers), os.getpid()))
+    for _ in _done(jobs, pool, progress, "diagnosing"):
+        pass
     return now
 
 
@@ -265,6 +269,15 @@ def _processes(
     pool.shutdown()
 
 
-def _as_done(jobs: dict[Future[Any], Any]) -> Iterable[tuple[Future[Any], Any]]:
-    for future in as_completed(jobs):
-        yield future, jobs[future]
+def _done(
+    jobs: Mapping[str, tuple[Any, ...]],
+    processes: AbstractContextManager[ProcessPoolExecutor],
+    progress: Progress,
+    words: str,
+) -> Iterator[tuple[str, Any]]:
+    """The key and what came of each job (a function and what it is given), as they get done."""
+    with processes as pool:
+        keys = {pool.submit(*job): key for key, job in jobs.items()}
+        for done, future in enumerate(as_completed(keys), 1):
+            yield keys[future], future.result()
+            progress(done / len(keys), words)

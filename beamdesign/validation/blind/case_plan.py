@@ -1,11 +1,12 @@
-"""Which cases a blind check is made of, and their drawing: data sets in one folder, answers in another.
+"""Which cases a blind check is made of; their drawing, data sets in one folder, answers in another; and the seal.
 
-Kinds come in fixed shares, every listed effect about as often as any other.
+Kinds come in fixed shares, every listed effect about as often as any other. The seal holds digests of answers and data,
+taken before anybody looks for them and checked when answers are opened.
 """
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +15,6 @@ from typing import Any, Literal
 import numpy as np
 
 from beamdesign.files import write_whole
-from beamdesign.validation.blind.seal import canonical
 from beamdesign.validation.truth import LISTED, OUTSIDE, PARAMETERS, answer, draw_case, noise_free, write_case
 
 Kind = Literal["null", "single", "pair", "outside", "parameter"]
@@ -134,3 +134,82 @@ def displacements_digest(records: dict[str, np.ndarray]) -> str:
     for name in sorted(records):
         sha.update(name.encode() + b"\0" + np.ascontiguousarray(records[name], dtype="<f4").tobytes())
     return sha.hexdigest()
+
+
+@dataclass(frozen=True)
+class Seal:
+    """Digests.
+
+    Attributes:
+        answers: SHA-256 of each answer in its canonical form, by case.
+        sets: SHA-256 of the files of each data set, by case.
+        whole: SHA-256 of all of these.
+        truth: digest of the program that drew the cases.
+    """
+
+    answers: Mapping[str, str]
+    sets: Mapping[str, str]
+    whole: str
+    truth: str
+
+
+def canonical(answer: Mapping[str, Any]) -> bytes:
+    """An answer as bytes that do not depend on how it is laid out: sorted keys, no spaces, shortest figures.
+
+    Raises:
+        ValueError: for figures that are not finite.
+    """
+    return json.dumps(answer, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode()
+
+
+def sealed(answers: Mapping[str, Mapping[str, Any]], sets: Mapping[str, str], truth: str = "") -> Seal:
+    """Seal answers.
+
+    Args:
+        answers: by case.
+        sets: digest of each case's data, by case.
+        truth: digest of the program that drew them.
+    """
+    return _whole(_digests(answers), dict(sorted(sets.items())), truth)
+
+
+def _whole(answers: Mapping[str, str], sets: Mapping[str, str], truth: str) -> Seal:
+    content = canonical({"answers": answers, "sets": sets, "truth": truth})
+    return Seal(answers, sets, hashlib.sha256(content).hexdigest(), truth)
+
+
+def write_seal(seal: Seal, path: Path) -> None:
+    """Write it down.
+
+    Raises:
+        OSError: where it cannot be written.
+    """
+    fields = {"whole": seal.whole, "truth": seal.truth, "answers": dict(seal.answers), "sets": dict(seal.sets)}
+    write_whole(path, json.dumps(fields, indent=1) + "\n")
+
+
+def read_seal(path: Path) -> Seal:
+    """Read it back.
+
+    Raises:
+        OSError: where it cannot be read.
+        ValueError: where it is no seal, or where its parts are not those that its whole was made of.
+    """
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+        found = _whole(fields["answers"], fields["sets"], fields["truth"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: no seal: {error}") from error
+    if found.whole != fields["whole"]:
+        raise ValueError(f"{path}: the digest of the whole is not that of its parts")
+    return found
+
+
+def broken(seal: Seal, answers: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Cases whose answer is not the one that was sealed: changed, taken away or put in."""
+    found = _digests(answers)
+    return sorted(case for case in {*seal.answers, *found} if seal.answers.get(case) != found.get(case))
+
+
+def _digests(answers: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    return {case: hashlib.sha256(canonical(given)).hexdigest() for case, given in sorted(answers.items())}

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from beamdesign.code_digest import code_digest
+from beamdesign.code_digest import code_digest, folder_digest
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis, diagnosis_fields
@@ -26,7 +26,6 @@ from beamdesign.diagnosis.predict import predict, read_inputs
 from beamdesign.files import write_whole
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.validation.blind.baselines import baselines
-from beamdesign.validation.blind.seal import folder_digest
 
 TRUTH = "beamdesign.validation.truth"
 _FITTED_BY, _JUDGED_BY, _COMPARED_BY = (

@@ -1,17 +1,160 @@
-"""What a blind check comes to: rates with exact bounds, calibration, confusion, held against targets."""
+"""What a blind check comes to: each case said and true; rates with exact bounds, calibration, confusion, targets."""
 
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.stats import beta
 
-from beamdesign.validation.blind.outcome import FAILED, NO_GAP, UNKNOWN, Outcome, subsystem_of
+from beamdesign.diagnosis.fitting.hypothesis import subsystem
 
-CONFIDENCE = 0.95
+if TYPE_CHECKING:
+    from beamdesign.validation.blind.blindcheck import Opened
+
+NO_GAP, UNKNOWN, FAILED = "no_gap", "unknown", "failed"
+_ALIKE = {
+    "sensor_lag": "break_Hz",
+    "transport_delay": "delay_s",
+    "unequal_piston_areas": "asymmetry",
+    "pressure_dependent_flow": "supply_pressure_Pa",
+    "seal_friction": "coulomb_N",
+    "valve_deadband": "half_width_A",
+    "valve_hysteresis": "half_width_A",
+    "current_saturation": "limit_A",
+    "second_beam_mode": "frequency_Hz",
+    "mount_compliance": "stiffness_N_per_m",
+    "joint_backlash": "play_m",
+}
+"""The parameter of an effect that means the same in both models. None of entrained air: its law has other exponents."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case.
+
+    Attributes:
+        key: of the case.
+        kind: null, single, pair, outside or parameter.
+        effects: that were in it, the dominant one first; none for a null.
+        subsystem: of the dominant one.
+        gap_over_floor: how far the effects stand out of the noise.
+        each_over_floor: the least of the effects alone.
+        verdict: what was said; `failed` where the diagnosis broke off.
+        chosen: causes held responsible.
+        named: the first of them, or `no_gap`, `unknown`, `failed`.
+        where: subsystem that was said.
+        probability: of each stated cause, by name.
+        exactly: of exactly what was in it (an effect outside the library: that it is unknown).
+        no_gap: probability that was given to no gap at all.
+        unknown: to something outside the library.
+        alternatives: names in the classes of what cannot be told apart.
+        closed: share of the gap that was said to close, with its interval; None without one.
+        interval: of it.
+        closed_truly: against the noise-free rig.
+        parameter_error: relative, of the effect named first where that is right; None where not comparable.
+        seconds: of its diagnosis, and of processor time; None where parts were done before.
+        baselines: causes chosen by each.
+        failure: why the diagnosis broke off, and where; empty where it did not.
+    """
+
+    key: str
+    kind: str
+    effects: tuple[str, ...]
+    subsystem: str
+    gap_over_floor: float
+    each_over_floor: float
+    verdict: str
+    chosen: tuple[str, ...] = ()
+    named: str = FAILED
+    where: str = ""
+    probability: Mapping[str, float] = field(default_factory=dict)
+    exactly: float = 0.0
+    no_gap: float = 0.0
+    unknown: float = 0.0
+    alternatives: tuple[str, ...] = ()
+    closed: float | None = None
+    interval: tuple[float, float] | None = None
+    closed_truly: float | None = None
+    parameter_error: float | None = None
+    seconds: tuple[float, float] | None = None
+    baselines: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    failure: str = ""
+
+    @property
+    def on_truth(self) -> list[float]:
+        """Stated probability of each of its effects."""
+        return [self.probability.get(name, 0.0) for name in self.effects]
+
+    @property
+    def label(self) -> str:
+        """Its row in a table of confusion; two effects go by the dominant one."""
+        if self.kind == "null":
+            return NO_GAP
+        return {"pair": f"{self.effects[0]} +", "outside": f"outside: {self.effects[0]}"}.get(
+            self.kind, self.effects[0]
+        )
+
+
+def outcome(case: "Opened") -> Outcome:
+    """Put what was said beside what is true."""
+    answer, found = case.answer, case.found
+    effects = tuple(name for name in answer["effects"] if name != NO_GAP)
+    gaps = answer["gaps_over_floor"]
+    base = {
+        "key": case.key,
+        "kind": answer["kind"],
+        "effects": effects,
+        "subsystem": answer["subsystem"],
+        "gap_over_floor": answer["gap_over_floor"],
+        "each_over_floor": min((gaps[name] for name in effects), default=0.0),
+    }
+    if "diagnosis" not in found:
+        return Outcome(
+            **base, verdict=FAILED, failure=" at ".join(str(found[k]) for k in ("failed", "failed_at") if k in found)
+        )
+    said = found["diagnosis"]
+    verdict, gap = said["verdict"], said["gap"]
+    causes = {cause["name"]: cause for cause in said["effects"]}
+    probability = {name: cause["probability"] for name, cause in causes.items()}
+    stated = {frozenset(row["names"]): row["probability"] for row in said["hypotheses"]}
+    unknown = said["probability_unknown"]
+    named = verdict if verdict in (NO_GAP, UNKNOWN) else next(iter((*said["chosen"], *causes)), UNKNOWN)
+    comparable = verdict != UNKNOWN and gap["closed"] is not None
+    time = found.get("time")
+    return Outcome(
+        **base,
+        verdict=verdict,
+        chosen=tuple(said["chosen"]),
+        named=named,
+        where=said["where"]["subsystem"],
+        probability=probability,
+        exactly=unknown if answer["kind"] == "outside" else stated.get(frozenset(effects), 0.0),
+        no_gap=stated.get(frozenset(), 0.0),
+        unknown=unknown,
+        alternatives=tuple(
+            sorted({name for rivals in said["classes"] for text in rivals for name in text.split(" + ")})
+        ),
+        closed=gap["closed"] if comparable else None,
+        interval=tuple(gap["closed_interval"]) if comparable else None,
+        closed_truly=case.closed,
+        parameter_error=_parameter_error(named, answer, causes),
+        seconds=(time["seconds"], time["cpu_seconds"]) if time else None,
+        baselines={name: tuple(way["chosen"]) for name, way in found["baselines"].items()},
+    )
+
+
+def _parameter_error(named: str, answer: dict[str, Any], causes: dict[str, Any]) -> float | None:
+    true, said = answer["parameters"].get(named), causes.get(named, {}).get("parameters", {})
+    if true is None or (named == "sensor_lag" and true.get("order") != 1):
+        return None
+    key, at = (true["figure"], "value") if "figure" in true else (_ALIKE.get(named, ""),) * 2
+    value = true.get(at)
+    return abs(said[key]["value"] / value - 1) if value and key in said else None
+
+
+CONFIDENCE, _DRAWS = 0.95, 4000
 Sense = Literal["at least", "at most", "between", ""]
 
 
@@ -29,29 +172,24 @@ def clopper_pearson(count: int, of: int, confidence: float = CONFIDENCE) -> tupl
     Raises:
         ValueError: for counts that cannot be.
     """
+    from scipy.stats import binomtest
+
     if not 0 <= count <= of:
         raise ValueError(f"{count} of {of}")
-    tail = (1 - confidence) / 2
-    low = float(beta.ppf(tail, count, of - count + 1)) if count else 0.0
-    high = float(beta.isf(tail, count + 1, of - count)) if count < of else 1.0
-    return low, high
+    bounds = binomtest(count, of).proportion_ci(confidence, method="exact") if of else (0.0, 1.0)
+    return float(bounds[0]), float(bounds[1])
 
 
-def bootstrap(
-    values: Sequence[float], statistic: Callable[..., np.ndarray], confidence: float = CONFIDENCE, draws: int = 4000
-) -> tuple[float, float]:
+def bootstrap(values: Sequence[float], statistic: Callable[..., np.ndarray]) -> tuple[float, float]:
     """Percentile bounds of a statistic of independent values, by drawing them again (B. Efron, 1979).
 
     Args:
         values: at least one.
         statistic: of an array along `axis`.
-        confidence: of the two bounds together.
-        draws: how many.
     """
     given = np.asarray(values, dtype=float)
-    random = np.random.default_rng(0)
-    found = statistic(given[random.integers(0, len(given), (draws, len(given)))], axis=1)
-    low, high = np.quantile(found, ((1 - confidence) / 2, (1 + confidence) / 2))
+    drawn = given[np.random.default_rng(0).integers(0, len(given), (_DRAWS, len(given)))]
+    low, high = np.quantile(statistic(drawn, axis=1), ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
     return float(low), float(high)
 
 
@@ -90,13 +228,9 @@ class Score:
         """Whether the value reaches the target; None without one, or without a case."""
         if self.target is None or not self.of:
             return None
-        match self.sense:
-            case "at least":
-                return self.value >= self.target[0]
-            case "at most":
-                return self.value <= self.target[0]
-            case _:
-                return self.target[0] <= self.value <= self.target[1]
+        least = -inf if self.sense == "at most" else self.target[0]
+        most = inf if self.sense == "at least" else self.target[-1]
+        return least <= self.value <= most
 
 
 @dataclass(frozen=True)
@@ -121,12 +255,11 @@ class Bin:
 def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
     """All figures of the diagnosis, over cases whose gaps are all large or all small; nulls belong to both."""
     with_gap = [o for o in outcomes if o.kind != "null"]
-    nulls = _of("null", outcomes)
-    single, figure, pair, outside = (_of(kind, outcomes) for kind in ("single", "parameter", "pair", "outside"))
+    kinds = ("null", "single", "parameter", "pair", "outside")
+    nulls, single, figure, pair, outside = (_of(kind, outcomes) for kind in kinds)
     known = single + figure + pair
     bins, error = calibration(outcomes)
-    statements = sum(b.count for b in bins)
-    closed = [o for o in outcomes if o.kind != "null" and o.closed is not None and o.closed_truly is not None]
+    closed = [o for o in with_gap if o.closed is not None and o.closed_truly is not None]
     return (
         _rate("gap detected", with_gap, lambda o: o.verdict not in (NO_GAP, FAILED), (0.98,), "at least"),
         _rate("false alarms", nulls, lambda o: o.verdict != NO_GAP, (0.02,), "at most"),
@@ -138,11 +271,11 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
         _rate("one of the pair named first", pair, lambda o: o.named in o.effects),
         _rate("subsystem right, known causes", known, lambda o: o.where == o.subsystem, (0.95,), "at least"),
         _rate("subsystem right, outside the library", outside, lambda o: o.where == o.subsystem),
-        _mean("mean probability on the truth, singles", single, _on_truth, (0.85,), "at least"),
+        _mean("mean probability on the truth, singles", single, lambda o: o.on_truth[0], (0.85,), "at least"),
         _mean("mean probability on exactly the truth, all", outcomes, lambda o: o.exactly),
         _rate("outside the library, confidently wrong", outside, confidently_wrong, (0.05,), "at most"),
         _rate("outside the library, called unknown", outside, lambda o: o.verdict == UNKNOWN),
-        Score("calibration error", error, np.nan, np.nan, statements, None, (0.05,), "at most"),
+        Score("calibration error", error, np.nan, np.nan, sum(b.count for b in bins), None, (0.05,), "at most"),
         _median("error of the effect's parameter, median", single, lambda o: o.parameter_error, (0.10,), "at most"),
         _median("error of `closed`, median", closed, lambda o: abs((o.closed or 0.0) - (o.closed_truly or 0.0))),
         _rate("true `closed` inside the interval", closed, _covered, (0.85, 0.95), "between"),
@@ -153,24 +286,23 @@ def scores(outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
 
 
 def baseline_scores(name: str, outcomes: Sequence[Outcome]) -> tuple[Score, ...]:
-    """What can be said of a baseline, which names causes without a probability."""
+    """What can be said of a baseline, which names causes without a probability: no target is set for it."""
+    given = [_as_named(o, o.baselines[name]) for o in outcomes if name in o.baselines]
+    found = [replace(score, target=None, sense="") for score in scores(given) if score.name in _OF_NAMES]
+    return *found, _rate("outside the library, names a cause", _of("outside", given), lambda o: bool(o.chosen))
 
-    def chosen(o: Outcome) -> tuple[str, ...]:
-        return o.baselines.get(name, ())
 
-    given = [o for o in outcomes if name in o.baselines]
-    single, pair = _of("single", given), _of("pair", given)
-    known = [o for o in given if o.kind in ("single", "pair", "parameter")]
-    return (
-        _rate("gap detected", [o for o in given if o.kind != "null"], lambda o: bool(chosen(o))),
-        _rate("false alarms", _of("null", given), lambda o: bool(chosen(o))),
-        _rate("single effect named first", single, lambda o: chosen(o)[:1] == o.effects),
-        _rate("wrong figure named first", _of("parameter", given), lambda o: chosen(o)[:1] == o.effects),
-        _rate("exact pair", pair, lambda o: set(chosen(o)) == set(o.effects)),
-        _rate("one of the pair named first", pair, lambda o: bool(set(chosen(o)[:1]) & set(o.effects))),
-        _rate("subsystem right, known causes", known, lambda o: subsystem_of(chosen(o)) == o.subsystem),
-        _rate("outside the library, names a cause", _of("outside", given), lambda o: bool(chosen(o))),
-    )
+_OF_NAMES = {
+    "gap detected", "false alarms", "single effect named first", "wrong figure named first", "exact pair",
+    "one of the pair named first", "subsystem right, known causes",
+}  # fmt: skip
+"""Scores of whoever names causes."""
+
+
+def _as_named(o: Outcome, chosen: tuple[str, ...]) -> Outcome:
+    """The outcome had these causes been named, without a probability."""
+    verdict, named, where = ("effect", chosen[0], subsystem(chosen[0])) if chosen else (NO_GAP, NO_GAP, "")
+    return replace(o, verdict=verdict, chosen=chosen, named=named, where=where)
 
 
 def split(outcomes: Sequence[Outcome]) -> tuple[tuple[Outcome, ...], tuple[Outcome, ...]]:
@@ -227,25 +359,8 @@ def calibration(outcomes: Sequence[Outcome]) -> tuple[tuple[Bin, ...], float]:
     return bins, sum(b.count * abs(b.stated - b.true) for b in bins) / len(stated)
 
 
-def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
-    """How often each truth (row) was named as what (column); rows and columns in order of their names."""
-    rows: dict[str, Counter[str]] = {}
-    for o in outcomes:
-        rows.setdefault(o.label, Counter())[o.named] += 1
-    return {label: dict(sorted(rows[label].items())) for label in sorted(rows, key=_place)}
-
-
-def _place(label: str) -> tuple[int, str]:
-    order = 0 if label == NO_GAP else 4 if label.startswith("outside") else 3 if label.endswith("+") else 1
-    return (2 if label.startswith("parameter:") and order == 1 else order, label)
-
-
 def _of(kind: str, outcomes: Sequence[Outcome]) -> list[Outcome]:
     return [o for o in outcomes if o.kind == kind]
-
-
-def _on_truth(o: Outcome) -> float:
-    return o.probability.get(o.effects[0], 0.0)
 
 
 def _covered(o: Outcome) -> bool:
