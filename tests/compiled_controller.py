@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from beamdesign.build.realisation.c_code import compiled
-from beamdesign.build.realisation.emulation import FixedPoint, Float32, to_word
+from beamdesign.build.realisation.c_code import FixedPoint, Float32, compiled, to_word
 from beamdesign.build.realisation.realise import Realisation
 
 

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from beamdesign.build.realisation.emulation import to_word
+from beamdesign.build.realisation.c_code import to_word
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import compiled

@@ -1,6 +1,7 @@
 """Controllers as machines carry them out: sections, words, C, the loop as realised, and what these cost."""
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from math import degrees, pi, tan
 from pathlib import Path
@@ -18,22 +19,43 @@ from rate_and_word import sufficient, trade
 from realised_loop import run_closed
 from typer.testing import CliRunner
 
-from beamdesign.build.realisation import c_files, judge, realise
-from beamdesign.build.realisation.c_code import HEADER, LAW, SELF_TEST, compiler, vectors
-from beamdesign.build.realisation.emulation import FixedPoint, Float32, shifted, to_word
+from beamdesign.build.realisation.c_code import (
+    HEADER,
+    LAW,
+    SELF_TEST,
+    FixedPoint,
+    Float32,
+    c_files,
+    compiler,
+    shifted,
+    to_word,
+    vectors,
+)
 from beamdesign.build.realisation.law import fixed_point
-from beamdesign.build.realisation.loop import ComputedLate, prove_any_computing_time, realised_loop, rounded_loop
-from beamdesign.build.realisation.realise import Realisation, floats, full_scales_of, l1_norms, l2_norms
+from beamdesign.build.realisation.loop import (
+    prove_any_computing_time,
+    prove_sampled,
+    realised_loop,
+    rounded_loop,
+)
+from beamdesign.build.realisation.realise import (
+    Realisation,
+    floats,
+    full_scales_of,
+    l1_norms,
+    l2_norms,
+    realise,
+)
 from beamdesign.build.realisation.sections import discretised
 from beamdesign.build.realisation.verdict import (
     continuous_figures,
     half_steps,
+    judge,
     law_errors,
     law_polynomials,
     rounding_effect,
     sampled_figures,
 )
-from beamdesign.build.sampled_loop import prove_sampled
 from beamdesign.cli import app
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Proportional, Section, Structured, TransferFunction
@@ -385,7 +407,8 @@ def test_the_loop_is_proved_as_realised(rig: Prototype) -> None:
 def test_any_computing_time_against_a_hundredth_of_the_period(rig: Prototype) -> None:
     """The old current for 37 of 100 small steps and the new one for 63, by scipy's matrix exponential."""
     r = realise(rig.controller, 2000.0, 16)
-    ours = np.linalg.eigvals(ComputedLate(realised_loop(rig, r), fmpq(37, 100), fmpq(37, 100)).matrix(fmpq(2)))
+    late = replace(realised_loop(rig, r), computing=(fmpq(37, 100),) * 2)
+    ours = np.linalg.eigvals(late.matrix(fmpq(2)))
     plant = state_space(rig, 2.0, "plant")["sensor_V", "current_A"]
     n, m = len(plant.A), len(r.linear.a.tolist())
     small = scipy.linalg.expm(np.block([[plant.A, plant.B], [np.zeros((1, n + 1))]]) / (100 * r.rate_Hz))

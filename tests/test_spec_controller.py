@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from beamdesign.build.analogue import analogue_controllers, circuit_of, deviation, with_tolerance
 from beamdesign.build.circuit import DECADE, Circuit, Stage, neighbours, values_between
-from beamdesign.build.realisation.loop import realised_loop
+from beamdesign.build.realisation.loop import prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
     DifferenceEquation,
     difference_equation,
@@ -21,7 +21,6 @@ from beamdesign.build.realisation.realise import (
     sensible_rate_Hz,
     upper_break_Hz,
 )
-from beamdesign.build.sampled_loop import prove_sampled
 from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Observer, Proportional

@@ -15,14 +15,13 @@ from beamdesign.build.acceptance import (
 )
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
 from beamdesign.build.ratings import Ratings, SensorNeed, ratings, sensor_need
-from beamdesign.build.realisation.loop import realised_loop
+from beamdesign.build.realisation.loop import SampledVerdict, prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
     DifferenceEquation,
     difference_equation,
     sensible_rate_Hz,
     upper_break_Hz,
 )
-from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
 from beamdesign.build.tubes import StockChoice, stock_choices
 from beamdesign.json_text import finite

@@ -5,7 +5,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from math import isinf
 
 from beamdesign.build.analogue import AnalogueController
-from beamdesign.build.sampled_loop import SampledVerdict
+from beamdesign.build.realisation.loop import SampledVerdict
 from beamdesign.build.specification import LawSpecification, Specification
 from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.build.words_build import masses_text, optional

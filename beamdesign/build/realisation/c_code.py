@@ -1,4 +1,6 @@
-"""The controller as C99: header, law and self-test, from the lines that the emulation and the proof run on.
+"""The controller as C99 (header, law, self-test) and its emulation, from the lines that the proof runs on.
+
+The emulation works in the same integers, or floats of 32 bits, as the C code: equal to the last bit.
 
 The law has one statement per operation, in the order in which `law.one_period` asks for them. With them: what is said
 at the head of the files of a judged controller, and how to compile and run them.
@@ -10,14 +12,15 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
-from math import pi, sin
+from math import ceil, floor, pi, sin
+from operator import add
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from beamdesign.build.realisation.emulation import FixedPoint, Float32, to_word
-from beamdesign.build.realisation.law import Arithmetic, one_period
+from beamdesign.build.realisation.law import Arithmetic, V, one_period
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.build.realisation.verdict import Judgement
 from beamdesign.files import write_set
@@ -30,6 +33,117 @@ _OVERFLOW = {
     "l2": "; a signal that a word cannot hold is limited, which long large errors can bring about.",
 }
 HEADER, LAW, SELF_TEST = "controller.h", "controller.c", "controller_self_test.c"
+
+
+def shifted(value: int, places: int) -> int:
+    """Drop binary places, rounding to the nearest and halves away from zero, so that no sign is favoured."""
+    half = (1 << places) >> 1
+    return (value + half) >> places if value >= 0 else -((half - value) >> places)
+
+
+class _Machine(Arithmetic[V]):
+    """The controller step by step, equal to the C code to the last bit.
+
+    Attributes:
+        states: by name.
+        limited: whether the last current was at its limit: -1, 0 or 1.
+    """
+
+    states: dict[str, V]
+
+    def __init__(self, realisation: Realisation):
+        if (realisation.word_length is None) != isinstance(self, Float32):
+            raise ValueError(f"a realisation in {'floats' if realisation.word_length is None else 'fixed point'}")
+        self.realisation = realisation
+        self.limited = 0
+
+    def step(self, *readings: Any) -> V:
+        """The current of one sample, the error first: all as words, or in A from V, m and Pa where in floats."""
+        return one_period(self.realisation.channels, [self.signal("", reading) for reading in readings], self)
+
+    def _pushes(self, value: Any, held: bool) -> bool:
+        """Whether a held state would drive a limited current further."""
+        return held and bool(self.limited * value > 0)
+
+
+class FixedPoint(_Machine[int]):
+    """The fixed-point controller; its states have `state_extra` binary places more than the words."""
+
+    def __init__(self, realisation: Realisation):
+        super().__init__(realisation)
+        self._given = {name: (one.integer or 0, one.places) for name, one in realisation.coefficients.items()}
+        self._most = 2 ** ((realisation.word_length or 1) - 1) - 1
+        self._extra = realisation.state_extra
+        self._shifts = realisation.current_shifts
+        self.reset(*(0 for _ in realisation.channels))
+
+    def reset(self, *readings: int) -> None:
+        """At rest under constant readings, so that the first current is that of the static gains."""
+        given = [self.signal("", reading) << self._extra for reading in readings]
+        self.states = {n: given[k] if n[0] == "x" else 0 for n, k in self.realisation.state_channels.items()}
+
+    def read(self, state: str) -> int:  # noqa: D102
+        return shifted(self.states[state], self._extra)
+
+    def multiply(self, coefficient: str, value: int) -> int:  # noqa: D102
+        integer, places = self._given[coefficient]
+        return shifted(integer * value, places)
+
+    def signal(self, name: str, value: int) -> int:  # noqa: D102
+        return max(-self._most, min(self._most, value))
+
+    def current(self, terms: Sequence[tuple[str, int]]) -> int:  # noqa: D102
+        product = sum(shifted(self._given[gain][0] * value, self._shifts[gain]) for gain, value in terms)
+        most = self.realisation.current_limit
+        self.limited = (product > most) - (product < -most)
+        return max(-most, min(most, product))
+
+    def advance(self, state: str, coefficient: str, value: int, held: bool) -> None:  # noqa: D102
+        if self._pushes(value, held):
+            return
+        integer, places = self._given[coefficient]
+        most = self._most << self._extra
+        after = self.states[state] + shifted(integer * value, places - self._extra)
+        self.states[state] = max(-most, min(most, after))
+
+
+class Float32(_Machine[np.float32]):
+    """The controller in floats of 32 bits; every operation rounds once, to the nearest."""
+
+    def __init__(self, realisation: Realisation):
+        super().__init__(realisation)
+        self._given = {name: np.float32(one.asked) for name, one in realisation.coefficients.items()}
+        self._largest = np.float32(realisation.largest_current_A)
+        self.reset(*(0.0 for _ in realisation.channels))
+
+    def reset(self, *readings: float) -> None:
+        """At rest under constant readings (V, m, Pa)."""
+        places = self.realisation.state_channels
+        self.states = {n: np.float32(readings[k] if n[0] == "x" else 0) for n, k in places.items()}
+
+    def read(self, state: str) -> np.float32:  # noqa: D102
+        return self.states[state]
+
+    def multiply(self, coefficient: str, value: np.float32) -> np.float32:  # noqa: D102
+        return self._given[coefficient] * value
+
+    def signal(self, name: str, value: float | np.float32) -> np.float32:  # noqa: D102
+        return np.float32(value)
+
+    def current(self, terms: Sequence[tuple[str, np.float32]]) -> np.float32:  # noqa: D102
+        product = reduce(add, (self._given[gain] * value for gain, value in terms))
+        self.limited = int(product > self._largest) - int(product < -self._largest)
+        return product if self.limited == 0 else np.float32(self.limited) * self._largest
+
+    def advance(self, state: str, coefficient: str, value: np.float32, held: bool) -> None:  # noqa: D102
+        if not self._pushes(value, held):
+            self.states[state] = self.states[state] + self._given[coefficient] * value
+
+
+def to_word(realisation: Realisation, reading: float, channel: int = 0) -> int:
+    """A reading (V, m, Pa) as a word: the nearest, halves away from zero."""
+    scaled = reading * 2.0 ** realisation.places[channel]
+    return floor(scaled + 0.5) if scaled >= 0 else ceil(scaled - 0.5)
 
 
 @dataclass(frozen=True)

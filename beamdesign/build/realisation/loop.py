@@ -1,15 +1,25 @@
-"""The sampled-data loop of a controller as realised: hold, word by word, and the time for computing.
+"""The sampled-data loop of a controller as realised, proved stable for every outer end mass of a range.
 
-With a computing time tau the old current is held for tau and the new one for the rest of the period,
+The plant is continuous, its current held between samples; the law works at sample times, word by word, and its current
+is put out at once, one whole period later, or after a computing time. Between samples x' = A(m) x + B i, so that from
+sample to sample
+
+    x[k+1] = Phi(m) x[k] + Gamma(m) i,    (Phi, Gamma) = the upper rows of exp([[A, B], [0, 0]] T),
+
+with the controller's state and the current held as further states (K. J. Astrom and B. Wittenmark, Computer-Controlled
+Systems, 3rd ed. (1997), section 3.2). With a computing time tau the old current is held for tau and the new one for the
+rest of the period,
 
     x[k+1] = Phi x[k] + (Gamma(T) - Gamma(T - tau)) i[k-1] + Gamma(T - tau) i[k].
 
-For a proof of every computing time, the same at every sample, Gamma(T - tau) is enclosed for all tau of an interval
-(K. J. Astrom and B. Wittenmark, Computer-Controlled Systems, 3rd ed. (1997), section 3.2). Intervals are halved where
-the proof over the masses is not found.
+Phi and Gamma are enclosed in balls for all masses of a piece of the range, and for all tau of an interval; in
+coordinates T in which the middle of the piece contracts, I - Z'Z with Z = T^-1 (closed loop) T is positive definite for
+every matrix within the balls if Cholesky's pivots in balls are positive: then every member is a contraction. Where this
+fails, the piece is halved; intervals of the computing time are, where the proof over the masses is not found.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -17,13 +27,119 @@ from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.build.realisation.law import LinearLaw
 from beamdesign.build.realisation.realise import Realisation, floats
-from beamdesign.build.sampled_loop import HeldPlant, SampledVerdict, held_plant, prove_sampled
+from beamdesign.controllers import SENSED
+from beamdesign.plant.linearised import SEEN
+from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest
 
 _BITS = 128
+_PIECES, _TRIED = 4000, 50
+"""Most pieces of a range, and how many tell whether it would take more: what is proved grows from its lower end."""
+_NARROWEST = fmpq(1, 2**20)  # of the range: where such a piece gives no proof, narrower ones do not either
+_FIRST = 32
+"""Intervals to begin with: where they are too wide, finding that out costs as much as ten that are not."""
+_LEAST = fmpq(1, 512)
+
+
+@dataclass(frozen=True)
+class SampledVerdict:
+    """Stability of the sampled-data loop.
+
+    Attributes:
+        stable: True where proved for every mass of the range; False where the loop of one mass has a characteristic
+            value on or outside the unit circle, by eigenvalues in floating point; None where neither was found.
+        reason: in words, why it is not True; empty where it is.
+        pieces: number of pieces of the range that were proved.
+        largest_modulus: of the characteristic values at the masses looked at, in floating point.
+        looked_at: number of masses at which they were looked at.
+    """
+
+    stable: bool | None
+    reason: str
+    pieces: int
+    largest_modulus: float
+    looked_at: int
+
+
+@dataclass(frozen=True)
+class HeldPlant:
+    """The plant over the outer end mass, exact; the rows of the outer tip's velocity are divided by the total mass.
+
+    Attributes:
+        a: (n, n) of the plant in balanced states; b: (n, 1) from the current.
+        seen: (1, n) to the sensor's volts, and to what else may be sensed (m, Pa), by the names of `SENSED`.
+        velocity: index of the row that the total mass divides.
+        bare_mass: kg.
+        force: (n, 1) from the disturbance on the outer tip, N.
+        tip: (1, n) to its displacement, m.
+    """
+
+    a: fmpq_mat
+    b: fmpq_mat
+    seen: Mapping[str, fmpq_mat]
+    velocity: int
+    bare_mass: fmpq
+    force: fmpq_mat
+    tip: fmpq_mat
+
+    def moved(self, low: fmpq, high: fmpq, duration_s: arb, by_force: bool = False) -> arb_mat:
+        """exp([[A, B], [0, 0]] T), enclosed for all masses from `low` to `high` and durations T of a ball.
+
+        Its upper rows are Phi and Gamma; `by_force` with the force, held between samples, in place of the current.
+        """
+        n, held = self.a.nrows(), self.force if by_force else self.b
+        share = (arb(1) / arb(self.bare_mass + low)).union(arb(1) / arb(self.bare_mass + high))
+        whole = [[arb(0)] * (n + 1) for _ in range(n + 1)]
+        for i in range(n):
+            scale = duration_s * share if i == self.velocity else duration_s
+            whole[i] = [arb(self.a[i, j]) * scale for j in range(n)] + [arb(held[i, 0]) * scale]
+        return arb_mat(whole).exp()
+
+    def readings(self, heard: Sequence[str]) -> fmpq_mat:
+        """(k, n) to what a law hears without command: minus the volts as its error, others as they are."""
+        n, rows = self.a.nrows(), []
+        for name in heard:
+            if name in self.seen:
+                sign = -1 if name == SENSED[0] else 1
+                rows.append([sign * self.seen[name][0, j] for j in range(n)])
+            else:
+                rows.append([fmpq(0)] * n)
+        return fmpq_mat(len(rows), n, [value for row in rows for value in row])
+
+
+def held_plant(prototype: Prototype) -> HeldPlant:
+    """The plant of a prototype, whose inputs are held between samples.
+
+    Raises:
+        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
+    """
+    inner = exact(prototype.payload.inner_end_mass_kg)
+    a, b, c, velocity, mass = paper_model(prototype).over_outer_mass(inner)
+    n = a.nrows()
+    scales = _balance(a, velocity, mass)
+    balanced = fmpq_mat(n, n, [a[i, j] * scales[j] / scales[i] for i in range(n) for j in range(n)])
+    current = fmpq_mat(n, 1, [b[i, 1] / scales[i] for i in range(n)])
+    seen: dict[str, fmpq_mat] = {
+        name: fmpq_mat(1, n, [c[SEEN.index(as_seen), j] * scales[j] for j in range(n)])
+        for name, as_seen in zip(SENSED, ("measured_V", *SENSED[1:]), strict=True)
+    }
+    force = fmpq_mat(n, 1, [b[i, 0] / scales[i] for i in range(n)])
+    tip = fmpq_mat(1, n, [c[0, j] * scales[j] for j in range(n)])
+    return HeldPlant(balanced, current, seen, velocity, mass, force, tip)
+
+
+def _balance(a: fmpq_mat, velocity: int, mass: fmpq) -> list[fmpq]:
+    """Powers of two by which states are scaled, so that rows and columns are of one size."""
+    from scipy.linalg import matrix_balance
+
+    n = a.nrows()
+    floats = np.array([[nearest(a[i, j]) for j in range(n)] for i in range(n)])
+    floats[velocity] /= nearest(mass)
+    scale = matrix_balance(floats, permute=False, separate=True)[1][0]
+    return [fmpq(2) ** int(np.rint(np.log2(s))) for s in scale]
 
 
 class Sampled(Protocol):
@@ -50,12 +166,23 @@ class RealisedLoop(Generic[L]):
     Attributes:
         plant: between samples.
         realisation: the controller.
-        delayed: whether the current is put out one period after its sample.
+        computing: ends of the interval of computing times, as shares of the period: 0 where the current is put out at
+            its sample, 1 where it is one period later.
     """
 
     plant: HeldPlant
     realisation: L
-    delayed: bool
+    computing: tuple[fmpq, fmpq]
+
+    @property
+    def delayed(self) -> bool:
+        """Whether the current before is out for a part of the period."""
+        return self.computing[1] > 0
+
+    @property
+    def period_s(self) -> arb:
+        """Between two samples."""
+        return arb(1) / arb(exact(self.realisation.rate_Hz))
 
     def parts(self) -> tuple[list[list[arb]], list[list[arb]], list[arb], list[arb]]:
         """Of the law's states after a sample what that of the plant's and their own adds; of its current likewise."""
@@ -87,13 +214,132 @@ class RealisedLoop(Generic[L]):
         return arb_mat([*rows, *([current] if held else []), *memory])
 
     def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
-        """The same, enclosed for all masses from `low` to `high`."""
-        moved = self.plant.moved(low, high, self.realisation.rate_Hz)
-        return self.closed(moved, arb_mat(moved.nrows(), moved.ncols()) if self.delayed else None)
+        """The same, enclosed for all masses from `low` to `high` and all computing times."""
+        moved = self.plant.moved(low, high, self.period_s)
+        if not self.delayed:
+            return self.closed(moved, None)
+        first, last = self.computing
+        rest = self.period_s * arb(1 - first).union(arb(1 - last))
+        return self.closed(moved, self.plant.moved(low, high, rest))
 
     def matrix(self, mass: fmpq) -> np.ndarray:
-        """The same at one mass, in floats."""
+        """The same at one mass in the middle of the interval, in floats."""
         return middle(self.enclosed(mass, mass))
+
+
+def realised_loop(prototype: Prototype, realisation: L, delayed: bool = True) -> RealisedLoop[L]:
+    """The loop of a prototype's plant and a realised controller.
+
+    Args:
+        prototype: whose plant it is.
+        realisation: the controller.
+        delayed: whether the current is put out one period after its sample.
+
+    Raises:
+        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
+    """
+    return RealisedLoop(held_plant(prototype), realisation, (fmpq(delayed),) * 2)
+
+
+def prove_sampled(loop: RealisedLoop[Any], low_kg: float, high_kg: float) -> SampledVerdict:
+    """Prove stability for every outer end mass of a closed range, or say at which mass it does not hold."""
+    low, high = exact(low_kg), exact(high_kg)
+    largest, proved, seen, reached = 0.0, 0, 0, low
+    open_pieces = [(low, high)]
+    with ctx.workprec(_BITS):
+        for end in dict.fromkeys((low, high)):
+            modulus = float(np.abs(np.linalg.eigvals(loop.matrix(end))).max())
+            seen += 1
+            largest = max(largest, modulus)
+        while open_pieces and largest < 1:
+            first, last = open_pieces.pop()
+            middle = (first + last) / 2
+            matrix = loop.matrix(middle)
+            values, vectors = np.linalg.eig(matrix)
+            largest = max(largest, float(np.abs(values).max()))
+            seen += 1
+            if _contracts(loop.enclosed(first, last), values, vectors):
+                proved, reached = proved + 1, last
+            elif last - first <= _NARROWEST * (high - low) or (
+                proved >= _TRIED and proved * (high - low) > _PIECES * (reached - low)
+            ):
+                reason = f"no proof between {nearest(first):.6g} and {nearest(last):.6g} kg"
+                return SampledVerdict(None, reason, proved, largest, seen)
+            else:
+                open_pieces += [(middle, last), (first, middle)]
+    if largest >= 1:
+        reason = f"a characteristic value of modulus {largest:.6g} (floating point)"
+        return SampledVerdict(False, reason, proved, largest, seen)
+    return SampledVerdict(True, "", proved, largest, seen)
+
+
+def _contracts(enclosed: arb_mat, values: np.ndarray, vectors: np.ndarray) -> bool:
+    """Whether every matrix of an enclosure contracts in the real modal coordinates of its middle."""
+    columns = []
+    for k, value in enumerate(values):
+        if value.imag > 0:
+            columns += [vectors[:, k].real, vectors[:, k].imag]
+        elif value.imag == 0:
+            columns.append(vectors[:, k].real)
+    frame = np.column_stack(columns)
+    n = len(frame)
+    if frame.shape != (n, n):
+        return False
+    coordinates = arb_mat([[arb(float(x)) for x in row] for row in frame])
+    try:
+        there = coordinates.inv() * enclosed * coordinates
+    except ZeroDivisionError:
+        return False
+    return _positive_definite(
+        arb_mat([[arb(int(i == j)) for j in range(n)] for i in range(n)]) - there.transpose() * there
+    )
+
+
+def _positive_definite(matrix: arb_mat) -> bool:
+    """Cholesky without roots, in balls: positive pivots prove it for every symmetric matrix enclosed."""
+    n = matrix.nrows()
+    rows = [[matrix[i, j] for j in range(n)] for i in range(n)]
+    for k in range(n):
+        pivot = rows[k][k]
+        if not pivot > 0:
+            return False
+        for i in range(k + 1, n):
+            factor = rows[i][k] / pivot
+            for j in range(k + 1, n):
+                rows[i][j] = rows[i][j] - factor * rows[k][j]
+    return True
+
+
+def prove_any_computing_time(
+    loop: RealisedLoop[Any],
+    low_kg: float,
+    high_kg: float,
+    progress: Progress = silent,
+) -> SampledVerdict:
+    """Prove stability for every outer end mass of a closed range and every computing time up to one period.
+
+    It stays open where two characteristic values meet on the way, in whose modal coordinates nothing contracts.
+
+    Args:
+        loop: of the realised controller; its own computing time plays no part.
+        low_kg: least mass.
+        high_kg: largest mass.
+        progress: told the share done, and what is looked at.
+    """
+    open_intervals = [(fmpq(k, _FIRST), fmpq(k + 1, _FIRST)) for k in range(_FIRST)]  # the latest first
+    pieces, largest, seen = 0, 0.0, 0
+    while open_intervals:
+        first, last = open_intervals.pop()
+        progress(1 - nearest(last), f"computing time of {nearest(last):.3g} periods")
+        found = prove_sampled(replace(loop, computing=(first, last)), low_kg, high_kg)
+        pieces, largest, seen = pieces + found.pieces, max(largest, found.largest_modulus), seen + found.looked_at
+        if found.stable:
+            continue
+        where = f"at a computing time of {nearest(first):.6g} to {nearest(last):.6g} periods: {found.reason}"
+        if found.stable is False or last - first <= _LEAST:
+            return SampledVerdict(found.stable, where, pieces, largest, seen)
+        open_intervals += [(first, (first + last) / 2), ((first + last) / 2, last)]
+    return SampledVerdict(True, "", pieces, largest, seen)
 
 
 @dataclass(frozen=True)
@@ -111,22 +357,13 @@ class RoundedLoop:
     d: np.ndarray
 
 
-def realised_loop(prototype: Prototype, realisation: L, delayed: bool = True) -> RealisedLoop[L]:
-    """The loop of a prototype's plant and a realised controller.
-
-    Raises:
-        InputError: for a prototype with effects; its plant is not that of equations (7) to (18).
-    """
-    return RealisedLoop(held_plant(prototype), realisation, delayed)
-
-
 def rounded_loop(loop: RealisedLoop[Realisation], mass_kg: float) -> RoundedLoop:
     """The loop at one outer end mass with its roundings as inputs."""
     mass, law, plant = exact(mass_kg), loop.realisation.linear, loop.plant
     with ctx.workprec(_BITS):
         a = loop.matrix(mass)
-        pushed = middle(plant.pushed(mass, loop.realisation.rate_Hz))
-        moved = middle(plant.moved(mass, mass, loop.realisation.rate_Hz))
+        pushed = middle(plant.moved(mass, mass, loop.period_s, by_force=True))
+        moved = middle(plant.moved(mass, mass, loop.period_s))
     n, m, late = plant.a.nrows(), len(law.states), int(loop.delayed)
     inputs = 1 + len(law.roundings)
     tip, seen = floats(plant.tip), floats(plant.readings(law.heard))
@@ -148,66 +385,3 @@ def rounded_loop(loop: RealisedLoop[Realisation], mass_kg: float) -> RoundedLoop
 def middle(balls: arb_mat) -> np.ndarray:
     """Midpoints in floats."""
     return np.array([[float(balls[i, j].mid()) for j in range(balls.ncols())] for i in range(balls.nrows())])
-
-
-_FIRST = 32
-"""Intervals to begin with: where they are too wide, finding that out costs as much as ten that are not."""
-_LEAST = fmpq(1, 512)
-
-
-@dataclass(frozen=True)
-class ComputedLate:
-    """The loop for all computing times of an interval.
-
-    Attributes:
-        loop: whose own delay plays no part.
-        first, last: ends of the interval, as shares of the period.
-    """
-
-    loop: RealisedLoop[Any]
-    first: fmpq
-    last: fmpq
-
-    def enclosed(self, low: fmpq, high: fmpq) -> arb_mat:
-        """The closed loop's matrix from sample to sample, for all masses from `low` to `high` and all times."""
-        plant = self.loop.plant
-        period = arb(1) / arb(exact(self.loop.realisation.rate_Hz))
-        moved = plant.moved_for(low, high, period)
-        rest = plant.moved_for(low, high, period * arb(1 - self.first).union(arb(1 - self.last)))
-        return self.loop.closed(moved, rest)
-
-    def matrix(self, mass: fmpq) -> np.ndarray:
-        """The same at one mass in the middle of the interval, in floats."""
-        return middle(self.enclosed(mass, mass))
-
-
-def prove_any_computing_time(
-    loop: RealisedLoop[Any],
-    low_kg: float,
-    high_kg: float,
-    progress: Progress = silent,
-) -> SampledVerdict:
-    """Prove stability for every outer end mass of a closed range and every computing time up to one period.
-
-    It stays open where two characteristic values meet on the way, in whose modal coordinates nothing contracts.
-
-    Args:
-        loop: of the realised controller.
-        low_kg: least mass.
-        high_kg: largest mass.
-        progress: told the share done, and what is looked at.
-    """
-    open_intervals = [(fmpq(k, _FIRST), fmpq(k + 1, _FIRST)) for k in range(_FIRST)]  # the latest first
-    pieces, largest, seen = 0, 0.0, 0
-    while open_intervals:
-        first, last = open_intervals.pop()
-        progress(1 - nearest(last), f"computing time of {nearest(last):.3g} periods")
-        found = prove_sampled(ComputedLate(loop, first, last), low_kg, high_kg)
-        pieces, largest, seen = pieces + found.pieces, max(largest, found.largest_modulus), seen + found.looked_at
-        if found.stable:
-            continue
-        where = f"at a computing time of {nearest(first):.6g} to {nearest(last):.6g} periods: {found.reason}"
-        if found.stable is False or last - first <= _LEAST:
-            return SampledVerdict(found.stable, where, pieces, largest, seen)
-        open_intervals += [(first, (first + last) / 2), ((first + last) / 2, last)]
-    return SampledVerdict(True, "", pieces, largest, seen)

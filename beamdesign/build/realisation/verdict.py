@@ -17,10 +17,15 @@ from math import atan, degrees, inf, log10, pi
 import numpy as np
 from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
 
-from beamdesign.build.realisation.loop import RealisedLoop, realised_loop, rounded_loop
+from beamdesign.build.realisation.loop import (
+    RealisedLoop,
+    SampledVerdict,
+    prove_sampled,
+    realised_loop,
+    rounded_loop,
+)
 from beamdesign.build.realisation.realise import FLOAT_STEP, Realisation, floats, l1_norms, l2_norms
 from beamdesign.build.realisation.sections import laws_of
-from beamdesign.build.sampled_loop import SampledVerdict, prove_sampled
 from beamdesign.controllers import Controller
 from beamdesign.loop import LoopAtMass, loop
 from beamdesign.polynomial import at_points, exact
@@ -71,41 +76,33 @@ def image(loop: RealisedLoop[Realisation], mass_kg: float) -> LoopAtMass:
 
     The plant's polynomials are those of matrices within 2^-200 of the true ones; coefficients keep 80 bits.
     """
-    laws = law_polynomials(loop.realisation)
+    laws, law = law_polynomials(loop.realisation), loop.realisation.linear
     with ctx.workprec(_BITS):
         mass = exact(mass_kg)
-        moved = loop.plant.moved(mass, mass, loop.realisation.rate_Hz)
+        moved = loop.plant.moved(mass, mass, loop.period_s)
         n = loop.plant.a.nrows()
         phi = fmpq_mat(n, n, [_middle(moved, i, j) for i in range(n) for j in range(n)])
         gamma = fmpq_mat(n, 1, [_middle(moved, i, n) for i in range(n)])
-        free, seen = phi.charpoly(), loop.plant.readings(loop.realisation.linear.heard)
-        bottom, returned = fmpq_poly([1]), fmpq_poly([0])
-        for k, (above, below) in enumerate(laws):
+        free, seen = phi.charpoly(), loop.plant.readings(law.heard)
+        opened, returned = law.a.charpoly() * free, fmpq_poly([0])
+        for k, (above, _) in enumerate(laws):
             row = fmpq_mat(1, n, [seen[k, j] for j in range(n)])
-            fed = (phi + gamma * row).charpoly() - free
-            bottom, returned = bottom * below, returned * below + above * fed * bottom
-        opened = bottom * free * (fmpq_poly([0, 1]) if loop.delayed else fmpq_poly([1]))
+            returned += above * ((phi + gamma * row).charpoly() - free)
+        if loop.delayed:
+            opened *= fmpq_poly([0, 1])
         below, above = _in_p([opened, returned], loop.realisation.rate_Hz)
         return LoopAtMass(below, above, fmpq_poly([0]))
 
 
 def law_polynomials(realisation: Realisation) -> list[tuple[fmpq_poly, fmpq_poly]]:
-    """Numerator and denominator in z of what is made of each reading, coefficients as realised, exact."""
-    given = {name: one.value for name, one in realisation.coefficients.items()}
-    delta, number, laws = fmpq_poly([-1, 1]), 0, []
-    for channel in realisation.channels:
-        top, bottom = fmpq_poly([given[channel.gain_name]]), fmpq_poly([1])
-        for section in channel.sections:
-            number += 1
-            f, h = given[f"follow{number}"], given[f"direct{number}"]
-            if section.order == 1:
-                top, bottom = top * (h * delta + f), bottom * (delta + f)
-            else:
-                r, k = given[f"damping{number}"], given[f"slope{number}"]
-                top = top * (h * delta**2 + k * f * delta + f**2)
-                bottom = bottom * (delta**2 + r * f * delta + f**2)
-        laws.append((top, bottom))
-    return laws
+    """Numerator and denominator in z of what is made of each reading, coefficients as realised, exact.
+
+    With the numerator of c (z - a)^-1 b + d as det(z - a + b c) + (d - 1) det(z - a).
+    """
+    law = realisation.linear
+    n, below = law.a.nrows(), law.a.charpoly()
+    columns = [fmpq_mat(n, 1, [law.b[i, k] for i in range(n)]) for k in range(len(law.heard))]
+    return [((law.a - b * law.c).charpoly() + (law.d[0, k] - 1) * below, below) for k, b in enumerate(columns)]
 
 
 def _middle(balls: arb_mat, i: int, j: int) -> fmpq:
@@ -311,9 +308,11 @@ def figures_at(prototype: Prototype, realisation: Realisation, mass_kg: float) -
 def law_errors(controller: Controller, realisation: Realisation, at_Hz: float) -> LawErrors:
     """Errors of the law as realised against the continuous one, of the reading where gain and phase err most."""
     z, s = np.exp(2j * pi * at_Hz / realisation.rate_Hz), 2j * pi * at_Hz
+    a, b, c, d = (floats(getattr(realisation.linear, name)) for name in "abcd")
+    made = (c @ np.linalg.solve(z * np.eye(len(a)) - a, b) + d)[0]
     ratios = [
-        at_points(top, z) / at_points(bottom, z) * at_points(law.denominator, s) / at_points(law.numerator, s)
-        for (top, bottom), (_, law) in zip(law_polynomials(realisation), laws_of(controller), strict=True)
+        one * at_points(law.denominator, s) / at_points(law.numerator, s)
+        for one, (_, law) in zip(made, laws_of(controller), strict=True)
     ]
     ratio = max(ratios, key=lambda ratio: abs(np.log(ratio)))
     turn = 360 * at_Hz / realisation.rate_Hz
