@@ -1,5 +1,6 @@
 """Figures for people: SI values in the units an engineer reads, to a sensible number of digits, and in decibels."""
 
+from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from math import isfinite
 from typing import Any, NamedTuple
@@ -96,6 +97,24 @@ def per_cent(share: float) -> str:
 def mass_range_text(bounds: tuple[float, float]) -> str:
     """A range of masses, such as "0 to 6.8 kg"."""
     return f"{bounds[0]:g} to {bounds[1]:g} kg"
+
+
+def guaranteed_rows(
+    found: Any, bounds: tuple[float, float], further: Sequence[tuple[str, str]] = ()
+) -> list[tuple[str, str]]:
+    """What is proved for every mass of a range, by name: bandwidth, peak sensitivity, and what else there is.
+
+    Args:
+        found: with `bandwidth_Hz` and `peak_sensitivity`.
+        bounds: least and largest outer end mass, kg.
+        further: rows of other figures.
+    """
+    return [
+        ("guaranteed bandwidth", at_least(found.bandwidth_Hz, "Hz")),
+        ("guaranteed peak sensitivity", at_most(found.peak_sensitivity, "1")),
+        *further,
+        ("for every outer end mass", mass_range_text(bounds)),
+    ]
 
 
 def tube_text(width_m: float, wall_m: float) -> str:

@@ -17,7 +17,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from beamdesign.cli import HEADINGS, app, main, progress
+from beamdesign.cli import HEADINGS, app, main, output
 from beamdesign.synthesis.interruption import interruption_waits
 
 ROOT = Path(__file__).parent.parent
@@ -388,14 +388,14 @@ def test_a_template_that_is_a_folder_is_not_named_like_a_file(tmp_path: Path) ->
 
 
 def test_long_work_off_a_terminal_is_told_with_share_and_estimate(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.lines("certify", every_s=0.01):
+    with output.lines("certify", every_s=0.01):
         time.sleep(0.05)
-        with progress.reported("diagnosing") as update:
+        with output.reported("diagnosing") as update:
             update(0.5, "fits")
             time.sleep(0.05)
     told = capsys.readouterr().err.splitlines()
     assert told[0].startswith("certify: ")
     assert told[-1].startswith("diagnosing: 50 % done, 0 s so far, about 0 s to go (fits)")
-    with progress.lines("certify", silent=lambda: True, every_s=0.01):
+    with output.lines("certify", silent=lambda: True, every_s=0.01):
         time.sleep(0.05)
     assert capsys.readouterr().err == ""

@@ -21,7 +21,7 @@ from short_scenario import SCENARIO
 from typer.testing import CliRunner
 
 from beamdesign import checker
-from beamdesign.cli import app, progress
+from beamdesign.cli import app, output
 from beamdesign.diagnosis import redesign as redesigning
 from beamdesign.diagnosis.data.dataset import read_dataset
 from beamdesign.diagnosis.fitting.hypothesis import cause, singles
@@ -109,7 +109,7 @@ def begins(line: str) -> None:
         yield begun
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(progress, "reported", first)
+        patch.setattr(output, "reported", first)
         done = CliRunner().invoke(app, line.split())
     if isinstance(done.exception, InputError):
         raise done.exception

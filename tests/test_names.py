@@ -28,8 +28,7 @@ from beamdesign.build.folder import document_of
 from beamdesign.build.realisation.c_code import LAW, SELF_TEST, c_files, compile_self_test, compiler
 from beamdesign.build.realisation.realise import Realisation, realise
 from beamdesign.build.specification import specification_of
-from beamdesign.cli.output import echo, echo_table, write_csv
-from beamdesign.cli.progress import display
+from beamdesign.cli.output import display, echo, echo_table, write_csv
 from beamdesign.columns import read_columns
 from beamdesign.controllers import Lag
 from beamdesign.diagnosis.data.dataset_index import TimeEntry, read_index

@@ -15,19 +15,15 @@ from typer.core import TyperGroup
 
 from beamdesign.cli.arm import arm
 from beamdesign.cli.begin import explain, new
+from beamdesign.cli.build import code, spec
 from beamdesign.cli.certify import certify
 from beamdesign.cli.certify_variations import certify_box, certify_switching
-from beamdesign.cli.code import code
 from beamdesign.cli.command import INTERRUPTED
-from beamdesign.cli.design import codesign, front, remedies, run
+from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap
-from beamdesign.cli.limits import limits
-from beamdesign.cli.output import echo, hush, reporting, shown, speak
+from beamdesign.cli.output import echo, hush, remembered, reporting, shown, speak
 from beamdesign.cli.paper import paper
-from beamdesign.cli.progress import remembered
-from beamdesign.cli.simulate import simulate
-from beamdesign.cli.size import size
-from beamdesign.cli.spec import spec
+from beamdesign.cli.simulate import limits, simulate
 from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune

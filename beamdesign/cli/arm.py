@@ -9,14 +9,15 @@ import typer
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
-    RigArgument,
+    MassRange,
+    OutFolderOrNone,
+    TomlFile,
     by_stage,
     command,
     figures_of,
     mass_range,
-    out_folder,
 )
-from beamdesign.cli.output import RangeOption, echo, echo_table, write_csv
+from beamdesign.cli.output import echo, echo_table, write_csv
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
 
@@ -27,36 +28,19 @@ if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
 
 
+_Place = Annotated[str | None, typer.Option(metavar="X,Y,Z")]
+
+
 @command
 def arm(
-    prototype: RigArgument,
-    offset_m: Annotated[
-        str | None,
-        typer.Option("--offset-m", metavar="X,Y,Z", help="Payload's centre from the tip; else that of [arm]."),
-    ] = None,
-    sensor_m: Annotated[
-        str | None,
-        typer.Option("--sensor-m", metavar="X,Y,Z", help="Where the servos measure, from the tip; else as in [arm]."),
-    ] = None,
-    outer_end_mass: RangeOption = None,
-    force_N: Annotated[
-        str | None,
-        typer.Option(
-            "--force-N",
-            metavar="F",
-            help="Load on the payload's centre, downwards, or X,Y,Z; else weight and largest force.",
-        ),
-    ] = None,
-    within_m: Annotated[
-        str | None,
-        typer.Option(
-            "--within-m", metavar="X,Y,Z", help="Prove stability for every place of the centre up to so far away, too."
-        ),
-    ] = None,
-    allowed_mm: Annotated[
-        float | None, Figure("Error that twist may leave; says which tube keeps it.", "Millimetres")
-    ] = None,
-    out: Annotated[Path | None, out_folder("Folder for certificates, tables, picture and prototype.")] = None,
+    prototype: TomlFile,
+    offset_m: _Place = None,
+    sensor_m: _Place = None,
+    outer_end_mass: MassRange = None,
+    force_N: Annotated[str | None, typer.Option(metavar="F")] = None,
+    within_m: _Place = None,
+    allowed_mm: Annotated[float | None, Figure("Millimetres")] = None,
+    out: OutFolderOrNone = None,
 ) -> CommandResult:
     """Work out the link as an arm.
 
@@ -64,6 +48,16 @@ def arm(
     axis: stability proved over the payload, compliance and bandwidth at tip and payload, and the error that a steady
     load leaves, with the servos and without: what the tip does, what its turning in bending adds, what twist adds.
     Exit status 0 if both loops are proved stable over the range (and over every place asked for), 1 otherwise.
+
+    Args:
+        prototype: the prototype.toml, with a controller.
+        offset_m: payload's centre from the tip; else that of [arm].
+        sensor_m: where the servos measure, from the tip; else as in [arm].
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        force_N: load on the payload's centre, downwards, or X,Y,Z; else weight and largest force.
+        within_m: prove stability for every place of the centre up to so far away, too.
+        allowed_mm: error that twist may leave; says which tube keeps it.
+        out: folder for certificates, tables, picture and prototype.
     """
     from beamdesign.proofs.arm.plane import arm_of
     from beamdesign.prototype import read_prototype

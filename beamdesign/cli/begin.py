@@ -6,29 +6,39 @@ from typing import Annotated
 import typer
 
 from beamdesign.cli.command import CommandResult, command
-from beamdesign.cli.completion import templates, words
 from beamdesign.cli.output import echo, echo_table, path_to_write
+
+
+def templates(incomplete: str) -> list[tuple[str, str]]:
+    """Names of templates, each with what it is for, to complete a word with."""
+    from beamdesign.templates import TEMPLATES
+
+    return [(name, each.purpose) for name, each in TEMPLATES.items() if name.startswith(incomplete)]
+
+
+def words(incomplete: str) -> list[str]:
+    """Keys, tables, effects and topics that can be explained, to complete a word with."""
+    from beamdesign.report.reference import keys, words
+
+    known = sorted({key.path for key in keys()}) if "." in incomplete else words()
+    return [word for word in known if word.startswith(incomplete)]
 
 
 @command
 def new(
-    template: Annotated[
-        str | None, typer.Argument(help="What to start; without it all are listed.", autocompletion=templates)
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PATH",
-            callback=path_to_write,
-            help="The new file (folder, for a data set); else named after the template.",
-        ),
-    ] = None,
-    listed: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
+    template: Annotated[str | None, typer.Argument(autocompletion=templates)] = None,
+    out: Annotated[Path | None, typer.Option(metavar="PATH", callback=path_to_write)] = None,
+    listed: Annotated[bool, typer.Option("--list")] = False,
 ) -> CommandResult:
     """Start a study, a rig or a data set from a template.
 
     The file is commented, runs as it stands, and the command to run it with is printed. Nothing that exists is
     overwritten.
+
+    Args:
+        template: what to start; without it all are listed.
+        out: the new file (folder, for a data set); else named after the template.
+        listed: list the templates.
     """
     import difflib
     import shlex
@@ -58,20 +68,17 @@ def new(
 
 @command
 def explain(
-    key: Annotated[
-        str | None,
-        typer.Argument(
-            help="A key, a table or an effect, such as width_m, servovalve or sensor_lag, or a topic such as proofs; "
-            "without it all are listed.",
-            autocompletion=words,
-        ),
-    ] = None,
-    reference: Annotated[bool, typer.Option("--reference", help="Print all keys as Markdown.")] = False,
+    key: Annotated[str | None, typer.Argument(autocompletion=words)] = None, reference: bool = False
 ) -> CommandResult:
     """Explain a key, a table or an effect of any file, or a topic.
 
     Meaning, unit, bounds, default, and the files it may stand in, from the records that the files are read as. Of a
     topic its page, in Markdown; where a topic has the name of a key, the page follows what is told of the key.
+
+    Args:
+        key: a key, a table or an effect, such as width_m, servovalve or sensor_lag, or a topic such as proofs; without
+            it all are listed.
+        reference: print all keys as Markdown.
     """
     from dataclasses import asdict
 

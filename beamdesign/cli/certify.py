@@ -11,15 +11,16 @@ import typer
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
+    MassRange,
+    OutFile,
     beside,
     by_stage,
     command,
     mass_range,
-    out_file,
+    toml_files,
     with_controller,
 )
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import RangeOption, default_file, echo, echo_table
+from beamdesign.cli.output import default_file, echo, echo_table
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.json_text import picked
 
@@ -32,42 +33,18 @@ if TYPE_CHECKING:
 
 @command
 def certify(
-    prototype: Annotated[
-        Path | None, typer.Argument(autocompletion=toml_files, help="The prototype.toml to certify.")
-    ] = None,
-    outer_end_mass: RangeOption = None,
-    bandwidth_Hz: Annotated[
-        float | None, Figure("Claim the goal's compliance up to this frequency.", "Frequency")
-    ] = None,
-    peak_sensitivity: Annotated[float | None, Figure("Claim that max |1/(1+L)| is at most this.", "LoopGain")] = None,
-    loop_gain: Annotated[
-        float | None, Figure("Claim that |L| is at most this from the goal's loop_gain_from_Hz up.", "LoopGain")
-    ] = None,
-    controller_effort_A_per_V: Annotated[
-        float | None, Figure("Claim that |C/(1+L)| is at most this at every frequency.", "LawGain")
-    ] = None,
-    decay_rate_per_s: Annotated[
-        float | None, Figure("Claim that every pole decays faster than this.", "DecayRate")
-    ] = None,
-    gain_margin: Annotated[
-        float | None, Figure("Claim stability with the gain times all from 1 to this.", "GainFactor")
-    ] = None,
-    robust: Annotated[
-        float,
-        Figure(
-            "Also prove it of the worst rigs so many standard deviations off, as `tune`.", "Sigmas", metavar="SIGMAS"
-        ),
-    ] = 0.0,
-    robust_box: Annotated[
-        bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
-    ] = False,
-    out: Annotated[
-        Path | None, out_file("File for the certificate; else STEM.certificate.toml in this folder.")
-    ] = None,
-    replay: Annotated[
-        Path | None,
-        typer.Option(metavar="CERTIFICATE", help="Prove this certificate again; with PROTOTYPE, also that it is its."),
-    ] = None,
+    prototype: Annotated[Path | None, typer.Argument(autocompletion=toml_files)] = None,
+    outer_end_mass: MassRange = None,
+    bandwidth_Hz: Annotated[float | None, Figure("Frequency")] = None,
+    peak_sensitivity: Annotated[float | None, Figure("LoopGain")] = None,
+    loop_gain: Annotated[float | None, Figure("LoopGain")] = None,
+    controller_effort_A_per_V: Annotated[float | None, Figure("LawGain")] = None,
+    decay_rate_per_s: Annotated[float | None, Figure("DecayRate")] = None,
+    gain_margin: Annotated[float | None, Figure("GainFactor")] = None,
+    robust: Annotated[float, Figure("Sigmas", metavar="SIGMAS")] = 0.0,
+    robust_box: bool = False,
+    out: OutFile = None,
+    replay: Annotated[Path | None, typer.Option(metavar="CERTIFICATE")] = None,
 ) -> CommandResult:
     """Prove stability and performance over a payload range.
 
@@ -76,6 +53,20 @@ def certify(
     over its own payloads. With --robust, rigs whose figures
     are off are sought on samples, and each is decided exactly as the nominal one is.
     Exit status 0 if the loop is stable over the whole range and every claim that was made holds, 1 otherwise.
+
+    Args:
+        prototype: the prototype.toml to certify.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        bandwidth_Hz: claim the goal's compliance up to this frequency.
+        peak_sensitivity: claim that max |1/(1+L)| is at most this.
+        loop_gain: claim that |L| is at most this from the goal's loop_gain_from_Hz up.
+        controller_effort_A_per_V: claim that |C/(1+L)| is at most this at every frequency.
+        decay_rate_per_s: claim that every pole decays faster than this.
+        gain_margin: claim stability with the gain times all from 1 to this.
+        robust: also prove it of the worst rigs so many standard deviations off, as `tune`.
+        robust_box: so many of every figure at once; else of all together.
+        out: file for the certificate; else STEM.certificate.toml in this folder.
+        replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
     from beamdesign.prototype import read_prototype
     from beamdesign.records import InputError

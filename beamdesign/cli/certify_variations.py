@@ -10,15 +10,16 @@ from beamdesign.cli.certify import certificate_file, write_certificate
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
+    MassRange,
+    OutFile,
+    TomlFile,
     beside,
     by_stage,
     command,
     mass_range,
-    out_file,
-    toml_file,
     with_controller,
 )
-from beamdesign.cli.output import RangeOption, echo, echo_table, progress
+from beamdesign.cli.output import echo, echo_table, progress
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -29,21 +30,15 @@ if TYPE_CHECKING:
 
 @command
 def certify_box(
-    prototype: Annotated[Path, toml_file("The prototype.toml to certify.")],
-    outer_end_mass: RangeOption = None,
-    sigmas: Annotated[float, Figure("Standard deviations to either side of every figure.", "Sigmas")] = 3.0,
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="FIGURE", help="Let this figure vary; may be repeated. Default: all.")
-    ] = None,
-    delay_s: Annotated[float, Figure("Allow every pure delay in the loop up to this, s.", "Delay")] = 0.0,
-    scaling: Annotated[bool, typer.Option(help="Find the largest scaling of the tolerances that is stable.")] = False,
-    budget: Annotated[
-        int, typer.Option(min=1, max=1_000_000, help="Most pieces of frequency and parameters to look at.")
-    ] = 4000,
-    seconds: Annotated[float, Figure("Most time for the search of one box.", "TimeLimit")] = inf,
-    out: Annotated[
-        Path | None, out_file("File for the certificate; else STEM.box.toml in this folder.", metavar=None)
-    ] = None,
+    prototype: TomlFile,
+    outer_end_mass: MassRange = None,
+    sigmas: Annotated[float, Figure("Sigmas")] = 3.0,
+    only: Annotated[list[str] | None, typer.Option(metavar="FIGURE")] = None,
+    delay_s: Annotated[float, Figure("Delay")] = 0.0,
+    scaling: Annotated[bool, typer.Option("--scaling/--no-scaling")] = False,
+    budget: Annotated[int, typer.Option(min=1, max=1_000_000)] = 4000,
+    seconds: Annotated[float, Figure("TimeLimit")] = inf,
+    out: OutFile = None,
 ) -> CommandResult:
     """Prove stability for all tolerances at once.
 
@@ -51,6 +46,17 @@ def certify_box(
 
     Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
     nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
+
+    Args:
+        prototype: the prototype.toml to certify.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        sigmas: standard deviations to either side of every figure.
+        only: let this figure vary; may be repeated. Default: all.
+        delay_s: allow every pure delay in the loop up to this, s.
+        scaling: find the largest scaling of the tolerances that is stable.
+        budget: most pieces of frequency and parameters to look at.
+        seconds: most time for the search of one box.
+        out: file for the certificate; else STEM.box.toml in this folder.
     """
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
@@ -139,13 +145,10 @@ def _box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") ->
 
 @command
 def certify_switching(
-    prototype: Annotated[Path, toml_file("The prototype.toml, with its controller.")],
-    outer_end_mass: RangeOption = None,
-    rate: Annotated[
-        float | None,
-        Figure("Prove stability up to this rate of change; else find the largest.", "MassRate", metavar="KG_PER_S"),
-    ] = None,
-    out: Annotated[Path | None, out_file("File for the certificate; else STEM.stages.toml in this folder.")] = None,
+    prototype: TomlFile,
+    outer_end_mass: MassRange = None,
+    rate: Annotated[float | None, Figure("MassRate", metavar="KG_PER_S")] = None,
+    out: OutFile = None,
 ) -> CommandResult:
     """Prove stability while the payload changes in motion.
 
@@ -154,6 +157,12 @@ def certify_switching(
     reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload that
     joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
     schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
+
+    Args:
+        prototype: the prototype.toml, with its controller.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        rate: prove stability up to this rate of change; else find the largest.
+        out: file for the certificate; else STEM.stages.toml in this folder.
     """
     from beamdesign.proofs.mass_family import stage_families
     from beamdesign.records import InputError

@@ -1,20 +1,24 @@
-"""What every command shares: its options, the way from them to an answer, and the exit status of that."""
+"""What every command shares: its options, the way from them to an answer, and the exit status of that.
+
+An option goes by the name of its parameter, and its help is what the docstring tells of it.
+"""
 
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import wraps
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
-from typer.models import OptionInfo
+from typer.models import ArgumentInfo, OptionInfo
 
-from beamdesign.cli.completion import toml_files
-from beamdesign.cli.output import JsonOption, echo, file_to_write, folder_to_write, write_csv, write_json
+from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, write_csv, write_json
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
@@ -35,18 +39,17 @@ class CommandResult:
 
 
 class Figure(OptionInfo):
-    """An option for a figure, which goes by the name of its parameter.
+    """An option for a figure.
 
     Args:
-        help: what it means.
         quantity: of `beamdesign.quantities`; what lies outside of its range is refused.
         or_infinite: whether `inf` is taken as well.
         metavar: in place of its type.
     """
 
-    def __init__(self, help: str, quantity: str, or_infinite: bool = False, metavar: str | None = None):
-        super().__init__(default=..., help=help, metavar=metavar)
-        self.quantity, self.or_infinite, self.option = quantity, or_infinite, ""
+    def __init__(self, quantity: str, or_infinite: bool = False, metavar: str | None = None):
+        super().__init__(default=..., metavar=metavar)
+        self.quantity, self.or_infinite = quantity, or_infinite
 
 
 def command(
@@ -62,12 +65,11 @@ def command(
         InputError: where options are wrong, with everything that is.
         typer.Exit: with status 1 where the answer is no.
     """
-    figures = {}
-    for name, hint in get_type_hints(work, include_extras=True).items():
-        for mark in (mark for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Figure)):
-            mark.option = f"--{name.replace('_', '-')}"  # with its capitals, which typer would make small
-            mark.param_decls = (mark.option,)
-            figures[name] = mark
+    about, helps = _told(work)
+    hints = {name: hint for name, hint in get_type_hints(work, include_extras=True).items() if name in helps}
+    hints = {name: _marked(name, hint, helps[name]) for name, hint in hints.items()}
+    marks = {name: hint.__metadata__[0] for name, hint in hints.items()}
+    figures = {name: mark for name, mark in marks.items() if isinstance(mark, Figure)}
 
     @wraps(work)
     def carried_out(json: Path | None = None, **given: Any) -> None:
@@ -75,7 +77,7 @@ def command(
             problem
             for name, mark in figures.items()
             if given[name] is not None and not (mark.or_infinite and given[name] == inf)
-            for problem in implausible(mark.option, given[name], mark.quantity)
+            for problem in implausible(_option(name), given[name], mark.quantity)
         ]
         wrong += problems(**given) if problems else ()
         if wrong:
@@ -87,11 +89,34 @@ def command(
         if not result.yes:
             raise typer.Exit(1)
 
-    own = inspect.signature(work).parameters.values()
-    last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=JsonOption)
+    last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_JsonOption)
+    own = [each.replace(annotation=hints[name]) for name, each in inspect.signature(work).parameters.items()]
     carried_out.__signature__ = inspect.Signature([*own, last])  # type: ignore[attr-defined]
-    carried_out.__annotations__ = work.__annotations__ | {"json": JsonOption, "return": None}
+    carried_out.__annotations__ = hints | {"json": _JsonOption, "return": None}
+    carried_out.__doc__ = about
     return carried_out
+
+
+def _told(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:
+    """What a docstring tells of a command, and of each of its options."""
+    about, _, arguments = inspect.cleandoc(work.__doc__ or "").partition("\n\nArgs:\n")
+    each = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", arguments, re.MULTILINE)
+    return about, {name: " ".join(f"{words[:1].upper()}{words[1:]}".split()) for name, words in each}
+
+
+def _marked(name: str, hint: Any, help: str) -> Any:
+    """The type of an option with the mark by which typer knows it."""
+    given, mark = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, typer.Option())
+    mark = copy(mark)
+    mark.help = help
+    if not isinstance(mark, ArgumentInfo) and mark.default is ...:  # else it goes by names of its own
+        mark.param_decls = (_option(name),)
+    return Annotated[given, mark]
+
+
+def _option(name: str) -> str:
+    """With its capitals, which typer would make small, and for a flag without the contrary."""
+    return f"--{name.replace('_', '-')}"
 
 
 INTERRUPTED = 130
@@ -123,23 +148,49 @@ def implausible(option: str, value: float, quantity: str) -> list[tuple[str, str
     return [] if value in plausible else [(option, plausible.refusal(f"{value:g}", option.replace("-", "_")))]
 
 
-def toml_file(help: str, metavar: str | None = None) -> Any:
-    """An argument that is a TOML file."""
-    return typer.Argument(autocompletion=toml_files, metavar=metavar, help=help)
+_DEPTH = 3
+_MOST = 400
+"""Entries of folders looked at, so that the shell never waits."""
 
 
-def out_folder(help: str, metavar: str | None = "DIR") -> Any:
-    """The option `--out` for a folder."""
-    return typer.Option("--out", metavar=metavar, callback=folder_to_write, help=help)
+def toml_files(incomplete: str) -> list[str]:
+    """TOML files whose path begins as typed, those a few folders down included."""
+    return sorted(str(path) for path in _below(incomplete) if path.suffix == ".toml")
 
 
-def out_file(help: str, metavar: str | None = "FILE") -> Any:
-    """The option `--out` for a file."""
-    return typer.Option("--out", metavar=metavar, callback=file_to_write, help=help)
+def data_sets(incomplete: str) -> list[str]:
+    """Folders with a dataset.toml whose path begins as typed."""
+    return sorted(str(path.parent) for path in _below(incomplete) if path.name == "dataset.toml")
 
 
-RigArgument = Annotated[Path, toml_file("The prototype.toml, with a controller.")]
-StudyArgument = Annotated[Path, toml_file("The study file with the design problem.")]
+def _below(incomplete: str) -> Iterator[Path]:
+    typed = Path(incomplete)
+    start = typed if incomplete.endswith(("/", "\\")) or not incomplete else typed.parent
+    folders, looked = [(start, 0)], 0
+    while folders and looked < _MOST:
+        folder, depth = folders.pop(0)
+        try:
+            entries = sorted(folder.iterdir())
+        except OSError:
+            continue
+        for path in entries:
+            looked += 1
+            if path.name.startswith(".") or not str(path).startswith(incomplete):
+                continue
+            if path.is_dir() and depth < _DEPTH:
+                folders.append((path, depth + 1))
+            elif path.is_file():
+                yield path
+
+
+TomlFile = Annotated[Path, typer.Argument(autocompletion=toml_files)]
+MassRange = Annotated[str | None, typer.Option("--outer-end-mass", metavar="LO:HI")]
+_FOLDER = typer.Option("--out", metavar="DIR", callback=folder_to_write)
+OutFolder = Annotated[Path, _FOLDER]
+OutFolderOrNone = Annotated[Path | None, _FOLDER]
+OutFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=file_to_write)]
+_JSON_HELP = "Write the result to this JSON file as well; `-` prints it, and nothing else, to standard output."
+_JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", callback=json_target, help=_JSON_HELP)]
 
 
 def figures_of(

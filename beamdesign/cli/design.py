@@ -1,6 +1,6 @@
-"""`beamdesign run`, `codesign`, `front` and `remedies`: from a design problem to proved designs."""
+"""`beamdesign run`, `size`, `codesign`, `front` and `remedies`: from a design problem to proved designs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,15 +9,17 @@ import typer
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
-    StudyArgument,
+    MassRange,
+    OutFolder,
+    OutFolderOrNone,
+    TomlFile,
     command,
     figures_of,
     mass_range,
-    out_folder,
-    toml_file,
+    toml_files,
     write_drawn,
 )
-from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
+from beamdesign.cli.output import default_folder, echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -26,18 +28,19 @@ if TYPE_CHECKING:
 
 
 @command
-def run(
-    study: Annotated[Path, toml_file("The study file, such as studies/prototype.toml.")],
-    out: Annotated[Path, out_folder("Folder for the results; made if need be.")],
-) -> CommandResult:
+def run(study: TomlFile, out: OutFolder) -> CommandResult:
     """Carry a study to a certified prototype.
 
     Sections are sized, controller and inner end mass tuned, and the guarantee proved; with the prototype come its
     certificate, a report and a specification. Exit status 1 if there is no design, with the reason.
+
+    Args:
+        study: the study file, such as studies/prototype.toml.
+        out: folder for the results; made if need be.
     """
     from beamdesign.build.result_folder import write_result_folder
     from beamdesign.problem import read_problem
-    from beamdesign.quantity_text import at_least, at_most, mass_range_text
+    from beamdesign.quantity_text import guaranteed_rows, tube_text
     from beamdesign.synthesis.design_run import run_design
 
     problem = read_problem(study)
@@ -53,17 +56,12 @@ def run(
     payload, end, reached = result.prototype.payload, result.suffix.replace(".", "_"), result.guarantees
     moving = result.sizing.beam_mass_kg + payload.inner_end_mass_kg
     rows = [
-        ("outer beam", f"{result.sizing.outer.width_m * 1e3:.4g} x {result.sizing.outer.wall_m * 1e3:.3g} mm"),
-        ("inner beam", f"{result.sizing.inner.width_m * 1e3:.4g} x {result.sizing.inner.wall_m * 1e3:.3g} mm"),
+        ("outer beam", tube_text(*result.sizing.outer)),
+        ("inner beam", tube_text(*result.sizing.inner)),
         ("mass of both beams and inner end mass", f"{moving:.3f} kg"),
         ("governing check", result.sizing.governing),
+        *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
     ]
-    for one in reached:
-        rows += [
-            ("guaranteed bandwidth", at_least(one.bandwidth_Hz, "Hz")),
-            ("guaranteed peak sensitivity", at_most(one.peak_sensitivity, "1")),
-            ("for every outer end mass", mass_range_text(one.outer_end_mass_kg)),
-        ]
     echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
     for path in folder.values():
         echo(str(path))
@@ -84,21 +82,25 @@ def run(
 
 @command
 def codesign(
-    study: StudyArgument,
-    bandwidth_Hz: Annotated[float, Figure("Bandwidth to guarantee, Hz.", "Bandwidth")],
-    outer_end_mass: RangeOption = None,
-    out: Annotated[
-        Path | None, out_folder("Folder for prototype.toml and certificate.toml; else STEM-codesign.")
-    ] = None,
+    study: TomlFile,
+    bandwidth_Hz: Annotated[float, Figure("Bandwidth")],
+    outer_end_mass: MassRange = None,
+    out: OutFolderOrNone = None,
 ) -> CommandResult:
     """Find the lightest link that guarantees a bandwidth.
 
     Both sections, the inner end mass and the controller are chosen together; the moving mass counts both beams over
     their full length and the inner end mass. The result is proved for every mass of the payload range, not sampled.
     Exit status 1 if no design can be proved.
+
+    Args:
+        study: the study file with the design problem.
+        bandwidth_Hz: bandwidth to guarantee, Hz.
+        outer_end_mass: range of mass on the outer tip, kg; else the study's.
+        out: folder for prototype.toml and certificate.toml; else STEM-codesign.
     """
     from beamdesign.problem import read_problem
-    from beamdesign.quantity_text import at_least, at_most, mass_range_text
+    from beamdesign.quantity_text import guaranteed_rows, tube_text
     from beamdesign.records import to_toml
     from beamdesign.synthesis import codesign as room
     from beamdesign.synthesis.design_run import CERTIFICATE_NAME, certified
@@ -122,13 +124,11 @@ def codesign(
         ("moving mass", f"{point.moving_mass_kg:.3f} kg"),
         ("of which both beams", f"{point.beam_mass_kg:.3f} kg"),
         ("of which inner end mass", f"{point.inner_end_mass_kg:.3f} kg"),
-        ("outer beam", f"{point.outer.width_m * 1e3:.2f} x {point.outer.wall_m * 1e3:.3f} mm"),
-        ("inner beam", f"{point.inner.width_m * 1e3:.2f} x {point.inner.wall_m * 1e3:.3f} mm"),
+        ("outer beam", tube_text(*point.outer)),
+        ("inner beam", tube_text(*point.inner)),
         *((name, str(value)) for name, value in point.proved.controller.model_dump().items()),
         ("governing structural check", point.governing),
-        ("guaranteed bandwidth", at_least(point.proved.bandwidth_Hz, "Hz")),
-        ("guaranteed peak sensitivity", at_most(point.proved.peak_sensitivity, "1")),
-        ("for every outer end mass", mass_range_text(masses)),
+        *guaranteed_rows(point.proved, masses),
     ]
     echo_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
     echo(f"prototype: {paths['prototype']}")
@@ -166,17 +166,18 @@ def _front_row(design: "Codesign") -> dict[str, Any]:
 
 @command
 def front(
-    study: StudyArgument,
-    out: Annotated[Path, out_folder("Folder for front.csv and the picture.")],
-    bandwidths_Hz: Annotated[str, typer.Option("--bandwidths-Hz", help="Bandwidths to guarantee.")] = "3,4,5,6,8",
-    payloads_kg: Annotated[
-        str | None, typer.Option("--payloads-kg", help="Upper ends of the payload range; else the study's.")
-    ] = None,
+    study: TomlFile, out: OutFolder, bandwidths_Hz: str = "3,4,5,6,8", payloads_kg: str | None = None
 ) -> CommandResult:
     """Draw moving mass against bandwidth and payload range.
 
     Every point is a proved design; points that failed stay in the table with their reason. Exit
     status 1 if there is no proved point at all.
+
+    Args:
+        study: the study file with the design problem.
+        out: folder for front.csv and the picture.
+        bandwidths_Hz: bandwidths to guarantee.
+        payloads_kg: upper ends of the payload range; else the study's.
     """
     from beamdesign.problem import read_problem
     from beamdesign.report.canvas import new_figure
@@ -217,15 +218,21 @@ def front(
 
 @command
 def remedies(
-    study: Annotated[Path, toml_file("The study file; its given sections are the ones to remedy.")],
-    out: Annotated[Path, out_folder("Folder for remedies.csv and the picture.")],
-    outer_end_mass: RangeOption = None,
-    added_mass_kg: Annotated[float, Figure("Most moving mass that a remedy may add.", "MassOrNone")] = 4.5,
+    study: TomlFile,
+    out: OutFolder,
+    outer_end_mass: MassRange = None,
+    added_mass_kg: Annotated[float, Figure("MassOrNone")] = 4.5,
 ) -> CommandResult:
     """Compare the paper's four remedies for payload.
 
     They are a stiffer outer beam, a heavier or softer inner beam, more phase, and a lag scheduled on the
     payload. Each is optimised for the same payload range and limits, and proved in the same way.
+
+    Args:
+        study: the study file; its given sections are the ones to remedy.
+        out: folder for remedies.csv and the picture.
+        outer_end_mass: range of mass on the outer tip, kg; else the study's.
+        added_mass_kg: most moving mass that a remedy may add.
     """
     from beamdesign.problem import read_problem
     from beamdesign.records import InputError
@@ -262,3 +269,101 @@ def remedies(
     )
     write_drawn(out, "remedies", figure, rows)
     return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})
+
+
+DEFAULT_TIP_FORCE_N = 2000.0
+_STUDY_TABLES = ("load", "sections", "clearance", "safety")
+
+
+@command
+def size(
+    study: Annotated[Path, typer.Argument(autocompletion=toml_files, metavar="STUDY-OR-PROTOTYPE")],
+    tip_force_N: Annotated[float | None, Figure("Force")] = None,
+) -> CommandResult:
+    """Find the lightest tubes for a study, or check a rig's.
+
+    For a study, the pair of least mass that passes every structural check; for a prototype, its own sections checked.
+    Exit status 1 if no pair fits, or if a section fails a check; the reason says which requirement to relax.
+
+    Args:
+        study: a study file or a prototype.toml.
+        tip_force_N: load to check a prototype for; 2000 by default.
+    """
+    from beamdesign.records import read_table
+
+    table = read_table(study)
+    if any(name in table for name in _STUDY_TABLES):
+        fields = _of_study(study, tip_force_N)
+    else:
+        fields = _of_prototype(study, tip_force_N)
+    return CommandResult(fields, fields["feasible"])
+
+
+def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
+    from beamdesign.problem import read_problem
+    from beamdesign.records import InputError
+    from beamdesign.sweep.tasks.of_problems import check_fields
+    from beamdesign.synthesis.sizing import size as find_sections
+
+    problem = read_problem(path)
+    if tip_force_N is not None:
+        raise InputError("--tip-force-N", [(f"{tip_force_N:g}", f"{path} states its own load; change it there")])
+    with progress("sizing") as update:
+        found = find_sections(problem, update)
+    echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
+    echo_table("pairs of tubes", ("pair", "outer, mm", "inner, mm", "beam mass, kg", "checks"), found.rows())
+    if found.price_of_rounding_kg is not None:
+        echo(f"price of rounding to stock sizes: {found.price_of_rounding_kg:.3g} kg")
+    echo_checks(f"checks of the {'chosen' if found.feasible else 'nearest'} pair", map(check_fields, found.checks))
+    if found.free:
+        free = found.free
+        echo(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
+        prices = [(name, price) for name, price in free.shadow_prices.items() if price]
+        echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
+    return found.to_dict()
+
+
+def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
+    from beamdesign.problem import Clearance, Safety, Sections
+    from beamdesign.prototype import read_prototype
+    from beamdesign.sweep.tasks.of_problems import check_fields
+    from beamdesign.synthesis.sizing import check_prototype
+
+    prototype = read_prototype(path)
+    force = DEFAULT_TIP_FORCE_N if tip_force_N is None else tip_force_N
+    pair = check_prototype(prototype, force, str(path))
+    echo(
+        f"{prototype.name}: sections checked for a tip force of {force:g} N "
+        f"({'default' if tip_force_N is None else '--tip-force-N'}), with default safety factors "
+        f"({Safety().strength:g} strength, {Safety().local_buckling:g} local buckling) and gaps "
+        f"({1e3 * Clearance().assembly_m:g} mm at assembly, {1e3 * Clearance().under_load_m:g} mm under load): "
+        "a prototype states none of these"
+    )
+    echo_checks("checks", map(check_fields, pair.checks))
+    echo(f"both beams weigh {pair.beam_mass_kg:.4g} kg; governed by {pair.governing}")
+    if not pair.feasible:
+        echo(f"fails: {'; '.join(check.name for check in pair.failing)}")
+    assumed = {
+        "load": {"tip_force_N": force},
+        "clearance": Clearance().model_dump(),
+        "safety": Safety().model_dump(),
+        "sections": Sections().model_dump(exclude={"choose"}),
+    }
+    return pair.to_dict() | {"governing": pair.governing, "feasible": pair.feasible, "assumed": assumed}
+
+
+def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:
+    """Print structural checks, given as the fields that the task `size` keeps of them."""
+    rows = [
+        (
+            check["name"],
+            check["value"],
+            "at least" if check["at_least"] else "at most",
+            check["limit"],
+            check["unit"],
+            "-" if check["utilisation"] is None else f"{100 * check['utilisation']:.0f} %",
+            "" if check["satisfied"] else "FAILS",
+        )
+        for check in checks
+    ]
+    echo_table(title, ("check", "value", "", "limit", "unit", "used", ""), rows)

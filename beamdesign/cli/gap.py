@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command, out_folder, resumed
-from beamdesign.cli.completion import data_sets, toml_files
+from beamdesign.cli.command import (
+    CommandResult,
+    OutFolder,
+    OutFolderOrNone,
+    TomlFile,
+    command,
+    data_sets,
+    resumed,
+)
 from beamdesign.cli.output import default_folder, echo, echo_table, progress
 from beamdesign.files import fresh_folder, settled
 
@@ -28,24 +35,14 @@ gap = typer.Typer(
 
 _WORTH_FIGURES = 0.1  # probability of a cause from which its figures are printed
 
-DataSet = Annotated[
-    Path,
-    typer.Argument(autocompletion=data_sets, help="Folder with dataset.toml, the prototype believed and CSV files."),
-]
+DataSet = Annotated[Path, typer.Argument(autocompletion=data_sets)]
+_Workers = Annotated[int, typer.Option(min=1, max=64)]
 
 
 @gap.command()
 @command
 def diagnose(
-    dataset: DataSet,
-    out: Annotated[
-        Path | None,
-        out_folder("Folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here."),
-    ] = None,
-    redesign: Annotated[
-        bool, typer.Option("--redesign", help="Tune and prove a controller for the diagnosed prototype as well.")
-    ] = False,
-    workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that fit at the same time.")] = 2,
+    dataset: DataSet, out: OutFolderOrNone = None, redesign: bool = False, workers: _Workers = 2
 ) -> CommandResult:
     """Diagnose the gap between a prototype and its rig.
 
@@ -53,6 +50,12 @@ def diagnose(
     gap is then measured by fits without some of the records, on those. Exit status 0 whatever the verdict is. An
     interrupted run is taken up where it stopped by the same command: finished fits are kept in the folder `fits` of
     the results.
+
+    Args:
+        dataset: folder with dataset.toml, the prototype believed and CSV files.
+        out: folder for prototype.toml, diagnosis.json and report.html; else NAME.diagnosis here.
+        redesign: tune and prove a controller for the diagnosed prototype as well.
+        workers: processes that fit at the same time.
     """
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
 
@@ -193,19 +196,17 @@ def _share(value: float) -> str:
 
 @gap.command()
 @command
-def predict(
-    prototype: Annotated[
-        Path,
-        typer.Argument(autocompletion=toml_files, help="The prototype.toml to simulate, with the effects it names."),
-    ],
-    dataset: DataSet,
-    out: Annotated[Path, out_folder("Folder for one CSV file per record.")],
-) -> CommandResult:
+def predict(prototype: TomlFile, dataset: DataSet, out: OutFolder) -> CommandResult:
     """Predict the records of a data set from its inputs alone.
 
     Times, forces, commands, end masses and controllers are read; measured columns are not, and may be missing or not
     finite. Displacements are stated as the data set states them: the sensor's volts over the gain believed there. A
     loop that diverges ends its record there, and the exit status is 1.
+
+    Args:
+        prototype: the prototype.toml to simulate, with the effects it names.
+        dataset: folder with dataset.toml, the prototype believed and CSV files.
+        out: folder for one CSV file per record.
     """
     from beamdesign import predict as predicted
     from beamdesign.simulation import write_tables
@@ -225,24 +226,14 @@ def predict(
 @gap.command()
 @command
 def blindcheck(
-    out: Annotated[
-        Path,
-        out_folder("Folder of the check; one that is there goes on."),
-    ] = Path("blindcheck"),
-    cases: Annotated[int, typer.Option(min=1, max=10000, help="How many cases.")] = 200,
-    seed: Annotated[int, typer.Option(min=0, help="Of the plan; another one gives other cases.")] = 1,
-    short: Annotated[bool, typer.Option("--short/--full", help="Few short records, or eight of 4 s each.")] = False,
-    workers: Annotated[int, typer.Option(min=1, max=64, help="Cases that are diagnosed at the same time.")] = 2,
-    draw_only: Annotated[
-        bool, typer.Option("--draw-only", help="Draw the cases and seal the answers; no more.")
-    ] = False,
-    rejudge: Annotated[
-        bool,
-        typer.Option("--rejudge", help="Take the fits of the folder, even those of another version of the program."),
-    ] = False,
-    score_only: Annotated[
-        bool, typer.Option("--score-only", help="Diagnose no more; score the cases that are finished.")
-    ] = False,
+    out: OutFolder = Path("blindcheck"),
+    cases: Annotated[int, typer.Option(min=1, max=10000)] = 200,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
+    short: Annotated[bool, typer.Option("--short/--full")] = False,
+    workers: _Workers = 2,
+    draw_only: bool = False,
+    rejudge: bool = False,
+    score_only: bool = False,
 ) -> CommandResult:
     """Check the diagnosis blind.
 
@@ -253,6 +244,16 @@ def blindcheck(
 
     A check that was stopped goes on by the same command; what is finished is not done again. After a change of how fits
     are judged, the same command judges anew with the fits that are there.
+
+    Args:
+        out: folder of the check; one that is there goes on.
+        cases: how many cases.
+        seed: of the plan; another one gives other cases.
+        short: few short records, or eight of 4 s each.
+        workers: cases that are diagnosed at the same time.
+        draw_only: draw the cases and seal the answers; no more.
+        rejudge: take the fits of the folder, even those of another version of the program.
+        score_only: diagnose no more; score the cases that are finished.
     """
     from beamdesign.validation.blind.blindcheck import begin_check, diagnose_all, draw_and_seal
 

@@ -1,23 +1,30 @@
-"""What every command prints and writes: tables for people unless hushed, JSON for programs, ranges as LO:HI.
+"""What every command prints and writes: tables for people unless hushed, JSON for programs, how far long work has got.
 
-Tables with long column names lose no name: in a terminal they have as many columns as its width holds.
+Tables with long column names lose no name: in a terminal they have as many columns as its width holds. Progress goes
+to stderr: a bar on a terminal, a line every half minute elsewhere. Ctrl-C is remembered: where some library swallows
+it, the next word on progress passes it on.
 """
 
 import csv
 import io
 import os
 import shutil
+import signal
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, Any
+from types import FrameType
+from typing import Any
 
 import typer
 
 from beamdesign.files import write_whole
 from beamdesign.json_text import json_text
+from beamdesign.progress import Progress
 from beamdesign.spelling import in_csv, one_line
 
 
@@ -85,20 +92,6 @@ def _refuse(option: str, path: Path, reason: str) -> None:
     from beamdesign.records import InputError
 
     raise InputError(option, [(str(path), reason)])
-
-
-JsonOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--json",
-        metavar="FILE",
-        callback=json_target,
-        help="Write the result to this JSON file as well; `-` prints it, and nothing else, to standard output.",
-    ),
-]
-RangeOption = Annotated[
-    str | None, typer.Option("--outer-end-mass", metavar="LO:HI", help="Range of mass on the outer tip, kg.")
-]
 
 
 _hushed = ContextVar("hushed", default=False)
@@ -173,27 +166,6 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     write_whole(path, text.getvalue())
 
 
-def reporting(name: str) -> AbstractContextManager[None]:
-    """Where stderr is no terminal: a line now and then for as long as a command runs that takes long."""
-    if sys.stderr.isatty():
-        return nullcontext()
-    from beamdesign.cli.progress import lines
-
-    return lines(name, silent=_hushed.get)
-
-
-def progress(description: str) -> AbstractContextManager[Any]:
-    """How far work has got, on stderr, for as long as a `with` block runs, which is given `update(share, words)`.
-
-    A bar on a terminal; elsewhere in the lines of `reporting`.
-    """
-    from beamdesign.cli import progress as room
-
-    if _hushed.get() or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        return room.reported(description)
-    return room.display(description)
-
-
 _GAP = "  "
 
 
@@ -226,3 +198,153 @@ def echo_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]],
 
 def _text(value: Any) -> str:
     return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+_came = threading.Event()
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """For as long as the block runs, remember that Ctrl-C came; who ignores it or has a way of their own keeps that."""
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        if signal.getsignal(signal.SIGINT) is not _remember:
+            _came.clear()  # what came before is no word on this run
+        yield
+        return
+    _came.clear()
+    signal.signal(signal.SIGINT, _remember)
+    try:
+        yield
+    finally:
+        _came.clear()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _remember(number: int, frame: FrameType | None) -> None:
+    _came.set()
+    raise KeyboardInterrupt
+
+
+def pass_on() -> None:
+    """Say again what was swallowed.
+
+    Raises:
+        KeyboardInterrupt: where Ctrl-C has come.
+    """
+    if _came.is_set():
+        raise KeyboardInterrupt
+
+
+EVERY_S = 30.0
+"""From line to line."""
+
+
+class Work:
+    """What is being done, as the lines tell it."""
+
+    def __init__(self, name: str):
+        self.begun, self.name, self.share, self.words = time.monotonic(), name, 0.0, ""
+
+    def line(self) -> str:
+        """Share done, time taken, an estimate of what is left, and what is being done."""
+        taken = time.monotonic() - self.begun
+        parts = [f"{100 * self.share:.0f} % done"] if self.share > 0 else []
+        parts.append(f"{in_words(taken)} so far")
+        if 0.02 < self.share < 1:
+            parts.append(f"about {in_words(taken * (1 / self.share - 1))} to go")
+        return f"{self.name}: {', '.join(parts)}{f' ({self.words})' if self.words else ''}"
+
+
+_works: list[Work] = []
+
+
+def in_words(seconds: float) -> str:
+    """A time in the unit in which one would say it."""
+    for limit, unit, size in ((100, "s", 1), (6000, "min", 60)):
+        if seconds < limit:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds / 3600:.1f} h"
+
+
+@contextmanager
+def lines(name: str, silent: Callable[[], bool] = bool, every_s: float = EVERY_S) -> Iterator[None]:
+    """Print a line on the work in progress now and then for as long as the block runs, whatever its engine is at.
+
+    Args:
+        name: of the command, where nothing within it says what is being done.
+        silent: whether nothing is to be printed after all.
+        every_s: from line to line.
+    """
+    done = threading.Event()
+
+    def tell() -> None:
+        while not done.wait(every_s):
+            if not silent():
+                print(shown(_works[-1].line()), file=sys.stderr, flush=True)
+
+    before = list(_works)
+    _works.append(Work(name))
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
+        _works[:] = before
+
+
+@contextmanager
+def reported(description: str) -> Iterator[Progress]:
+    """Let the lines tell of this work while the block runs.
+
+    Yields:
+        update(share, words): the share done, 0 to 1, and a word on what is being done.
+    """
+    work = Work(description)
+
+    def update(share: float, words: str = "") -> None:
+        pass_on()
+        work.share, work.words = share, words
+
+    _works.append(work)
+    try:
+        yield update
+    finally:
+        _works.remove(work)
+
+
+@contextmanager
+def display(description: str) -> Iterator[Progress]:
+    """Show a bar while the block runs; yields as `reported` does."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True, no_color="NO_COLOR" in os.environ)
+    described, noted = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[note]}"))
+    columns = (described, BarColumn(), noted)
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(shown(description), total=1.0, note="")
+
+        def update(share: float, words: str = "") -> None:
+            pass_on()
+            bar.update(task, completed=share, note=shown(words))
+
+        yield update
+
+
+def reporting(name: str) -> AbstractContextManager[None]:
+    """Where stderr is no terminal: a line now and then for as long as a command runs that takes long."""
+    return nullcontext() if sys.stderr.isatty() else lines(name, silent=_hushed.get)
+
+
+def progress(description: str) -> AbstractContextManager[Progress]:
+    """How far work has got, on stderr, for as long as a `with` block runs, which is given `update(share, words)`.
+
+    A bar on a terminal; elsewhere in the lines of `reporting`.
+    """
+    bar = sys.stderr.isatty() and not _hushed.get() and os.environ.get("TERM") != "dumb"
+    return display(description) if bar else reported(description)

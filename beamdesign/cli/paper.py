@@ -6,22 +6,21 @@ from typing import Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command, out_folder
+from beamdesign.cli.command import CommandResult, OutFolder, command
 from beamdesign.cli.output import echo, echo_table, progress, write_json
 from beamdesign.files import fresh_folder, settled
 
 
 @command
-def paper(
-    out: Annotated[Path, out_folder("Folder for paper.html, paper.json and figures.")],
-    figure: Annotated[
-        int | None, typer.Option("--figure", metavar="N", help="Draw this figure of the paper alone, 8 to 16.")
-    ] = None,
-) -> CommandResult:
+def paper(out: OutFolder, figure: Annotated[int | None, typer.Option(metavar="N")] = None) -> CommandResult:
     """Recompute the numbers of Zalucky and Hardt (1984).
 
     Every number and the figures 8 to 16, the paper's beside the model's; where they disagree, why. What the paper says
     about each figure is checked; --figure N does that for one of them.
+
+    Args:
+        out: folder for paper.html, paper.json and figures.
+        figure: draw this figure of the paper alone, 8 to 16.
     """
     if figure is not None:
         return _one_figure(figure, out)

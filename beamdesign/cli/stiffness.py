@@ -10,14 +10,15 @@ import typer
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
+    MassRange,
+    OutFolderOrNone,
+    TomlFile,
     by_stage,
     command,
     figures_of,
     mass_range,
-    out_folder,
-    toml_file,
 )
-from beamdesign.cli.output import RangeOption, echo, echo_table, progress
+from beamdesign.cli.output import echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -33,6 +34,8 @@ CONTACTS: dict[str, "Need"] = {"passive": "passive", "wall": "wall", "none": "st
 RIGS = 40
 """Drawn for a law to suit, and others to count what it does on them."""
 
+_LowToHigh = Annotated[str, typer.Option(metavar="LO:HI")]
+
 
 def _wrong_wishes(
     contact: str, end_stiffness_N_per_m: float | None, keep_controller: bool, **others: Any
@@ -45,40 +48,15 @@ def _wrong_wishes(
 
 @partial(command, problems=_wrong_wishes)
 def stiffness(
-    prototype: Annotated[Path, toml_file("The prototype.toml of the rig.")],
-    end_stiffness_N_per_m: Annotated[
-        float | None,
-        Figure("Static stiffness that the end is to have; without it the controller is judged as it is.", "Stiffness"),
-    ] = None,
-    outer_end_mass: RangeOption = None,
-    wall_N_per_m: Annotated[
-        str, typer.Option("--wall-N-per-m", metavar="LO:HI", help="Stiffness of the walls that it may touch.")
-    ] = "0:1e9",
-    wall_damping_N_s_per_m: Annotated[
-        str, typer.Option("--wall-damping-N-s-per-m", metavar="LO:HI", help="Damping of these walls.")
-    ] = "0:0",
-    contact: Annotated[
-        str,
-        typer.Option(
-            help="Least that contact has to be: passive (with any passive surroundings), wall (stable against every"
-            " wall of the range) or none (stable in the air). The most that can be had is looked for first."
-        ),
-    ] = "wall",
-    keep_controller: Annotated[
-        bool,
-        typer.Option("--keep-controller", help="Keep the prototype's controller; choose the force filter alone."),
-    ] = False,
-    rigs: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            max=1000,
-            help="Rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.",
-        ),
-    ] = RIGS,
-    out: Annotated[
-        Path | None, out_folder("Folder for prototype.toml and its certificates; else none is written.")
-    ] = None,
+    prototype: TomlFile,
+    end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
+    outer_end_mass: MassRange = None,
+    wall_N_per_m: _LowToHigh = "0:1e9",
+    wall_damping_N_s_per_m: _LowToHigh = "0:0",
+    contact: str = "wall",
+    keep_controller: bool = False,
+    rigs: Annotated[int, typer.Option(min=0, max=1000)] = RIGS,
+    out: OutFolderOrNone = None,
 ) -> CommandResult:
     """Give the end of the link a stiffness.
 
@@ -88,6 +66,18 @@ def stiffness(
     Stability over the payload, passivity at the tip and contact with walls are proved or refuted in exact arithmetic,
     for the linear loop with its nominal figures; on rigs drawn from the tolerances they are counted. Without a
     stiffness the controller is judged as it is. Exit status 1 if contact is not what it has to be.
+
+    Args:
+        prototype: the prototype.toml of the rig.
+        end_stiffness_N_per_m: static stiffness that the end is to have; without it the controller is judged as it is.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        wall_N_per_m: stiffness of the walls that it may touch.
+        wall_damping_N_s_per_m: damping of these walls.
+        contact: least that contact has to be: passive (with any passive surroundings), wall (stable against every
+            wall of the range) or none (stable in the air). The most that can be had is looked for first.
+        keep_controller: keep the prototype's controller; choose the force filter alone.
+        rigs: rigs drawn from the prototype's tolerances that the law has to suit; 0: nominal alone.
+        out: folder for prototype.toml and its certificates; else none is written.
     """
     from beamdesign.polynomial import exact
     from beamdesign.proofs.contact import Wall

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, command, out_folder, resumed
+from beamdesign.cli.command import CommandResult, OutFolderOrNone, TomlFile, command, resumed
+from beamdesign.cli.design import echo_checks
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress
-from beamdesign.cli.size import echo_checks
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
@@ -21,31 +21,33 @@ CASE_SECONDS = 3600
 """After which a case is given up, if nothing else is said."""
 
 _SHOWN_REASONS = 5
+_Cases = Annotated[int | None, typer.Option(min=1)]
 
 
 @command
 def run(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="The sweep file, such as studies/sweeps/materials.toml.")
-    ],
-    out: Annotated[Path | None, out_folder("Folder for the results; else NAME.study here.")] = None,
-    workers: Annotated[int, typer.Option(min=1, max=256, help="Processes of this machine.")] = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to compute on instead.")
-    ] = None,
-    cases: Annotated[
-        int | None, typer.Option(min=1, help="No more cases than so many: spread over a grid, or fewer samples.")
-    ] = None,
-    case_seconds: Annotated[
-        int, typer.Option(min=1, max=1_000_000, help="A case that takes longer is given up, and stays as a failed row.")
-    ] = CASE_SECONDS,
-    again: Annotated[bool, typer.Option("--again", help="Compute the cases again that failed.")] = False,
+    file: TomlFile,
+    out: OutFolderOrNone = None,
+    workers: Annotated[int, typer.Option(min=1, max=256)] = 1,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS")] = None,
+    cases: _Cases = None,
+    case_seconds: Annotated[int, typer.Option(min=1, max=1_000_000)] = CASE_SECONDS,
+    again: bool = False,
 ) -> CommandResult:
     """Carry out a sweep.
 
     One row per case; a case that fails stays as a row with its reason. Results are kept by inputs and code, so that a
     second run computes nothing, and one that was interrupted or killed goes on where it stopped. Exit status 1 if no
     case has a result.
+
+    Args:
+        file: the sweep file, such as studies/sweeps/materials.toml.
+        out: folder for the results; else NAME.study here.
+        workers: processes of this machine.
+        scheduler: scheduler of a Dask cluster to compute on instead.
+        cases: no more cases than so many: spread over a grid, or fewer samples.
+        case_seconds: a case that takes longer is given up, and stays as a failed row.
+        again: compute the cases again that failed.
     """
     from beamdesign.records import InputError
     from beamdesign.sweep.conclusion import in_words
@@ -108,16 +110,17 @@ def _varied(record: dict[str, Any]) -> str:
 
 @command
 def status(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The sweep file.")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder of the results; else NAME.study here.")
-    ] = None,
-    cases: Annotated[int | None, typer.Option(min=1, help="As given to `study run`.")] = None,
+    file: TomlFile, out: Annotated[Path | None, typer.Option(metavar="DIR")] = None, cases: _Cases = None
 ) -> CommandResult:
     """Tell what of a sweep is finished.
 
     Results of other inputs or of another version of the code stay in the folder and are told as such; they are not
     used. Exit status 1 while cases remain, and where every case is refused.
+
+    Args:
+        file: the sweep file.
+        out: folder of the results; else NAME.study here.
+        cases: as given to `study run`.
     """
     from beamdesign.sweep.sweep_run import default_folder, plan, sweep_status
 
@@ -142,16 +145,20 @@ def status(
 
 @command
 def show(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the results.")],
-    columns: Annotated[
-        str | None, typer.Option(help="Columns to show, separated by commas; parts of names do. Else what varies.")
-    ] = None,
-    sort: Annotated[str | None, typer.Option(help="Column to sort by; -NAME for the largest first.")] = None,
-    first: Annotated[int, typer.Option(min=1, help="No more rows than so many.")] = 50,
+    folder: Annotated[Path, typer.Argument(metavar="DIR")],
+    columns: str | None = None,
+    sort: str | None = None,
+    first: Annotated[int, typer.Option(min=1)] = 50,
 ) -> CommandResult:
     """Show the table of a sweep.
 
     Rows are numbered as in table.csv; `beamdesign study why DIR/NUMBER` tells what governs one.
+
+    Args:
+        folder: folder of the results.
+        columns: columns to show, separated by commas; parts of names do. Else what varies.
+        sort: column to sort by; -NAME for the largest first.
+        first: no more rows than so many.
     """
     from beamdesign.sweep.conclusion import chosen, ordered, rows, worth_showing
     from beamdesign.sweep.store import in_words, read_index, rows_of
@@ -179,12 +186,15 @@ _MOST = 40
 
 @command
 def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of results.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another, of the same or a changed sweep.")],
+    first: Annotated[Path, typer.Argument(metavar="A")], second: Annotated[Path, typer.Argument(metavar="B")]
 ) -> CommandResult:
     """Compare two result folders, case by case.
 
     Cases belong together by the values of their varied keys. Exit status 1 if anything differs.
+
+    Args:
+        first: folder of results.
+        second: another, of the same or a changed sweep.
     """
     from beamdesign.sweep.store import difference
 
@@ -243,15 +253,14 @@ def _shown(value: Any) -> str:
 
 
 @command
-def why(
-    case: Annotated[
-        str, typer.Argument(metavar="CASE", help="DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.")
-    ],
-) -> CommandResult:
+def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
     """Tell why a case came out as it did.
 
     The structural checks with their utilisation, what binds, the shadow prices, and for a no what to relax; of loops
     the claims, the starts that failed and the scope of the proof. Exit status 1 if the case itself has no result.
+
+    Args:
+        case: DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.
     """
     from beamdesign.report.statements import price_words
     from beamdesign.sweep.governing import case_of, governing

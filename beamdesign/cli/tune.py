@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from beamdesign.cli.certify import write_certificate
-from beamdesign.cli.command import CommandResult, Figure, command, mass_range, of_all, out_folder, toml_file
-from beamdesign.cli.output import RangeOption, echo, echo_table, progress
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    MassRange,
+    OutFolderOrNone,
+    TomlFile,
+    command,
+    mass_range,
+    of_all,
+)
+from beamdesign.cli.output import echo, echo_table, progress
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -26,60 +35,21 @@ KINDS = ("lag", "proportional", "structured", "lqg", "hinf", "scheduled", "compl
 
 @command
 def tune(
-    prototype: Annotated[Path, toml_file("The prototype.toml to tune.")],
-    outer_end_mass: RangeOption = None,
-    controller: Annotated[str, typer.Option(help="Kind of controller: " + " or ".join(KINDS) + ".")] = "lag",
-    largest_inner_end_mass_kg: Annotated[float, Figure("Most mass that may be added inside.", "MassOrNone")] = 6.0,
-    peak_sensitivity: Annotated[
-        float | None, Figure("Limit of the peak sensitivity; else the prototype's goal.", "PeakSensitivity")
-    ] = None,
-    sections: Annotated[
-        int, typer.Option(min=1, max=3, help="Second-order sections of a structured controller, behind its lag.")
-    ] = 3,
-    stages: Annotated[
-        int, typer.Option(min=2, max=12, help="Laws of a scheduled controller, each for a part of the payloads.")
-    ] = 3,
-    added_sensor: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--added-sensor",
-            help="What lqg and hinf read beside the displacement: inner_displacement_m, load_pressure_Pa; repeatable.",
-        ),
-    ] = None,
-    loop_gain: Annotated[
-        float | None,
-        Figure(
-            "Limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.",
-            "LoopGain",
-            or_infinite=True,
-        ),
-    ] = None,
-    loop_gain_from_Hz: Annotated[
-        float | None, Figure("From where on it holds; else the goal's, 250 Hz.", "Frequency")
-    ] = None,
-    controller_effort_A_per_V: Annotated[
-        float | None,
-        Figure(
-            "Limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.", "LawGain", or_infinite=True
-        ),
-    ] = None,
-    robust: Annotated[
-        float,
-        Figure(
-            "Also guarantee it for the worst rigs so many standard deviations of [tolerance] off.",
-            "Sigmas",
-            metavar="SIGMAS",
-        ),
-    ] = 0.0,
-    robust_box: Annotated[
-        bool, typer.Option("--robust-box", help="So many of every figure at once; else of all together.")
-    ] = False,
-    end_stiffness_N_per_m: Annotated[
-        float | None, Figure("Of a compliant end; `beamdesign stiffness` has more options.", "Stiffness")
-    ] = None,
-    out: Annotated[
-        Path | None, out_folder("Folder for prototype.toml and certificate.toml; else neither is written.")
-    ] = None,
+    prototype: TomlFile,
+    outer_end_mass: MassRange = None,
+    controller: str = "lag",
+    largest_inner_end_mass_kg: Annotated[float, Figure("MassOrNone")] = 6.0,
+    peak_sensitivity: Annotated[float | None, Figure("PeakSensitivity")] = None,
+    sections: Annotated[int, typer.Option(min=1, max=3)] = 3,
+    stages: Annotated[int, typer.Option(min=2, max=12)] = 3,
+    added_sensor: list[str] | None = None,
+    loop_gain: Annotated[float | None, Figure("LoopGain", or_infinite=True)] = None,
+    loop_gain_from_Hz: Annotated[float | None, Figure("Frequency")] = None,
+    controller_effort_A_per_V: Annotated[float | None, Figure("LawGain", or_infinite=True)] = None,
+    robust: Annotated[float, Figure("Sigmas", metavar="SIGMAS")] = 0.0,
+    robust_box: bool = False,
+    end_stiffness_N_per_m: Annotated[float | None, Figure("Stiffness")] = None,
+    out: OutFolderOrNone = None,
 ) -> CommandResult:
     """Tune for the largest bandwidth over a payload range.
 
@@ -92,6 +62,24 @@ def tune(
     an estimate of the payload and stable whichever acts when: lags, or structured ones where the prototype's own
     controller is. With --robust the same is proved of the worst rigs that the tolerances allow, one by one. Exit
     status 1 if no design can be proved.
+
+    Args:
+        prototype: the prototype.toml to tune.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        controller: kind of controller: lag, proportional, structured, lqg, hinf, scheduled or compliance.
+        largest_inner_end_mass_kg: most mass that may be added inside.
+        peak_sensitivity: limit of the peak sensitivity; else the prototype's goal.
+        sections: second-order sections of a structured controller, behind its lag.
+        stages: laws of a scheduled controller, each for a part of the payloads.
+        added_sensor: what lqg and hinf read beside the displacement: inner_displacement_m, load_pressure_Pa;
+            repeatable.
+        loop_gain: limit of |L| from --loop-gain-from-Hz up; `inf` for none. Else the goal's, or 0.25 but for lags.
+        loop_gain_from_Hz: from where on it holds; else the goal's, 250 Hz.
+        controller_effort_A_per_V: limit of |C/(1+L)|; `inf` for none. Else the goal's, or 0.06 but for lags.
+        robust: also guarantee it for the worst rigs so many standard deviations of [tolerance] off.
+        robust_box: so many of every figure at once; else of all together.
+        end_stiffness_N_per_m: of a compliant end; `beamdesign stiffness` has more options.
+        out: folder for prototype.toml and certificate.toml; else neither is written.
     """
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
     from beamdesign.proofs.tolerance_box import between, in_words
@@ -162,17 +150,14 @@ def tune(
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
     """Say what was tuned and is guaranteed of one law over its payloads; the same for the JSON file."""
-    from beamdesign.quantity_text import at_least, at_most, mass_range_text
+    from beamdesign.quantity_text import guaranteed_rows
 
     best, goal, masses = law.best, stage.prototype.goal, stage.outer_end_mass_kg
     assert best is not None
     rows = [
         *best.controller.summary(),
         ("inner_end_mass_kg", str(best.inner_end_mass_kg)),
-        ("guaranteed bandwidth", at_least(best.bandwidth_Hz, "Hz")),
-        ("guaranteed peak sensitivity", at_most(best.peak_sensitivity, "1")),
-        *_kept(goal),
-        ("for every outer end mass", mass_range_text(masses)),
+        *guaranteed_rows(best, masses, _kept(goal)),
     ]
     echo_table(f"{stage.prototype.name}: tuned {best.controller.kind} controller", ("figure", "value"), rows)
     echo(f"proved in exact arithmetic; {law.certificates} stability certificates on the way")

@@ -1,4 +1,4 @@
-"""`beamdesign code`: the controller as C code for a rate and a word length, proved as it is realised."""
+"""`beamdesign spec` and `code`: what is needed to build a prototype and to accept it, and its controller as C code."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.command import CommandResult, Figure, RigArgument, command, mass_range, out_folder, ready_to_run
-from beamdesign.cli.output import RangeOption, default_folder, echo, echo_table, progress
+from beamdesign.cli.command import (
+    CommandResult,
+    Figure,
+    MassRange,
+    OutFolderOrNone,
+    TomlFile,
+    command,
+    mass_range,
+    ready_to_run,
+)
+from beamdesign.cli.output import default_folder, echo, echo_table, progress
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.code import ProvedCode
@@ -23,31 +32,16 @@ def _wrong_words(word_length: int | None, in_floats: bool, **others: Any) -> Ite
 
 @partial(command, problems=_wrong_words)
 def code(
-    prototype: RigArgument,
-    rate_Hz: Annotated[float, Figure("Sampling rate.", "SamplingRate")],
-    out: Annotated[Path | None, out_folder("Folder for the C files; else NAME.code here.")] = None,
-    word_length: Annotated[
-        int | None, typer.Option(help="Bits of a fixed-point word with its sign, 8 to 32; else 32.")
-    ] = None,
-    in_floats: Annotated[bool, typer.Option("--float", help="In floats of 32 bits instead.")] = False,
-    full_scale_V: Annotated[
-        float, Figure("Largest error (V); words are scaled so that it overflows nothing.", "FullScale")
-    ] = 10.0,
-    largest_current_A: Annotated[
-        float | None,
-        Figure("Limit; else the valve's rated current, or the gain times the full scale.", "LargestCurrent"),
-    ] = None,
-    outer_end_mass: RangeOption = None,
-    any_computing_time: Annotated[
-        bool,
-        typer.Option(
-            "--any-computing-time",
-            help="Prove it for every computing time up to one period as well, which takes a minute.",
-        ),
-    ] = False,
-    compile_here: Annotated[
-        bool, typer.Option("--compile", help="Compile it with the system's C compiler and run its self-test.")
-    ] = False,
+    prototype: TomlFile,
+    rate_Hz: Annotated[float, Figure("SamplingRate")],
+    out: OutFolderOrNone = None,
+    word_length: int | None = None,
+    in_floats: Annotated[bool, typer.Option("--float")] = False,
+    full_scale_V: Annotated[float, Figure("FullScale")] = 10.0,
+    largest_current_A: Annotated[float | None, Figure("LargestCurrent")] = None,
+    outer_end_mass: MassRange = None,
+    any_computing_time: bool = False,
+    compile_here: Annotated[bool, typer.Option("--compile")] = False,
 ) -> CommandResult:
     """Write the controller as C99 as it is proved, an argument per reading.
 
@@ -55,6 +49,18 @@ def code(
     to the last bit. The loop is proved with the rounded coefficients, its current held, at once and one period late;
     what rate and rounding cost in margin is told. Exit status 1, and no code, if that loop is not proved stable over
     the range; a higher rate or a longer word may be.
+
+    Args:
+        prototype: the prototype.toml, with a controller.
+        rate_Hz: sampling rate.
+        out: folder for the C files; else NAME.code here.
+        word_length: bits of a fixed-point word with its sign, 8 to 32; else 32.
+        in_floats: in floats of 32 bits instead.
+        full_scale_V: largest error (V); words are scaled so that it overflows nothing.
+        largest_current_A: limit; else the valve's rated current, or the gain times the full scale.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        any_computing_time: prove it for every computing time up to one period as well, which takes a minute.
+        compile_here: compile it with the system's C compiler and run its self-test.
     """
     from beamdesign.records import InputError
 
@@ -125,3 +131,51 @@ def _echo(code: "ProvedCode") -> None:
         )
         if (most := max(one.error_V for one in effects)) > 0.1 * made.full_scale_V:
             echo(f"  that is up to {most:.3g} V of error in {made.full_scale_V:g} V of full scale: take longer words")
+
+
+@command
+def spec(
+    prototype: TomlFile,
+    out: OutFolderOrNone = None,
+    outer_end_mass: MassRange = None,
+    sampling_rate_Hz: Annotated[float | None, Figure("SamplingRate")] = None,
+    load_N: Annotated[float | None, Figure("Force")] = None,
+    noise_share: Annotated[float, Figure("Share")] = 0.1,
+) -> CommandResult:
+    """Specify what to build and how to accept it.
+
+    Sections, drawing (DXF and SVG), ratings, sensor, the controller as a circuit and as code, each proved again as it
+    is realised; tolerances that keep the proof; an acceptance test with limits, and the data set folder to fill in for
+    `beamdesign gap diagnose`. Of a scheduled controller circuit, code and acceptance test of each law over its own
+    payloads, and the rule by which they change. Exit status 1 if the loop is not stable over the range, with the
+    reason.
+
+    Args:
+        prototype: the prototype.toml, with a controller.
+        out: folder for the specification; else NAME.specification here.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        sampling_rate_Hz: of the difference equation; else at least 40 times the crossover.
+        load_N: load for the ratings; else the prototype's largest force or payload's weight.
+        noise_share: share of the motion that the goal allows, which sensor noise may cause.
+    """
+    record = ready_to_run(prototype)
+    masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
+
+    from beamdesign.build.folder import write_specification
+    from beamdesign.build.specification import specify
+
+    folder = out or default_folder(f"{prototype.resolve().stem}.specification")
+    with progress("specifying") as update:
+        found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
+        update(1.0, "writing")
+        paths = write_specification(found, folder)
+    answer = CommandResult(found.to_dict() | {"files": paths}, not found.reason)
+    if found.reason:
+        echo(f"{record.name}: {found.reason}")
+        return answer
+    echo_table(f"{record.name}: specification", ("figure", "value", "basis"), found.rows())
+    if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
+        echo("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
+    for path in paths.values():
+        echo(str(path))
+    return answer
