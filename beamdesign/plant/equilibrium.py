@@ -99,7 +99,7 @@ def equilibrium(assembly: Assembly, u: np.ndarray, parameters: np.ndarray) -> np
         change = np.zeros(len(x))
         change[free] = np.linalg.solve((eye / step - here.jacobian * ratio)[among], here.rate[free] / weight[free])
         x = x + weight * change
-        if step > _LONG and np.abs(change).max() <= 1e-10:
+        if not here.rate[free].any() or (step > _LONG and np.abs(change).max() <= 1e-10):
             return x
         # A long step that hardly moves anything is Newton's; a large change means a law has been left behind.
         step = min(2 * step, 1e9) if np.abs(change).max() < 100.0 else max(step / 2, 1e-5)

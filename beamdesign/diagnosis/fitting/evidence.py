@@ -41,6 +41,7 @@ class Replay:
     record: TimeRecord
     prototype: Prototype
     _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    _believed: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
 
     def placed(self, placement: Placement) -> Placement:
         """The unknowns of a hypothesis in the equations with the law of this record."""
@@ -49,9 +50,12 @@ class Replay:
 
     def parameters(self, placement: Placement, z: np.ndarray) -> np.ndarray:
         """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
-        rig = self.prototype.but(effects={name: {} for name in placement.assembly.kinds.effects})
-        figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
-        return self.placed(placement).parameters(np.array(list(figures.values())), z)
+        effects = placement.assembly.kinds.effects
+        if effects not in self._believed:
+            rig = self.prototype.but(effects={name: {} for name in effects})
+            figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
+            self._believed[effects] = np.array(list(figures.values()))
+        return self.placed(placement).parameters(self._believed[effects], z)
 
     def inputs(self, substeps: int) -> np.ndarray:
         """Inputs at every half integration step."""
