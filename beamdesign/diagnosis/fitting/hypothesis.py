@@ -7,7 +7,7 @@ three standard deviations off, whatever its unit.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
 from math import exp, isclose, log
 
@@ -143,12 +143,15 @@ class Placement:
         """(P,) parameters at z, from those of the believed rig."""
         p = base.copy()
         for k, unknown in enumerate(self.unknowns):
-            for row in np.nonzero(self.rows[:, k])[0]:
-                if unknown.linear:
-                    p[row] = unknown.value(z[k])
-                else:
-                    p[row] *= (unknown.value(z[k]) / unknown.nominal) ** self.rows[row, k]
+            value = unknown.value(z[k])
+            for row, power in self._moved_by[k]:
+                p[row] = value if unknown.linear else p[row] * (value / unknown.nominal) ** power
         return p
+
+    @cached_property
+    def _moved_by(self) -> list[list[tuple[int, float]]]:
+        """Of each unknown the parameters that it moves, with their powers."""
+        return [[(int(k), float(column[k])) for k in np.flatnonzero(column)] for column in self.rows.T]
 
     def slopes(self, p: np.ndarray, z: np.ndarray) -> np.ndarray:
         """(P, K) derivative of the parameters by z."""
