@@ -20,7 +20,7 @@ def picked(found: Any, names: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Records, arrays and their figures as dictionaries, lists and numbers of Python; anything else as its text."""
+    """Records, arrays, rationals and their figures as dictionaries, lists and numbers of Python; else as text."""
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if hasattr(value, "model_dump"):
@@ -31,6 +31,8 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, str | int | float | bool) or value is None:
         return value
+    if hasattr(value, "q"):  # a rational of python-flint: the float nearest to it
+        return int(value.p) / int(value.q)
     return plain(value.tolist()) if hasattr(value, "tolist") else str(value)
 
 

@@ -25,10 +25,9 @@ from beamdesign.controllers import Lag, Observer, Proportional, Section
 from beamdesign.polynomial import exact
 from beamdesign.proofs.courses import any_change
 from beamdesign.proofs.dwell import stage_change
-from beamdesign.proofs.growth import frozen
 from beamdesign.proofs.lmi import Answer
 from beamdesign.proofs.lyapunov import Switching, stages_certificate, switching
-from beamdesign.proofs.mass_family import Families, stage_families
+from beamdesign.proofs.mass_family import Families, frozen, stage_families
 from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Payload, Prototype, Sensor, read_prototype
 

@@ -18,20 +18,20 @@ from beamdesign.controllers import Lag, Proportional, SensedLaw
 from beamdesign.loop import loop
 from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import exact, is_hurwitz
-from beamdesign.proofs.courses import any_change, bounded_rate, checked
+from beamdesign.proofs.courses import any_change, bounded_rate, checked, growing_cycle, masses_in_turn, proved_growth
 from beamdesign.proofs.decrease import (
+    changes_of_payload,
     decrease,
     dwell_suffices,
     exact_terms,
-    holds_across_jumps,
+    grows_at_most,
     holds_at_rate,
     jump,
 )
 from beamdesign.proofs.dwell import sudden_change
-from beamdesign.proofs.growth import frozen, growing_cycle, masses_in_turn, proved_growth
 from beamdesign.proofs.lmi import SOLVERS, Answer, Sought, at, modal_coordinates, solve
 from beamdesign.proofs.lyapunov import Switching, describe, switching
-from beamdesign.proofs.mass_family import Families, MassFamily, close_with, closed_loop, floats, rationals
+from beamdesign.proofs.mass_family import Families, MassFamily, close_with, closed_loop, floats, frozen, rationals
 from beamdesign.prototype import Payload, Prototype, Sensor, write_prototype
 from beamdesign.records import InputError
 
@@ -325,12 +325,13 @@ def test_pick_up_from_rest_needs_its_own_bound(firm):
     # A sudden loss of velocity is not harmless in itself: the common V does not bound it, a factor does.
     found = _firm(firm)
     function = [found.any_change.coefficients[0]]
-    assert holds_across_jumps(found.families[0], function, LOW, HIGH, fmpq(1001, 1000), "matched").holds
-    assert not holds_across_jumps(found.families[0], function, LOW, HIGH, fmpq(1001, 1000), "from_rest").holds
+    jumps = partial(changes_of_payload, found.families[0], low=LOW, high=HIGH)
+    assert grows_at_most(jumps(function, joining="matched"), fmpq(1001, 1000)).holds
+    assert not grows_at_most(jumps(function, joining="from_rest"), fmpq(1001, 1000)).holds
     sudden = found.sudden[1]
     assert sudden.joining == "from_rest"
     assert sudden.status == "proved"
-    assert holds_across_jumps(found.families[0], sudden.coefficients, LOW, HIGH, sudden.factor, "from_rest").holds
+    assert grows_at_most(jumps(sudden.coefficients, joining="from_rest"), sudden.factor).holds
     assert float(sudden.dwell_s) == pytest.approx(log(float(sudden.factor)) / (2 * float(sudden.decay_per_s)), rel=1e-2)
     assert dwell_suffices(sudden.dwell_s, sudden.factor, sudden.decay_per_s)
     assert not dwell_suffices(sudden.dwell_s / 2, sudden.factor, sudden.decay_per_s)

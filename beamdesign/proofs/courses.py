@@ -2,20 +2,21 @@
 
 Candidates for Lyapunov functions V = x' P(m) x come from `beamdesign.proofs.lmi`; what counts is
 `beamdesign.proofs.decrease`, which checks them in rationals, whatever a solver says of them. Payload that changes
-however fast, matched in velocity, is settled by a P that is free of m, or refuted by two masses in turn; a bounded rate
-by a P(m), for the largest rate that can be proved.
+however fast, matched in velocity, is settled by a P that is free of m, or refuted by two masses in turn, by ball
+arithmetic; a bounded rate by a P(m), for the largest rate that can be proved.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.polynomial import exact
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.decrease import ZERO, Joining, holds_at_rate
-from beamdesign.proofs.growth import Cycle, growing_cycle, masses_in_turn
 from beamdesign.proofs.lmi import SOLVERS, Answer, Solve, Sought, at, lyapunov_candidates, modal_coordinates, solve
 from beamdesign.proofs.mass_family import Families, rationals
 from beamdesign.rational import nearest, shortened
@@ -30,9 +31,6 @@ DEGREES = (1, 2)
 """Of P in m, tried in this order."""
 NONE_FOUND = "no function was found"
 
-Update = Callable[[float, str], object]
-"""Takes the share of the work done and a word on what is being done."""
-
 Status = Literal["proved", "unverified", "refuted", "undecided"]
 """proved: verified in rationals. unverified: a solver claims it and the exact check does not confirm it, which is
 worth nothing. refuted: a counterexample was verified. undecided: neither."""
@@ -41,8 +39,121 @@ Coefficients = tuple[fmpq_mat, ...]
 """Of P(m) in V = x' P(m) x, ascending in m, (n, n) each, exact, SI."""
 
 
-def quiet(fraction: float, text: str = "") -> None:
-    """Report no progress."""
+# Two masses or stages in turn under which the motion grows.
+
+
+PRECISION_BITS = 384
+DOUBLINGS = 13
+"""Of the number of cycles, until a proof of growth is given up; a factor of 1.001 per cycle needs about 11."""
+
+Corner = tuple[int, fmpq]
+"""A stage, numbered from 0, and an outer end mass, kg."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Sudden changes between two stages, or between two masses, matched, under which the loop's motion grows.
+
+    Attributes:
+        stages: the stage at each, numbered from 0.
+        outer_end_mass_kg: the mass at each.
+        time_s: time spent at each.
+        factor: growth per cycle, the spectral radius over one cycle, in floats.
+        cycles: repetitions after which growth is proved; 0 where it was only computed in floats.
+    """
+
+    stages: tuple[int, int]
+    outer_end_mass_kg: tuple[float, float]
+    time_s: tuple[float, float]
+    factor: float
+    cycles: int
+
+    @property
+    def proved(self) -> bool:
+        """Whether ball arithmetic confirms the growth."""
+        return self.cycles > 0
+
+
+def masses_in_turn(families: Families, low: fmpq, high: fmpq) -> Iterator[tuple[Corner, Corner]]:
+    """The least and the largest mass in turn, with each stage that stays."""
+    return (((k, low), (k, high)) for k in range(len(families)))
+
+
+def stages_in_turn(families: Families, low: fmpq, high: fmpq) -> Iterator[tuple[Corner, Corner]]:
+    """Any two stages in turn, at a few masses that stay."""
+    pairs = list(combinations(range(len(families)), 2))
+    return (((i, mass), (j, mass)) for mass in (low, (low + high) / 2, high) for i, j in pairs)
+
+
+def proved_growth(first: fmpq_mat, second: fmpq_mat, time_first: fmpq, time_second: fmpq) -> int:
+    """The number of cycles after which growth is proved, or 0.
+
+    With M = exp(A2 t2) exp(A1 t1), enclosed by balls, |trace M^k| > n for one k proves that the spectral radius of M
+    exceeds one, since |trace M^k| is at most n times its k-th power.
+    """
+    order = first.nrows()
+    with ctx.workprec(PRECISION_BITS):
+        power = arb_mat(second * time_second).exp() * arb_mat(first * time_first).exp()
+        before = power
+        for doubling in range(DOUBLINGS + 1):
+            # Between powers of two lies a second chance for a complex pair, whose trace may be small at one of them.
+            for k, candidate in ((2**doubling, power), (3 * 2**doubling // 2, power * before if doubling else power)):
+                if abs(candidate.trace()) > order:
+                    return k
+            before, power = power, power * power
+    return 0
+
+
+def growing_cycle(families: Families, turns: Iterable[tuple[Corner, Corner]]) -> Cycle | None:
+    """The cycle under which the motion grows fastest; finding none proves nothing.
+
+    Args:
+        families: the closed loop with each stage.
+        turns: pairs of corners to go between.
+    """
+    best: Cycle | None = None
+    for (i, first), (j, second) in turns:
+        found = growing_times(at(families[i], first), at(families[j], second))
+        if found is None or (best is not None and found[2] <= best.factor):
+            continue
+        *times, factor = found
+        cycles = proved_growth(families[i].at(first), families[j].at(second), *map(exact, times))
+        best = Cycle((i, j), (nearest(first), nearest(second)), (times[0], times[1]), factor, cycles)
+    return best
+
+
+def growing_times(first: np.ndarray, second: np.ndarray) -> tuple[float, float, float] | None:
+    """Times (s) at two matrices in turn under which the motion grows, and the growth per cycle, in floats.
+
+    Times are tried on a logarithmic grid from a fraction of the fastest pole's period to the slowest's, and the best
+    pair is refined; so finding none proves nothing.
+    """
+    from scipy.linalg import expm
+    from scipy.optimize import minimize
+
+    t = modal_coordinates(first)
+    inverse = np.linalg.inv(t)
+    ends = [t @ a @ inverse for a in (first, second)]
+    speeds = np.abs(np.concatenate([np.linalg.eigvals(a) for a in ends]))
+    times = np.geomspace(0.2 / speeds.max(), 2 * np.pi / max(speeds.min(), speeds.max() * 1e-4), 48)
+    steps = [expm(np.multiply.outer(times, a)) for a in ends]
+    products = steps[1][:, None] @ steps[0][None, :]  # [time at high, time at low]
+    radii = np.abs(np.linalg.eigvals(products)).max(axis=-1)
+    # Growth per second, not per cycle, would favour the shortest times, whose factor is too near one to prove.
+    j, i = np.unravel_index(int(radii.argmax()), radii.shape)
+
+    def decline(logs: np.ndarray) -> float:
+        at_low, at_high = np.clip(np.exp(logs), times[0], times[-1])
+        return -float(np.abs(np.linalg.eigvals(expm(ends[1] * at_high) @ expm(ends[0] * at_low))).max())
+
+    best = minimize(decline, np.log([times[i], times[j]]), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-4})
+    if best.fun >= -1.0:
+        return None
+    at_low, at_high = (float(f"{value:.6g}") for value in np.clip(np.exp(best.x), times[0], times[-1]))
+    return at_low, at_high, -float(best.fun)
+
+
+# Courses.
 
 
 @dataclass(frozen=True)
@@ -84,6 +195,11 @@ class Course:
         return self.functions[0] if self.functions else ()
 
     @property
+    def claimed(self) -> str:
+        """The claim of a solver that the exact check refused, in words; empty where there is none."""
+        return self.reason if self.status == "unverified" else ""
+
+    @property
     def kind(self) -> Literal["any_time", "dwell", "none"]:
         """Of sudden changes: whether they may come at any time, or after a dwell."""
         if self.status != "proved" or self.dwell_s is None:
@@ -95,29 +211,7 @@ class Course:
         return self.status == "proved" and self.dwell_s is not None and self.dwell_s <= exact(dwell_s)
 
 
-@dataclass(frozen=True)
-class Verified:
-    """What the exact check left of the answers to one question.
-
-    Attributes:
-        coefficients: of P(m); empty where no answer passed.
-        refused: the claim of a solver that the exact check refused, in words; empty where there is none.
-        coordinates: (n, n), to solve the next, harder problem in.
-    """
-
-    coefficients: Coefficients
-    refused: str
-    coordinates: np.ndarray
-
-    @property
-    def status(self) -> Status:
-        """Proved; or not, and whether a solver claimed it."""
-        return "proved" if self.coefficients else "unverified" if self.refused else "undecided"
-
-    @property
-    def reason(self) -> str:
-        """Why it is not proved, in words; empty where it is."""
-        return "" if self.coefficients else self.refused or NONE_FOUND
+_Found = tuple[Course, np.ndarray]
 
 
 def sought_with(
@@ -126,7 +220,7 @@ def sought_with(
     coordinates: np.ndarray,
     solve: Solve = solve,
     solvers: Sequence[str] = SOLVERS[:1],
-) -> Verified:
+) -> _Found:
     """Ask solvers, one after another, until an answer passes the exact check.
 
     Args:
@@ -135,8 +229,11 @@ def sought_with(
         coordinates: (n, n), to solve in.
         solve: what finds candidates.
         solvers: their names.
+
+    Returns:
+        what the exact check left of the answers, and coordinates (n, n) to solve the next, harder problem in.
     """
-    refused, onward = "", coordinates
+    found, onward = Course("undecided", NONE_FOUND, sought.joining), coordinates
     for solver in solvers:
         answer = solve(families, sought, coordinates, solver)
         if not answer.coefficients:
@@ -144,10 +241,10 @@ def sought_with(
         onward = coordinates if answer.coordinates is None else answer.coordinates
         coefficients, wrong = checked(families, sought, answer.coefficients)
         if not wrong:
-            return Verified(coefficients, "", onward)
+            return Course("proved", "", sought.joining, (coefficients,)), onward
         if answer.claims:
-            refused = refusal(answer, wrong)
-    return Verified((), refused, onward)
+            found = refused(answer, wrong, sought.joining)
+    return found, onward
 
 
 def checked(families: Families, sought: Sought, candidate: Sequence[np.ndarray]) -> tuple[Coefficients, str]:
@@ -159,9 +256,10 @@ def checked(families: Families, sought: Sought, candidate: Sequence[np.ndarray])
     return (coefficients, "") if answer.holds else ((), answer.reason)
 
 
-def refusal(answer: Answer, wrong: str) -> str:
-    """A solver's claim and why it is refused, in words."""
-    return f"{answer.solver} says {answer.status}, the exact check refuses it ({wrong})"
+def refused(answer: Answer, wrong: str, joining: Joining) -> Course:
+    """A solver's claim that the exact check refuses."""
+    words = f"{answer.solver} says {answer.status}, the exact check refuses it ({wrong})"
+    return Course("unverified", words, joining)
 
 
 def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) -> tuple[Course, np.ndarray]:
@@ -180,7 +278,7 @@ def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) 
         what is proved, and coordinates (n, n) to go on from.
     """
     coordinates = modal_coordinates(at(families[len(families) // 2], low))
-    best, refused = low, ""
+    best, claimed = low, ""
     function: Coefficients = ()
     for candidate in lyapunov_candidates(families, low, high):
         function, wrong = checked(families, Sought(low, high), [candidate])
@@ -192,23 +290,23 @@ def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) 
         target = min(shortened(best + step, 9), high)  # a decimal, so that as a float it is the same number
         if target <= best:
             break
-        found = sought_with(families, Sought(low, target), coordinates, solve)
-        refused = found.refused if target == high else refused
+        found, onward = sought_with(families, Sought(low, target), coordinates, solve)
+        claimed = found.claimed if target == high else claimed
         if found.coefficients:
-            best, function, coordinates = target, found.coefficients, found.coordinates
+            best, function, coordinates = target, found.coefficients, onward
             step *= 2
         else:
             step /= 2
     if best < high:  # the whole range once more, from the best coordinates there are
-        found = sought_with(families, Sought(low, high), coordinates, solve, SOLVERS)
-        refused = found.refused or refused
+        found, _ = sought_with(families, Sought(low, high), coordinates, solve, SOLVERS)
+        claimed = found.claimed or claimed
         if found.coefficients:
             best, function = high, found.coefficients
     functions, partly = ((function,), nearest(best)) if function else ((), None)
     if function and best == high:
         return Course("proved", functions=functions, proved_up_to_kg=partly), coordinates
     cycle = growing_cycle(families, masses_in_turn(families, low, high))
-    status: Status = "unverified" if refused else "undecided"
+    status: Status = "unverified" if claimed else "undecided"
     words = "no function was found that serves all masses"
     if cycle is not None and cycle.proved:
         status, stage = "refuted", f"stage {cycle.stages[0] + 1}, " if len(families) > 1 else ""
@@ -220,7 +318,7 @@ def any_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve) 
     elif cycle is not None:
         words = f"a cycle of masses seems to make the motion grow {cycle.factor:.6g}-fold, shown numerically only"
     if status == "unverified":
-        words = f"{refused}; {words}"
+        words = f"{claimed}; {words}"
     return Course(status, words, "matched", functions, partly, counterexample=cycle), coordinates
 
 
@@ -232,7 +330,7 @@ def bounded_rate(
     coordinates: np.ndarray,
     wanted: fmpq | None = None,
     solve: Solve = solve,
-    update: Update = quiet,
+    update: Progress = silent,
     degrees: Sequence[int] = DEGREES,
 ) -> Course:
     """Prove stability up to a rate of change, or find the largest rate that can be proved.
@@ -251,12 +349,10 @@ def bounded_rate(
     best: Course | None = None
     for degree in degrees:
 
-        def ask(rate: fmpq, inner: np.ndarray, solvers: Sequence[str] = SOLVERS[:1], degree: int = degree) -> Verified:
+        def ask(rate: fmpq, inner: np.ndarray, solvers: Sequence[str] = SOLVERS[:1], degree: int = degree) -> _Found:
             return sought_with(families, Sought(low, high, degree, rate, joining), inner, solve, solvers)
 
-        found = (
-            _largest(ask, joining, coordinates, update) if wanted is None else _at(ask, joining, coordinates, wanted)
-        )
+        found = _largest(ask, joining, coordinates, update) if wanted is None else _at(ask, coordinates, wanted)
         if found.status == "proved":
             return found
         best = found if best is None or found.status == "unverified" else best
@@ -264,36 +360,32 @@ def bounded_rate(
     return best
 
 
-def _at(ask: Callable[..., Verified], joining: Joining, coordinates: np.ndarray, wanted: fmpq) -> Course:
+def _at(ask: Callable[..., _Found], coordinates: np.ndarray, wanted: fmpq) -> Course:
     """One rate, approached from lower ones for the sake of the coordinates."""
     for share in (fmpq(1, 64), fmpq(1, 8)):
-        coordinates = ask(wanted * share, coordinates).coordinates
-    found, rate = ask(wanted, coordinates, SOLVERS), nearest(wanted)
-    if found.coefficients:
-        return Course("proved", "", joining, (found.coefficients,), rate_kg_per_s=rate)
-    return Course(found.status, found.reason, joining, refused_kg_per_s=rate)
+        _, coordinates = ask(wanted * share, coordinates)
+    found, _ = ask(wanted, coordinates, SOLVERS)
+    rate = nearest(wanted)
+    return replace(found, rate_kg_per_s=rate) if found.coefficients else replace(found, refused_kg_per_s=rate)
 
 
-def _largest(ask: Callable[..., Verified], joining: Joining, coordinates: np.ndarray, update: Update) -> Course:
-    good: tuple[float, Verified] | None = None
-    bad: float | None = None
-    failed = Verified((), "", coordinates)
+def _largest(ask: Callable[..., _Found], joining: Joining, coordinates: np.ndarray, update: Progress) -> Course:
+    best, bad = Course("undecided", NONE_FOUND, joining), None
     rate, done = FIRST_RATE, 0
     while LEAST_RATE <= rate <= LARGEST_RATE:
         update(done / (done + 6), f"mass {joining.replace('_', ' ')}, {rate:.4g} kg/s")
         exact_rate = shortened(fmpq(round(rate * 10**9), 10**9), 3)
-        found = ask(exact_rate, coordinates)
+        found, onward = ask(exact_rate, coordinates)
         done, rate = done + 1, nearest(exact_rate)
         if found.coefficients:
-            good, coordinates = (rate, found), found.coordinates
+            best, coordinates = replace(found, rate_kg_per_s=rate), onward
         else:
-            bad, failed = rate, found
+            best, bad = best if best.coefficients else found, rate
+        good = best.rate_kg_per_s
         if good and bad:
-            if bad / good[0] < RESOLUTION:
+            if bad / good < RESOLUTION:
                 break
-            rate = (good[0] * bad) ** 0.5
+            rate = (good * bad) ** 0.5
         else:
             rate = rate * 4 if good else rate / 4
-    if good is None:
-        return Course(failed.status, failed.reason, joining, refused_kg_per_s=bad)
-    return Course("proved", "", joining, (good[1].coefficients,), rate_kg_per_s=good[0], refused_kg_per_s=bad)
+    return replace(best, refused_kg_per_s=bad)

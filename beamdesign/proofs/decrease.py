@@ -23,9 +23,11 @@ states, which feedback does not allow in general. Their growth of V is bounded b
 the decrease in the time between them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from math import comb
+from operator import mul
 from typing import Any, Literal
 
 from flint import arb, ctx, fmpq, fmpq_mat, fmpz
@@ -184,15 +186,22 @@ def decrease(terms: Sequence[Terms], bare_mass: Any, decay: Any, rate: Any, rest
     return total
 
 
+def terms_of(
+    coefficients: Iterable[Any], fixed: Any, inertial: Any, pick: Any, times: Callable[[Any, Any], Any] = mul
+) -> list[Terms]:
+    """`Terms` of each coefficient P_k, from A(m) = fixed + inertial / W, D and what multiplies matrices."""
+
+    def both(left: Any, p: Any) -> Any:
+        return times(left.transpose(), p) + times(p, left)
+
+    return [Terms(p, both(fixed, p), both(inertial, p), both(pick, p)) for p in coefficients]
+
+
 def exact_terms(family: MassFamily, coefficients: Sequence[fmpq_mat]) -> list[Terms]:
     """`Terms` of each coefficient in rationals."""
     pick = fmpq_mat(family.order, family.order)
     pick[family.velocity, family.velocity] = fmpq(1)
-
-    def both(left: fmpq_mat, p: fmpq_mat) -> fmpq_mat:
-        return left.transpose() * p + p * left
-
-    return [Terms(p, both(family.fixed, p), both(family.inertial, p), both(pick, p)) for p in coefficients]
+    return terms_of(coefficients, family.fixed, family.inertial, pick)
 
 
 def holds_at_rate(
@@ -240,43 +249,53 @@ def jump(family: MassFamily, share: fmpq) -> fmpq_mat:
     return result
 
 
-def jump_shares(family: MassFamily, low: fmpq, high: fmpq, joining: Joining) -> tuple[fmpq, ...]:
-    """Extremes of the share of velocity that is left after a sudden change."""
-    least = (family.bare_mass + low) / (family.bare_mass + high)
-    return (fmpq(1),) if joining == "matched" else (fmpq(1), least)
+Change = tuple[fmpq_mat, fmpq_mat]
+"""P before a sudden change, and J' P J of P after it, by which V goes on from the state before it."""
 
 
-def holds_across_jumps(
-    family: MassFamily, coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, factor: fmpq, joining: Joining
-) -> Definite:
-    """Whether a sudden change between any two masses in [low, high] multiplies V by at most `factor`.
+def changes_of_payload(
+    family: MassFamily, coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq, joining: Joining
+) -> list[Change]:
+    """The extremes of sudden changes between any two masses in [low, high].
 
-    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity and, for P affine in m, affine in both masses:
-    the extremes suffice. All r are allowed for all pairs of masses, which is more than can happen.
+    J(r)' P(m2) J(r) <= factor P(m1) is convex in the share r of velocity that is left and, for P affine in m, affine in
+    both masses: the extremes suffice. All r are allowed for all pairs of masses, which is more than can happen.
 
     Raises:
         ValueError: where P(m) is of higher degree than one.
     """
+    least = (family.bare_mass + low) / (family.bare_mass + high)
+    jumps = [jump(family, share) for share in ((fmpq(1),) if joining == "matched" else (fmpq(1), least))]
+    ends = _at_ends(coefficients, low, high)
+    return [(before, j * after * j) for before in ends for after in ends for j in jumps]
+
+
+def changes_of_stage(functions: Sequence[Sequence[fmpq_mat]], low: fmpq, high: fmpq) -> list[Change]:
+    """The extremes of changes between any two stages, each with its own P(m) affine in m, at a mass that stays.
+
+    Raises:
+        ValueError: where some P(m) is of higher degree than one.
+    """
+    pairs = permutations((_at_ends(function, low, high) for function in functions), 2)
+    return [change for before, after in pairs for change in zip(before, after, strict=True)]
+
+
+def _at_ends(coefficients: Sequence[fmpq_mat], low: fmpq, high: fmpq) -> list[fmpq_mat]:
     if len(coefficients) > 2:
         raise ValueError("jumps are settled for P affine in m alone")
-    ends = [
-        sum((p * low_or_high**k for k, p in enumerate(coefficients)), coefficients[0] * 0)
-        for low_or_high in (low, high)
-    ]
-    for before in ends:
-        for after in ends:
-            for share in jump_shares(family, low, high, joining):
-                j = jump(family, share)
-                answer = positive_definite(before * factor - j * after * j)
-                if not answer.holds:
-                    return Definite(False, f"V grows by more than {float(factor):.6g} at a jump: {answer.reason}")
+    return [sum((p * m**k for k, p in enumerate(coefficients)), coefficients[0] * 0) for m in (low, high)]
+
+
+def grows_at_most(changes: Sequence[Change], factor: fmpq) -> Definite:
+    """Whether every one of some sudden changes multiplies V by less than `factor`."""
+    for before, after in changes:
+        answer = positive_definite(before * factor - after)
+        if not answer.holds:
+            return Definite(False, f"V grows by more than {float(factor):.6g} at a jump: {answer.reason}")
     return Definite(True)
 
 
 def dwell_suffices(dwell: fmpq, factor: fmpq, decay: fmpq) -> bool:
     """Whether exp(-2 decay dwell) factor < 1, by ball arithmetic: V shrinks over a dwell and the jump at its end."""
-    before, ctx.prec = ctx.prec, 128
-    try:
+    with ctx.workprec(128):
         return bool(arb(factor).log() < arb(2 * decay * dwell))
-    finally:
-        ctx.prec = before

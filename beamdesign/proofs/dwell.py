@@ -13,25 +13,32 @@ time; Hespanha and Morse, 1999). All stages act on the same states, none of whic
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import permutations
 from math import log
 
 import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.courses import NONE_FOUND, Coefficients, Course, Verified, checked, refusal, sought_with
+from beamdesign.proofs.courses import (
+    NONE_FOUND,
+    Coefficients,
+    Course,
+    checked,
+    growing_cycle,
+    refused,
+    sought_with,
+    stages_in_turn,
+)
 from beamdesign.proofs.decrease import (
     ZERO,
+    Change,
     Joining,
+    changes_of_payload,
+    changes_of_stage,
     dwell_suffices,
-    holds_across_jumps,
+    grows_at_most,
     holds_at_rate,
-    jump,
-    jump_shares,
-    positive_on,
 )
-from beamdesign.proofs.growth import growing_cycle, stages_in_turn
 from beamdesign.proofs.lmi import (
     Answer,
     Solve,
@@ -67,11 +74,11 @@ def stage_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve
     at_any_time = Course("proved", dwell_s=ZERO, factor=fmpq(1))
     if len(families) == 1:
         return at_any_time, modal_coordinates(at(families[0], low))
-    common = _common(families, low, high, solve)
-    if common.coefficients:
-        return replace(at_any_time, functions=(common.coefficients,)), common.coordinates
+    common, coordinates = _common(families, low, high, solve)
+    if common.functions:
+        return replace(at_any_time, functions=common.functions), coordinates
     cycle = growing_cycle(families, stages_in_turn(families, low, high))
-    words = common.refused or "no function was found that serves all stages"
+    words = common.claimed or "no function was found that serves all stages"
     if cycle is not None:
         sure = "proved" if cycle.proved else "shown numerically only"
         words = f"stages {cycle.stages[0] + 1} and {cycle.stages[1] + 1} in turn make the motion grow ({sure})"
@@ -83,30 +90,26 @@ def stage_change(families: Families, low: fmpq, high: fmpq, solve: Solve = solve
         if not all(np.all(np.isfinite(answer.coefficients)) for answer in answers):
             return Course("undecided", NONE_FOUND)
         functions = tuple(tuple(rationals(p) for p in answer.coefficients) for answer in answers)
-        found = verified_dwell(families, functions, low, high, decay)
-        if found is None:
-            return Course("undecided", NONE_FOUND)
-        return Course("proved", "", "matched", functions, dwell_s=found[0], factor=found[1], decay_per_s=decay)
+        return verified_dwell(families, functions, low, high, decay)
 
-    each = _shortest_dwell(families, low, high, common.coordinates, ask, verify, TURNS)
-    if each.dwell_s is None:
-        return Course(common.status, words, counterexample=cycle), common.coordinates
-    return replace(each, reason=words, counterexample=cycle), common.coordinates
+    each = _shortest_dwell(families, low, high, coordinates, ask, verify, TURNS)
+    found = common if each.dwell_s is None else each
+    return replace(found, reason=words, counterexample=cycle), coordinates
 
 
-def _common(families: Families, low: fmpq, high: fmpq, solve: Solve) -> Verified:
+def _common(families: Families, low: fmpq, high: fmpq, solve: Solve) -> tuple[Course, np.ndarray]:
     start = modal_coordinates(at(families[len(families) // 2], (low + high) / 2))
-    best = Verified((), "", start)
+    best = Course("undecided", NONE_FOUND), start
     for degree in (1, 2):
         coordinates = start
         for _ in range(TURNS):
-            found = sought_with(families, Sought(low, high, degree), coordinates, solve)
-            if found.coefficients:
-                return found
-            best = found if found.refused else best
-            if np.array_equal(found.coordinates, coordinates):
+            found, onward = sought_with(families, Sought(low, high, degree), coordinates, solve)
+            if found.functions:
+                return found, onward
+            best = (found, onward) if found.claimed else best
+            if np.array_equal(onward, coordinates):
                 break
-            coordinates = found.coordinates
+            coordinates = onward
     return best
 
 
@@ -136,7 +139,14 @@ def sudden_change(
         return [solve(families, sought(decay), inner, "CLARABEL")]
 
     def verify(decay: fmpq, answers: Sequence[Answer]) -> Course:
-        return _verified_jumps(families, sought(decay), answers[0])
+        coefficients, wrong = checked(families, sought(decay), answers[0].coefficients)
+        if not wrong:
+            changes = changes_of_payload(families[0], coefficients, low, high, joining)
+            found = _enough(changes, (coefficients,), decay)
+            if found.status == "proved":
+                return found
+            wrong = found.reason
+        return refused(answers[0], wrong, joining) if answers[0].claims else Course("undecided", NONE_FOUND)
 
     # The second time in the coordinates of the first answer.
     return replace(_shortest_dwell(families, low, high, coordinates, ask, verify, 2), joining=joining)
@@ -171,26 +181,7 @@ def _shortest_dwell(
     return best
 
 
-def _verified_jumps(families: Families, sought: Sought, answer: Answer) -> Course:
-    """Round an answer to decimals, bound its growth at a jump, and check all of it exactly."""
-    coefficients, wrong = checked(families, sought, answer.coefficients)
-    if not wrong:
-        low, high, joining = sought.low, sought.high, sought.joining
-        leaps = [floats(jump(families[0], s)) for s in jump_shares(families[0], low, high, joining)]
-        ends = [at_mass(coefficients, mass) for mass in (low, high)]
-        factor = least_factor((leap @ after @ leap, before) for leap in leaps for before in ends for after in ends)
-        across = holds_across_jumps(families[0], coefficients, low, high, factor, joining)
-        dwell = least_dwell(factor, sought.decay)
-        if across.holds and dwell is not None:
-            found = (coefficients,)
-            return Course("proved", "", joining, found, dwell_s=dwell, factor=factor, decay_per_s=sought.decay)
-        wrong = across.reason
-    return Course("unverified", refusal(answer, wrong)) if answer.claims else Course("undecided", NONE_FOUND)
-
-
-def verified_dwell(
-    families: Families, functions: Sequence[Coefficients], low: fmpq, high: fmpq, decay: fmpq
-) -> tuple[fmpq, fmpq] | None:
+def verified_dwell(families: Families, functions: Sequence[Coefficients], low: fmpq, high: fmpq, decay: fmpq) -> Course:
     """Average time between changes of stage that functions of each stage prove to be enough, and the growth at one.
 
     Args:
@@ -202,20 +193,17 @@ def verified_dwell(
     """
     for family, function in zip(families, functions, strict=True):
         if not holds_at_rate([family], function, low, high, ZERO, "matched", decay).holds:
-            return None
-    pairs = list(permutations(functions, 2))
-    factor = least_factor((at_mass(two, mass), at_mass(one, mass)) for one, two in pairs for mass in (low, high))
-    for before, after in pairs:  # affine in m: both ends prove what lies between
-        gaps = [factor * one - two for one, two in zip(before, after, strict=True)]
-        if not positive_on(gaps, low, high).holds:
-            return None
-    dwell = least_dwell(factor, decay)
-    return None if dwell is None else (dwell, factor)
+            return Course("undecided", NONE_FOUND)
+    return _enough(changes_of_stage(functions, low, high), functions, decay)
 
 
-def at_mass(coefficients: Coefficients, mass: fmpq) -> np.ndarray:
-    """P(m) in floats, (n, n)."""
-    return np.sum([floats(p) * nearest(mass) ** k for k, p in enumerate(coefficients)], axis=0)
+def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay: fmpq) -> Course:
+    """The time between changes that is enough for functions that fall at a rate between them; the check is exact."""
+    factor = least_factor((floats(after), floats(before)) for before, after in changes)
+    across, dwell = grows_at_most(changes, factor), least_dwell(factor, decay)
+    if not across.holds or dwell is None:
+        return Course("undecided", across.reason or NONE_FOUND)
+    return Course("proved", functions=tuple(functions), dwell_s=dwell, factor=factor, decay_per_s=decay)
 
 
 def least_factor(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> fmpq:

@@ -8,12 +8,13 @@ which decides in rationals.
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import matmul
 from typing import Any
 
 import numpy as np
 from flint import fmpq
 
-from beamdesign.proofs.decrease import ZERO, Joining, Terms, bernstein, decrease, extremes
+from beamdesign.proofs.decrease import ZERO, Joining, bernstein, decrease, extremes, terms_of
 from beamdesign.proofs.mass_family import Families, MassFamily, floats
 
 SOLVERS = ("CLARABEL", "SCS")
@@ -165,24 +166,25 @@ def solve_across_jumps(families: Families, sought: Sought, coordinates: np.ndarr
         coordinates: T, (n, n).
         solver: of `SOLVERS`.
     """
-    return _little_growth(families, sought, coordinates, solver, 1)[0]
+    return solve_one_each(families, sought, coordinates, solver, 1)[0]
 
 
 def solve_one_each(
-    families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL"
+    families: Families, sought: Sought, coordinates: np.ndarray, solver: str = "CLARABEL", count: int | None = None
 ) -> tuple[Answer, ...]:
     """Minimise g of I <= P_i(m) <= g I while each P_i(m) falls along its own family at the decay that is sought.
 
+    Args:
+        families: the closed loop with each stage.
+        sought: of degree 0 or 1; its rate is not used.
+        coordinates: T, (n, n).
+        solver: of `SOLVERS`.
+        count: of functions: 1 for one that falls along all families, and as many as there are families by default.
+
     Returns:
-        one answer for each family, all with the same coordinates to go on in: those of the mean of all functions.
+        one answer for each function, all with the same coordinates to go on in: those of the mean of all functions.
     """
-    return _little_growth(families, sought, coordinates, solver, len(families))
-
-
-def _little_growth(
-    families: Families, sought: Sought, coordinates: np.ndarray, solver: str, count: int
-) -> tuple[Answer, ...]:
-    """Minimise g over one function that falls along all families, or over as many as there are families."""
+    count = len(families) if count is None else count
     scaled = _scaled(families, sought, coordinates)
     first, identity = scaled[0], np.eye(families[0].order)
     own = first.basis(sought.degree)
@@ -236,13 +238,7 @@ class Scaled:
 
     def decrease(self, basis: np.ndarray, sought: Sought, sign: int, resting: int) -> list[np.ndarray]:
         """Bernstein coefficients of -W (dV/dt + 2 decay V) for each member of the basis, (count, n, n) each."""
-
-        def both(left: np.ndarray, p: np.ndarray) -> np.ndarray:
-            return left.T @ p + p @ left
-
-        terms = [
-            Terms(p, both(self.fixed, p), both(self.inertial, p), both(self.pick, p)) for p in np.moveaxis(basis, 1, 0)
-        ]
+        terms = terms_of(np.moveaxis(basis, 1, 0), self.fixed, self.inertial, self.pick, matmul)
         rate, decay = sign * float(sought.rate) / self.unit / self.pace, float(sought.decay) / self.pace
         return bernstein(decrease(terms, self.bare, decay, rate, resting), self.low, self.high)
 

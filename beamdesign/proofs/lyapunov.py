@@ -10,12 +10,13 @@ from typing import Any
 
 from flint import fmpq, fmpq_mat
 
+from beamdesign.json_text import picked
 from beamdesign.polynomial import exact
-from beamdesign.proofs.courses import DEGREES, Course, Status, Update, any_change, bounded_rate, quiet
+from beamdesign.progress import Progress, silent
+from beamdesign.proofs.courses import DEGREES, Course, Status, any_change, bounded_rate
 from beamdesign.proofs.decrease import ZERO, Joining
 from beamdesign.proofs.dwell import stage_change, sudden_change
-from beamdesign.proofs.growth import Frozen, frozen
-from beamdesign.proofs.mass_family import Families
+from beamdesign.proofs.mass_family import Families, Frozen, frozen
 from beamdesign.proofs.writer import Tables, certificate, stated, texts
 from beamdesign.prototype import Prototype
 from beamdesign.rational import nearest, text
@@ -79,7 +80,7 @@ def switching(
     high_kg: float,
     wanted_kg_per_s: float | None = None,
     dwell_s: float = 0.0,
-    update: Update = quiet,
+    update: Progress = silent,
 ) -> Switching:
     """Prove what can be proved of a closed loop while its outer end mass changes between two masses, and its stage.
 
@@ -172,34 +173,27 @@ def _of_payload(found: Switching) -> list[str]:
     """Changes of the payload in words; of nothing that needs changes of stage at any time where they are not proved."""
     if found.stages.kind != "any_time":
         return []
-    low, lines = found.outer_end_mass_kg[0], []
-    common = found.any_change
+    common, wanted = found.any_change, found.wanted_kg_per_s
     matched = "however fast the mass changes, payload joining and leaving with the tip's velocity"
-    if common.status == "proved":
-        lines.append(f"proved: stable {matched}")
-    else:
-        lines.append(f"{_head(common.status)}: {matched}: {common.reason}")
-        if common.proved_up_to_kg is not None:
-            lines.append(f"proved: the same from {low:g} to {common.proved_up_to_kg:g} kg")
+    lines = [_line(common, f"stable {matched}", matched)]
+    if common.status != "proved" and common.proved_up_to_kg is not None:
+        lines.append(f"proved: the same from {found.outer_end_mass_kg[0]:g} to {common.proved_up_to_kg:g} kg")
     for rate in found.rates:
-        if rate.rate_kg_per_s == inf:
-            continue
-        if rate.status == "proved":
-            lines.append(f"proved: stable for |dm/dt| up to {rate.rate_kg_per_s:g} kg/s, {_WORDS[rate.joining]}")
-        else:
-            asked = "any rate" if found.wanted_kg_per_s is None else f"|dm/dt| up to {found.wanted_kg_per_s:g} kg/s"
-            lines.append(f"{_head(rate.status)}: {asked}, {_WORDS[rate.joining]}: {rate.reason}")
+        if rate.rate_kg_per_s != inf:
+            asked = "any rate" if wanted is None else f"|dm/dt| up to {wanted:g} kg/s"
+            reached = f"stable for |dm/dt| up to {rate.rate_kg_per_s or 0:g} kg/s"
+            lines.append(_line(rate, *(f"{words}, {_WORDS[rate.joining]}" for words in (reached, asked))))
     for sudden in found.sudden:
-        if sudden.dwell_s == 0:
-            continue
-        if sudden.status == "proved" and sudden.dwell_s is not None:
-            dwell = f"{nearest(sudden.dwell_s):.4g} s"
-            lines.append(
-                f"proved: stable for sudden changes at least {dwell} apart on average, {_WORDS[sudden.joining]}"
-            )
-        else:
-            lines.append(f"{_head(sudden.status)}: sudden changes, {_WORDS[sudden.joining]}: {sudden.reason}")
+        if sudden.dwell_s != 0:
+            dwell = nearest(sudden.dwell_s or ZERO)
+            words = f"stable for sudden changes at least {dwell:.4g} s apart on average"
+            lines.append(_line(sudden, *(f"{one}, {_WORDS[sudden.joining]}" for one in (words, "sudden changes"))))
     return lines
+
+
+def _line(course: Course, proved: str, asked: str) -> str:
+    """What is proved, or what was asked and why it is not."""
+    return f"proved: {proved}" if course.status == "proved" else f"{_head(course.status)}: {asked}: {course.reason}"
 
 
 _WORDS = {
@@ -214,55 +208,27 @@ def _head(status: Status) -> str:
 
 def switching_fields(found: Switching) -> dict[str, Any]:
     """What is proved while payload and stage change, for a JSON file."""
-    common, cycle, stages = found.any_change, found.any_change.counterexample, found.stages
+    cycle = found.any_change.counterexample
+    turns = "outer_end_mass_kg time_s growth_per_cycle=factor proved"
     return {
-        "stable": found.stable,
-        "reason": found.reason,
-        "outer_end_mass_kg": found.outer_end_mass_kg,
-        "rate_kg_per_s": found.wanted_kg_per_s,
-        "stable_while_the_mass_stays": found.frozen.stable,
-        "at_any_time": stages.kind == "any_time",
-        "stage_change": {
-            "status": stages.status,
-            "reason": stages.reason,
-            "dwell_s": None if stages.dwell_s is None else nearest(stages.dwell_s),
-        },
+        **picked(
+            found,
+            "stable reason outer_end_mass_kg rate_kg_per_s=wanted_kg_per_s stable_while_the_mass_stays=frozen.stable",
+        ),
+        "at_any_time": found.stages.kind == "any_time",
+        "stage_change": picked(found.stages, "status reason dwell_s"),
         "any_change": {
-            "status": common.status,
-            "reason": common.reason,
-            "joining": "matched",
-            "proved_up_to_kg": common.proved_up_to_kg,
-            "counterexample": None
-            if cycle is None
-            else {
-                "stages": [k + 1 for k in cycle.stages],
-                "outer_end_mass_kg": cycle.outer_end_mass_kg,
-                "time_s": cycle.time_s,
-                "growth_per_cycle": cycle.factor,
-                "proved": cycle.proved,
-            },
+            **picked(found.any_change, "status reason joining proved_up_to_kg"),
+            "counterexample": cycle and {"stages": [k + 1 for k in cycle.stages], **picked(cycle, turns)},
         },
         "bounded_rate": [
             {
-                "joining": r.joining,
-                "status": r.status,
-                "reason": r.reason,
-                "rate_kg_per_s": r.rate_kg_per_s,
-                "unlimited": r.rate_kg_per_s is not None and isinf(r.rate_kg_per_s),
-                "not_proved_at_kg_per_s": r.refused_kg_per_s,
+                **picked(rate, "joining status reason rate_kg_per_s not_proved_at_kg_per_s=refused_kg_per_s"),
+                "unlimited": rate.rate_kg_per_s == inf,
             }
-            for r in found.rates
+            for rate in found.rates
         ],
-        "sudden_change": [
-            {
-                "joining": s.joining,
-                "status": s.status,
-                "reason": s.reason,
-                "dwell_s": None if s.dwell_s is None else nearest(s.dwell_s),
-                "decay_per_s": nearest(s.decay_per_s),
-            }
-            for s in found.sudden
-        ],
+        "sudden_change": [picked(sudden, "joining status reason dwell_s decay_per_s") for sudden in found.sudden],
     }
 
 

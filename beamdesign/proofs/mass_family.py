@@ -21,8 +21,10 @@ from flint import fmpq, fmpq_mat, fmpq_poly
 from beamdesign.controllers import Cascade, SensedLaw
 from beamdesign.plant.linear import SEEN_AS, LinearModel
 from beamdesign.plant.members import paper_model
-from beamdesign.polynomial import Affine, exact
+from beamdesign.polynomial import Affine, exact, is_hurwitz
+from beamdesign.proofs.stability import stable_ranges
 from beamdesign.prototype import Prototype
+from beamdesign.rational import nearest
 from beamdesign.records import InputError
 
 Row = list[fmpq]
@@ -110,28 +112,35 @@ def close_with(rig: LinearModel, inner_end_mass: fmpq, law: SensedLaw) -> MassFa
     n, k = a.nrows(), law.denominator.degree()
     if any(numerator.degree() > k for numerator in law.numerators):
         raise ValueError("the controller differentiates: its numerator is of higher degree than its denominator")
-    fixed, inertial = fmpq_mat(n + k, n + k), fmpq_mat(n + k, n + k)
+    lead, fixed = law.denominator[k], fmpq_mat(n + k, n + k)
+    through = [numerator[k] / lead for numerator in law.numerators]
+    rests = [(one - law.denominator * share) / lead for one, share in zip(law.numerators, through, strict=True)]
+    seen = [SEEN_AS[sensor] for sensor in law.sensors]
+
+    def fed(shares: Sequence[fmpq], j: int) -> fmpq:
+        """Of the rig's state j, by shares of what the sensors see: errors are their negatives."""
+        return -sum((share * c[sensor, j] for share, sensor in zip(shares, seen, strict=True)), fmpq(0))
+
     for i in range(n):
         for j in range(n):
-            fixed[i, j] = a[i, j]
+            fixed[i, j] = a[i, j] + b[i, 1] * fed(through, j)
         if k:
             fixed[i, n + k - 1] = b[i, 1]
     for i in range(k):
-        fixed[n + i, n + k - 1] = -law.denominator[i] / law.denominator[k]
+        for j in range(n):
+            fixed[n + i, j] = fed([rest[i] for rest in rests], j)
+        fixed[n + i, n + k - 1] = -law.denominator[i] / lead
         if i:
             fixed[n + i, n + i - 1] += 1
-    for sensor, numerator in zip(law.sensors, law.numerators, strict=True):
-        seen, through = SEEN_AS[sensor], numerator[k] / law.denominator[k]
-        rest = (numerator - law.denominator * through) / law.denominator[k]
-        for j in range(n):
-            for i in range(n):
-                fixed[i, j] -= b[i, 1] * through * c[seen, j]
-            for i in range(k):
-                fixed[n + i, j] -= rest[i] * c[seen, j]
+    return _family(fixed, velocity, bare_mass, (*rig.states, *(f"controller_{i + 1}" for i in range(k))))
 
-    for j in range(n + k):
-        inertial[velocity, j], fixed[velocity, j] = fixed[velocity, j], fmpq(0)
-    return MassFamily(fixed, inertial, bare_mass, velocity, rig.states + tuple(f"controller_{i + 1}" for i in range(k)))
+
+def _family(matrix: fmpq_mat, velocity: int, bare_mass: fmpq, states: tuple[str, ...]) -> MassFamily:
+    """Of a matrix in which the forces on the outer tip stand undivided, in the row of its velocity."""
+    inertial = fmpq_mat(matrix.nrows(), matrix.nrows())
+    for j in range(matrix.nrows()):
+        inertial[velocity, j], matrix[velocity, j] = matrix[velocity, j], fmpq(0)
+    return MassFamily(matrix, inertial, bare_mass, velocity, states)
 
 
 def stage_families(prototype: Prototype) -> Families:
@@ -158,8 +167,7 @@ def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFa
         ValueError: for sections without a filter before them.
     """
     free, driven, sensed, velocity, bare_mass = rig.over_outer_mass(inner_end_mass)
-    names, n = rig.states, free.nrows()
-    lag, sections = law.lag, law.sections
+    n, lag, sections = free.nrows(), law.lag, law.sections
     assert lag is not None
     order = n + 2 * len(sections) + 1
     rows = [[fmpq(0)] * order for _ in range(order)]
@@ -189,11 +197,8 @@ def stage_family(rig: LinearModel, inner_end_mass: fmpq, law: Cascade) -> MassFa
         lower * (gain * s - i) + gain * lower / upper * r for s, r, i in zip(signal, slope, current, strict=True)
     ]
 
-    fixed, inertial = fmpq_mat(rows), fmpq_mat(order, order)
-    for j in range(order):
-        inertial[velocity, j], fixed[velocity, j] = fixed[velocity, j], fmpq(0)
     more = [f"section_{k + 1}_{name}" for k in range(len(sections)) for name in ("V", "V_per_s")]
-    return MassFamily(fixed, inertial, bare_mass, velocity, (*names, *more, "current_A"))
+    return _family(fmpq_mat(rows), velocity, bare_mass, (*rig.states, *more, "current_A"))
 
 
 def _derivative(signal: Row, rows: Sequence[Row], velocity: int) -> Row:
@@ -223,3 +228,39 @@ def rationals(matrix: np.ndarray) -> fmpq_mat:
     symmetric = (matrix + matrix.T) / 2
     n = len(symmetric)
     return fmpq_mat(n, n, [exact(symmetric[min(i, j), max(i, j)]) for i in range(n) for j in range(n)])
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """Whether every mass that stays is stable with every stage that stays, exactly.
+
+    Attributes:
+        stable: for the whole range.
+        reason: what is wrong, in words; empty where it is stable.
+        unstable_at: a mass at which an exact Routh test fails, kg; None where there is none (or only single masses,
+            at which a root lies on the axis).
+        stage: with which it fails, numbered from 0.
+    """
+
+    stable: bool
+    reason: str
+    unstable_at: fmpq | None
+    stage: int = 0
+
+
+def frozen(families: Families, low: fmpq, high: fmpq) -> Frozen:
+    """Decide the stability of all masses and stages that stay.
+
+    A family whose characteristic polynomial is not affine in the mass is settled at its two ends only.
+    """
+    for k, family in enumerate(families):
+        try:
+            found = stable_ranges(family.characteristic(), low, high)
+            reason, unstable = found.reason, [part.sample for part in found.ranges if not part.stable]
+        except ValueError:
+            unstable = [mass for mass in (low, high) if not is_hurwitz(family.at(mass).charpoly())]
+            reason = f"unstable at {nearest(unstable[0]):.7g} kg" if unstable else ""
+        if reason:
+            stage = f"stage {k + 1}: " if len(families) > 1 else ""
+            return Frozen(False, stage + reason, unstable[0] if unstable else None, k)
+    return Frozen(True, "", None)
