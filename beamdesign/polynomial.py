@@ -3,13 +3,13 @@
 And where a root of p0(s) + k p1(s) lies on the imaginary axis: all such real k, from one polynomial in the frequency.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
 from math import isfinite, pi, sqrt
 
 import numpy as np
-from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mpoly, fmpq_poly, fmpz, fmpz_poly
 
 from beamdesign.rational import nearest
 
@@ -21,11 +21,7 @@ def exact(value: float) -> fmpq:
     Raises:
         ValueError: for infinity and for what is not a number.
     """
-    digits, _, exponent = repr(float(value)).partition("e")
-    whole, _, decimals = digits.partition(".")
-    power = int(exponent or 0) - len(decimals)
-    integer = int(whole + decimals)
-    return fmpq(integer * 10**power) if power >= 0 else fmpq(integer, 10**-power)
+    return fmpq(*Fraction(repr(float(value))).as_integer_ratio())
 
 
 @dataclass(frozen=True)
@@ -86,6 +82,11 @@ class Quotient:
         return self._lifted(other) / self
 
     __radd__, __rmul__ = __add__, __mul__
+
+
+def in_variable(polynomial: fmpq_poly, variable: fmpq_mpoly) -> fmpq_mpoly:
+    """A polynomial in one variable as one in several."""
+    return sum((c * variable**i for i, c in enumerate(polynomial.coeffs())), 0 * variable)
 
 
 def even_odd(polynomial: fmpq_poly) -> tuple[fmpq_poly, fmpq_poly]:
@@ -168,17 +169,10 @@ def is_hurwitz(polynomial: fmpq_poly) -> bool:
         upper, lower = lower, row
         if not lower:
             break
-        divisor = abs(_content(lower))
+        divisor = fmpz_poly(lower).content()
         if divisor > 1:
             lower = [value // divisor for value in lower]
     return True
-
-
-def _content(values: Sequence[fmpz]) -> fmpz:
-    divisor = fmpz(0)
-    for value in values:
-        divisor = value.gcd(divisor)
-    return divisor
 
 
 @dataclass(frozen=True)

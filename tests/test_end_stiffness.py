@@ -21,8 +21,7 @@ from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Structured
 from beamdesign.loop import Tip, close_loop, loop, tip
 from beamdesign.polynomial import Affine, exact, is_hurwitz, roots
-from beamdesign.proofs.contact import Wall, popov_slack, prove_contact
-from beamdesign.proofs.passivity import absorbed
+from beamdesign.proofs.contact import Wall, absorbed, popov_slack, prove_contact
 from beamdesign.proofs.stability import stable_ranges
 from beamdesign.proofs.writer import prototype_table, rig_tables
 from beamdesign.prototype import Prototype, read_prototype, write_prototype

@@ -8,7 +8,7 @@ import pytest
 from flint import fmpq, fmpq_poly
 
 from beamdesign.plant.members import paper_model
-from beamdesign.proofs.stable_zeros import critical_values, stable_zeros
+from beamdesign.proofs.rectangle import critical_values, stable_zeros
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError
 

@@ -1,19 +1,19 @@
 """Stability of a family over a box of parameters: proved, refuted by a member, or undecided, with volumes."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, pi
 from textwrap import wrap
 from typing import Any, NamedTuple
 
+import numpy as np
 from flint import ctx, fmpq
 
 from beamdesign.polynomial import exact, roots
-from beamdesign.proofs.box_member import Undecided, is_stable, member, parameters_at, refutes, unstable_member
-from beamdesign.proofs.box_statement import Interval, Statement
 from beamdesign.proofs.branch import Search
-from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
+from beamdesign.proofs.rig_family import Interval, PolynomialFamily, Statement, rig_family
+from beamdesign.proofs.value_set import member, stable_at, undamping
 from beamdesign.proofs.writer import certificate, plain, stated, texts
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, Piece, holds, pieces
 from beamdesign.prototype import Prototype
@@ -58,40 +58,101 @@ def volumes_of(statement: Statement, unsettled: Sequence[Piece]) -> tuple[Volume
         visits += 1
         if not near and visits <= _VISITS:
             point = parameters_at(statement, [(a + b) / 2 for a, b in cube])
-            verdict = verdict_at(statement, point)
+            verdict = stable_at(statement, point)
             found[verdict] += volume
             witness = point if verdict is False else witness
-        elif visits > _VISITS or any(all(_covers(o, c) for o, c in zip(other, cube, strict=True)) for other in near):
+        elif visits > _VISITS or any(
+            all(o[0] <= c[0] and c[1] <= o[1] for o, c in zip(other, cube, strict=True)) for other in near
+        ):
             found[None] += volume
         else:
             # Along the axis on which most of what is unsettled is narrower than this cube.
-            axis = max(range(len(cube)), key=lambda i: sum(_narrower(other[i], cube[i]) for other in near))
+            widths = [end - start for start, end in cube]
+            axis = max(range(len(cube)), key=lambda i: sum(other[i][1] - other[i][0] < widths[i] for other in near))
             start, end = cube[axis]
             middle = (start + end) / 2
             for half in ((start, middle), (middle, end)):
                 part = (*cube[:axis], half, *cube[axis + 1 :])
-                stack.append((part, volume / 2, [other for other in near if _overlap(other[axis], half)]))
+                beside = [other for other in near if other[axis][0] < half[1] and half[0] < other[axis][1]]
+                stack.append((part, volume / 2, beside))
     return Volumes(found[True], found[False], found[None]), witness
 
 
-def verdict_at(statement: Statement, point: Mapping[str, fmpq]) -> bool | None:
-    """Whether a member is stable, exactly; None where a root is too near to the axis to tell."""
-    try:
-        return is_stable(statement, member(statement, point))
-    except Undecided:
-        return None
+# Members that are not stable: looked for in floats, confirmed in exact arithmetic.
 
 
-def _narrower(one: Interval, other: Interval) -> bool:
-    return one[1] - one[0] < other[1] - other[0]
+_STEPS = 1000
+"""Shares of a range are rounded to this many steps before a member is confirmed."""
 
 
-def _covers(one: Interval, other: Interval) -> bool:
-    return one[0] <= other[0] and other[1] <= one[1]
+def unstable_member(
+    statement: Statement, near: Sequence[Sequence[float]] = (), population: int = 32, rounds: int = 6
+) -> dict[str, fmpq] | None:
+    """Parameters of a member that is proved not to be stable, or None where none was found.
+
+    A population of corners and midpoints climbs, one variable at a time, towards less damping of the least damped
+    root. Finding nothing means nothing.
+
+    Args:
+        statement: the family over its box.
+        near: members to start from, as shares of the varying variables' ranges, beside those drawn.
+        population: how many members climb; at most half of them start from those given.
+        rounds: most rounds over all variables.
+    """
+    k = len(statement.varying)
+    generator = np.random.default_rng(0)
+    shares = generator.choice([0.0, 0.5, 1.0], size=(population, k))
+    shares[:3] = np.array([0.0, 0.5, 1.0])[:, None]
+    if near:
+        given = np.array(near)[generator.permutation(len(near))[: population // 2]]
+        shares[-len(given) :] = given
+    score = undamping(statement, shares)
+    for turn in range(rounds if k else 0):
+        before = score.copy()
+        for i in generator.permutation(k):
+            here = shares[:, i]
+            nudge = 0.3 * generator.random(population) / (turn + 1)
+            tried = np.stack([0 * here, 0 * here + 0.5, 0 * here + 1, here - nudge, here + nudge]).clip(0, 1)
+            options = np.repeat(shares[None], len(tried), axis=0)
+            options[:, :, i] = tried
+            found = undamping(statement, options.reshape(-1, k)).reshape(len(tried), population)
+            best = found.argmax(axis=0)
+            better = found.max(axis=0) > score
+            shares[better, i] = tried[best, np.arange(population)][better]
+            score = np.maximum(score, found.max(axis=0))
+        if np.all(score - before < 1e-4):
+            break
+    for i in np.argsort(-score)[:3]:
+        point = parameters_at(statement, [fmpq(round(float(share) * _STEPS), _STEPS) for share in shares[i]])
+        if stable_at(statement, point) is False:
+            return point
+    return None
 
 
-def _overlap(one: Interval, other: Interval) -> bool:
-    return one[0] < other[1] and other[0] < one[1]
+def parameters_at(statement: Statement, shares: list[fmpq]) -> dict[str, fmpq]:
+    """Parameters that give the varying variables these shares of their ranges; exact."""
+    share = dict(zip(statement.varying, shares, strict=True))
+    groups = {name: (kind, members) for name, kind, members in statement.groups}
+    point = {name: low for name, (low, _) in statement.parameters.items()}
+    for name, part in share.items():
+        low, high = statement.inner[name]
+        value = low + (high - low) * part
+        value = 1 / value if name in statement.reciprocal else value
+        kind, members = groups.get(name, ("", []))
+        if kind == "sum":
+            for one in members:
+                a, b = statement.parameters[one]
+                point[one] = a + (b - a) * part
+        elif kind == "product":
+            # One factor after the other goes from its low to its high end until the product is reached.
+            for one in members:
+                others = fmpq(1)
+                for other in members:
+                    others *= point[other] if other != one else 1
+                point[one] = min(statement.parameters[one][1], value / others) if others != 0 else point[one]
+        else:
+            point[name] = value
+    return point
 
 
 # The certificate, as tables of texts: expression, ranges, member, tree.
@@ -164,31 +225,29 @@ class Box:
     """Closed ranges of some parameters.
 
     Attributes:
-        names: the parameters; those of a rig are the `rig_values`, SI, frequencies in rad/s.
-        low, high: ends of the ranges, exact.
+        ranges: ends by parameter, exact; those of a rig are the `rig_values`, SI, frequencies in rad/s.
         nominal: where scaling starts from, inside each range but not always in its middle.
         rigid: names whose ranges are asked for as they are, so that scaling leaves them alone.
     """
 
-    names: tuple[str, ...]
-    low: tuple[fmpq, ...]
-    high: tuple[fmpq, ...]
-    nominal: tuple[fmpq, ...]
+    ranges: Mapping[str, Interval]
+    nominal: Mapping[str, fmpq]
     rigid: frozenset[str] = frozenset()
 
     @property
-    def ranges(self) -> dict[str, Interval]:
-        """The ends of each range."""
-        return {name: (a, b) for name, a, b in zip(self.names, self.low, self.high, strict=True)}
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
+        return tuple(self.ranges)
 
     def scaled(self, factor: fmpq) -> "Box":
         """Every range that is not rigid, drawn in or out from its nominal value."""
-        low, high = [], []
-        for name, a, b, middle in zip(self.names, self.low, self.high, self.nominal, strict=True):
-            part = fmpq(1) if name in self.rigid else factor
-            low.append(middle + part * (a - middle))
-            high.append(middle + part * (b - middle))
-        return Box(self.names, tuple(low), tuple(high), self.nominal, self.rigid)
+        drawn = {
+            name: (middle + factor * (low - middle), middle + factor * (high - middle))
+            for name, (low, high) in self.ranges.items()
+            if name not in self.rigid
+            for middle in [self.nominal[name]]
+        }
+        return replace(self, ranges={**self.ranges, **drawn})
 
 
 def box_of(
@@ -201,20 +260,19 @@ def box_of(
     Raises:
         ValueError: for an empty range, or a nominal value outside of its range.
     """
-    ends = {name: (_exactly(low), _exactly(high)) for name, (low, high) in ranges.items()}
-    given = {name: _exactly(value) for name, value in (nominal or {}).items()}
+
+    def exactly(value: float | fmpq) -> fmpq:
+        return value if isinstance(value, fmpq) else exact(value)
+
+    ends = {name: (exactly(low), exactly(high)) for name, (low, high) in ranges.items()}
+    given = {name: exactly(value) for name, value in (nominal or {}).items()}
     middles = {name: given.get(name, (low + high) / 2) for name, (low, high) in ends.items()}
     for name, (low, high) in ends.items():
         if low > high:
             raise ValueError(f"{name}: empty range, {text(low)} is above {text(high)}")
         if not low <= middles[name] <= high:
             raise ValueError(f"{name}: the nominal value {text(middles[name])} lies outside of its range")
-    lows, highs = zip(*ends.values(), strict=True) if ends else ((), ())
-    return Box(tuple(ends), lows, highs, tuple(middles.values()), frozenset(rigid))
-
-
-def _exactly(value: float | fmpq) -> fmpq:
-    return value if isinstance(value, fmpq) else exact(value)
+    return Box(ends, middles, frozenset(rigid))
 
 
 @dataclass(frozen=True)
@@ -275,13 +333,13 @@ def certify_box(
     """
     family = rig_family(subject) if isinstance(subject, Prototype) else subject
     statement = family.over(box.ranges)
-    nominal = {**family.values, **dict(zip(box.names, box.nominal, strict=True))}
+    nominal = {**family.values, **box.nominal}
 
     def writer(point: Mapping[str, fmpq], tree: Sequence[str] | None) -> Callable[[], str]:
         return lambda: box_certificate(subject, family, statement, point, tree)
 
     with ctx.workprec(PRECISION_BITS):
-        point = nominal if refutes(statement, nominal) else unstable_member(statement)
+        point = nominal if stable_at(statement, nominal) is False else unstable_member(statement)
         if point is not None and not volumes:
             return BoxVerdict(False, _of(statement, point, box), None, point, box, 0, 0, writer(point, None))
         try:
@@ -295,14 +353,20 @@ def certify_box(
         else:
             search.run(budget // 4, seconds, _ENOUGH)
         tree = search.tree
-        proved, unsettled = _proved(statement, tree)
+        proved, unsettled = 0, []
+        for piece in pieces(statement, tree):
+            if holds(piece):
+                proved += 1
+            else:
+                unsettled.append(piece)
         shares, witness = volumes_of(statement, unsettled)
         if point is None and witness is None and unsettled:
-            witness = unstable_member(statement, [_middle(statement, piece) for piece in unsettled])
+            middles = [[nearest(sum(p.cell.shares[n], fmpq(0)) / 2) for n in statement.varying] for p in unsettled]
+            witness = unstable_member(statement, middles)
         point = point or witness
         if point is not None:
             stable, reason, write = False, _of(statement, point, box), writer(point, None)
-        elif not unsettled and verdict_at(statement, nominal):
+        elif not unsettled and stable_at(statement, nominal):
             stable, reason, write = True, "", writer(nominal, tree)
         else:
             stable, reason, write = None, _where(unsettled, shares, search.looked_at), str
@@ -322,11 +386,6 @@ def _of(statement: Statement, point: Mapping[str, fmpq], box: Box) -> str:
     return f"not stable{where}: a root at {worst.real:.4g} 1/s, {abs(worst.imag) / (2 * pi):.4g} Hz"
 
 
-def _middle(statement: Statement, piece: Piece) -> list[float]:
-    """The middle of a piece's box, as shares."""
-    return [nearest(sum(piece.cell.shares[name], fmpq(0)) / 2) for name in statement.varying]
-
-
 def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
     """Where nothing was decided, in words."""
     if not unsettled:
@@ -337,14 +396,3 @@ def _where(unsettled: Sequence[Piece], shares: Volumes, looked_at: int) -> str:
     if not ends:
         return f"{share}: the leading coefficient may vanish, so that a root passes through infinity"
     return f"{share}: a root may lie on the axis between {low:.4g} and {nearest(max(ends)) / (2 * pi):.4g} Hz"
-
-
-def _proved(statement: Statement, tree: Sequence[str]) -> tuple[int, list[Piece]]:
-    """How many pieces of a tree hold, and those that do not."""
-    count, unsettled = 0, []
-    for piece in pieces(statement, tree):
-        if holds(piece):
-            count += 1
-        else:
-            unsettled.append(piece)
-    return count, unsettled

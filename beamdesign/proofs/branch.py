@@ -10,7 +10,7 @@ import numpy as np
 from flint import fmpq
 
 from beamdesign.polynomial import exact
-from beamdesign.proofs.box_statement import Node, Statement
+from beamdesign.proofs.rig_family import Node, Statement
 from beamdesign.proofs.value_set import Pieces, delays, hulls, pieces, support, values
 from beamdesign.proofs.zero_exclusion import ARC_PARTS, Cell, coefficients, dominated
 from beamdesign.rational import nearest, text
@@ -82,11 +82,6 @@ class Search:
         self._push(self._root)
 
     @property
-    def settled(self) -> bool:
-        """Whether no piece is open."""
-        return "?" not in self.tree
-
-    @property
     def tree(self) -> list[str]:
         """The marks of `zero_exclusion.pieces`, open pieces as "?"."""
         marks, stack = [], [self._root]
@@ -104,10 +99,10 @@ class Search:
             seconds: most time.
             enough: open volume at which to stop.
         """
-        limit = monotonic() + seconds
+        limit, at_once = monotonic() + seconds, max(1, min(256, _POINTS_AT_ONCE // (2 * self._width)))
         while self._queue and self.looked_at < budget and monotonic() < limit and self.open_volume >= enough:
             batch: list[_Node] = []
-            while self._queue and len(batch) < self._batch() and self.looked_at < budget:
+            while self._queue and len(batch) < at_once and self.looked_at < budget:
                 _, _, node = heappop(self._queue)
                 self.open_volume -= node.volume
                 self.looked_at += 1
@@ -118,13 +113,15 @@ class Search:
             if batch:
                 self._look(batch)
 
-    def _batch(self) -> int:
-        return max(1, min(256, _POINTS_AT_ONCE // (2 * self._width)))
-
     def _push(self, node: _Node) -> None:
         self._pushed += 1
         self.open_volume += node.volume
         heappush(self._queue, (-node.volume, self._pushed, node))
+
+    def _split(self, node: _Node, mark: str, halves: tuple[_Node, _Node]) -> None:
+        node.mark, node.halves = mark, halves
+        for half in halves:
+            self._push(half)
 
     def _halve(self, node: _Node, variable: int) -> None:
         if node.end[variable] - node.start[variable] < _NARROWEST_SHARE:
@@ -132,10 +129,8 @@ class Search:
         middle = (node.start[variable] + node.end[variable]) / 2
         lower, upper = node.end.copy(), node.start.copy()
         lower[variable] = upper[variable] = middle
-        node.mark = self.statement.varying[variable]
-        node.halves = (_Node(node.start, lower, node.w1, node.w2), _Node(upper, node.end, node.w1, node.w2))
-        for half in node.halves:
-            self._push(half)
+        halves = _Node(node.start, lower, node.w1, node.w2), _Node(upper, node.end, node.w1, node.w2)
+        self._split(node, self.statement.varying[variable], halves)
 
     def _cut(self, node: _Node, near: float) -> None:
         """Cut in frequency, at a short decimal near the one given."""
@@ -144,15 +139,13 @@ class Search:
         digits = 3
         while not node.w1 < (w := float(f"{near:.{digits}g}")) < node.w2:
             digits += 1
-        node.mark = f"w={text(exact(w))}"
-        node.halves = (_Node(node.start, node.end, node.w1, w), _Node(node.start, node.end, w, node.w2))
-        for half in node.halves:
-            self._push(half)
+        halves = _Node(node.start, node.end, node.w1, w), _Node(node.start, node.end, w, node.w2)
+        self._split(node, f"w={text(exact(w))}", halves)
 
     def _tail(self, node: _Node) -> None:
         """All frequencies from w1 up: settled where the leading term dominates."""
         shares = {
-            name: (_dyadic(a), _dyadic(b))
+            name: (fmpq(*a.as_integer_ratio()), fmpq(*b.as_integer_ratio()))
             for name, a, b in zip(self.statement.varying, node.start, node.end, strict=True)
         }
         cell = Cell(self.statement, shares)
@@ -216,10 +209,6 @@ def _leaf_points(statement: Statement, name: str) -> int:
     return others * 2 ** len(axes)
 
 
-def _dyadic(share: float) -> fmpq:
-    return fmpq(*share.as_integer_ratio())
-
-
 def _reach(cell: Cell) -> float | None:
     """A frequency from which the leading term dominates; None where the leading coefficient may come near to zero.
 
@@ -231,9 +220,7 @@ def _reach(cell: Cell) -> float | None:
     lead, most = sorted((abs(low), abs(high)))
     if low * high <= 0 or (cell.shares and most > _LEADING_RATIO * lead):
         return None
-    sizes = [max(abs(a), abs(b)) for a, b in plain[:n]]
-    for i, (_, size) in enumerate(late):
-        sizes[i] += size
+    sizes = [max(abs(a), abs(b)) + late[i] for i, (a, b) in enumerate(plain[:n])]
     ratios = [(nearest(size / lead)) ** (1 / (n - i)) for i, size in enumerate(sizes)]
     return 2.0 ** ceil(log2(max(2 * max(ratios, default=1.0), 1e-3)))
 

@@ -137,11 +137,6 @@ class Guaranteed:
     controller_effort_A_per_V: float | None = None
 
 
-_WITNESS = (
-    "outer_end_mass_kg=witness_outer_end_mass_kg frequency_Hz=witness_frequency_Hz gain_factor=witness_gain_factor"
-)
-
-
 @dataclass(frozen=True, repr=False)
 class Decided(Result):
     """Stability of a loop over a range of outer end masses, with its proof.
@@ -222,7 +217,8 @@ class Certificate(Decided):
             "claims": [
                 {
                     **picked(claim, "kind limit bandwidth_Hz from_Hz holds reason"),
-                    "witness": None if claim.witness is None else picked(claim, _WITNESS),
+                    "witness": claim.witness
+                    and picked(claim.witness, "outer_end_mass_kg=mass frequency_Hz gain_factor"),
                 }
                 for claim in self.claims
             ],

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from flint import fmpq
 
 from beamdesign.loop import rig_loop
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, VertexModel, family
-from beamdesign.polynomial import Crossing, exact
+from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import (
     INEQUALITIES,
     METHOD,
@@ -97,30 +98,21 @@ def common_ranges(parts: Sequence[Rectangle], low: fmpq, high: fmpq) -> Stabilit
     common = [piece for one in common if (piece := _given_way(parts, one))]
     filled: list[Range] = []
     reached: fmpq = low
-    for piece in common:
-        if reached < piece.low:
-            filled.append(_unstable(reached, piece.low))
-        filled.append(piece)
-        reached = piece.high
-    if reached < high or not common:
-        filled.append(_unstable(reached, high))
-    crossings = _listed(crossing for found in maps for crossing in found.crossings)
-    below = _listed(found.below for found in maps if found.below is not None)
-    above = _listed(found.above for found in maps if found.above is not None)
+    for piece in (*common, None):
+        end = high if piece is None else piece.low
+        if reached < end or not common:
+            filled.append(Range(reached, end, None, None, reached, False))
+        if piece is not None:
+            filled.append(piece)
+            reached = piece.high
+    mass = attrgetter("value")
+    crossings = tuple(sorted((crossing for found in maps for crossing in found.crossings), key=mass))
+    below = max((found.below for found in maps if found.below is not None), key=mass, default=None)
+    above = min((found.above for found in maps if found.above is not None), key=mass, default=None)
     reason = in_words(filled, crossings).replace("unstable from", "not every loop is stable from")
     if not common:
         reason = "no range of masses was found over which every loop is stable"
-    return StabilityMap(
-        low, high, crossings, tuple(filled), below[-1] if below else None, above[0] if above else None, reason
-    )
-
-
-def _listed(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
-    return tuple(sorted(crossings, key=lambda crossing: crossing.value))
-
-
-def _unstable(low: fmpq, high: fmpq) -> Range:
-    return Range(low, high, None, None, low, False)
+    return StabilityMap(low, high, crossings, tuple(filled), below, above, reason)
 
 
 def _both(one: Range, two: Range) -> Range | None:
@@ -253,18 +245,16 @@ def certify(prototype: Prototype, low_kg: float, high_kg: float, claims: Sequenc
 
 def guaranteed_by_all(stages: Iterable[InStage]) -> Guaranteed | None:
     """The worst of what is proved with each law over its own payloads; None where a loop is not stable."""
-    each = [certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed for stage in stages]
-    found = [one for one in each if one is not None]
-    if len(found) < len(each):
-        return None
-    return Guaranteed(
-        min(one.bandwidth_Hz for one in found),
-        max(one.peak_sensitivity for one in found),
-        max((one.loop_gain for one in found if one.loop_gain is not None), default=None),
-        max(
-            (one.controller_effort_A_per_V for one in found if one.controller_effort_A_per_V is not None), default=None
-        ),
-    )
+    found = []
+    for stage in stages:
+        if (guaranteed := certify(stage.prototype, *stage.outer_end_mass_kg).guaranteed) is None:
+            return None
+        found.append(guaranteed)
+    worst = [
+        max((limit for one in found if (limit := getattr(one, name)) is not None), default=None)
+        for name in ("loop_gain", "controller_effort_A_per_V")
+    ]
+    return Guaranteed(min(one.bandwidth_Hz for one in found), max(one.peak_sensitivity for one in found), *worst)
 
 
 def _decide(proved: Sequence[Proved], asked: Asked) -> Claim:

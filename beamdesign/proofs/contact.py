@@ -1,13 +1,19 @@
-"""The tip as a port: contact with walls, touching and letting go, apparent stiffness.
+"""The tip as a port: passivity, contact with walls, touching and letting go, apparent stiffness.
+
+A tip is passive where its mobility s x / F is positive real. With x / F = n / p, Re(jw n / p) >= 0 says that what
+pushes the tip at w gets no work out of it over a period. Springs and masses on the tip turn p to p + k n - m w^2 n and
+leave Im(p conj n) as it is: so one polynomial in w^2 settles passivity for every payload. A tip that is passive and
+stable is stable against every passive environment that takes up some energy, a wall among them (Colgate and Hogan, Int.
+J. Control 48, 1988); against one that is not, `destabilising_environment` finds masses, springs and dashpots that it
+oscillates with.
 
 The characteristic polynomial p0 + (m s^2 + b s + k) n is affine in m, b and k together and of constant degree, so that
 it is stable on the whole box if it is on its edges (edge theorem of Bartlett, Hollot and Huang, 1988). This is the
 linear loop in lasting contact; touching and letting go is what follows.
 
 Touching and letting go: a spring that presses on one side only, at any distance and under any constant load, has a
-slope between 0 and k. The
-loop with it comes to rest from anywhere if it is stable without it and, for some time q of zero or more (H. K. Khalil,
-Nonlinear Systems, 3rd ed. 2002, theorem 7.3),
+slope between 0 and k. The loop with it comes to rest from anywhere if it is stable without it and, for some time q of
+zero or more (H. K. Khalil, Nonlinear Systems, 3rd ed. 2002, theorem 7.3),
 
     1 / k + Re[(1 + j w q) n / p] > 0    at every w.
 
@@ -18,17 +24,185 @@ payload. It is proved, not negative, for a k that is a little larger; so it is p
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
+from math import inf, pi, sqrt
 
-from flint import fmpq, fmpq_poly
+from flint import ctx, fmpq, fmpq_poly
 
 from beamdesign.loop import Tip
-from beamdesign.polynomial import Affine, exact
-from beamdesign.proofs.passivity import Environment, absorbed
+from beamdesign.polynomial import Affine, even_odd, exact, is_hurwitz, real_roots, roots
 from beamdesign.proofs.performance import Coefficients, inner, kept_up_to_Hz, magnitude_slack
 from beamdesign.proofs.quadratic import quadratic_nonnegative
-from beamdesign.proofs.stability import is_stable_over, unstable_at
-from beamdesign.rational import nearest, shortened
+from beamdesign.proofs.stability import is_stable_over, stable_ranges, unstable_at
+from beamdesign.rational import bounds, nearest, shortened, simple_between
+
+# Passivity, proved or refuted, band by band.
+
+
+_PRECISION_BITS = 128
+_DIGITS = 15
+_S = fmpq_poly([0, 1])
+_SHARES = (fmpq(1, 5), fmpq(2, 5), fmpq(3, 5), fmpq(4, 5))
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies at which the tip gives off work.
+
+    Attributes:
+        low: rationals just below and just above the lower end, as w^2 in (rad/s)^2; both 0 where it reaches down to
+            rest.
+        high: the same of the upper end; None where it has none.
+        squared_frequency: a rational w^2 in the middle.
+    """
+
+    low: tuple[fmpq, fmpq]
+    high: tuple[fmpq, fmpq] | None
+    squared_frequency: fmpq
+
+    @property
+    def low_Hz(self) -> float:
+        """Lower end, 0 where it reaches down to rest."""
+        return _hertz(self.low)
+
+    @property
+    def sample_Hz(self) -> float:
+        """In the middle."""
+        return sqrt(nearest(self.squared_frequency)) / (2 * pi)
+
+    @property
+    def high_Hz(self) -> float:
+        """Upper end, infinite where there is none."""
+        return inf if self.high is None else _hertz(self.high)
+
+
+@dataclass(frozen=True)
+class Passivity:
+    """Whether the mobility of a tip is positive real for every end mass of a range.
+
+    Attributes:
+        holds: whether it is proved; if not, it is refuted.
+        bands: where work is given off, ascending; the same for every end mass.
+        reason: in words, why it is not passive; empty where it is.
+    """
+
+    holds: bool
+    bands: tuple[Band, ...]
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What is fixed to the tip: a mass (kg) that a spring (N/m) and a dashpot (N s/m) hold to the ground."""
+
+    mass: fmpq
+    stiffness: fmpq
+    damping: fmpq
+
+
+def absorbed(tip: Tip) -> fmpq_poly:
+    """Im(p conj n) / w at jw as a polynomial in x = w^2: not negative where the tip takes work in."""
+    even, odd = even_odd(tip.bare)
+    even_moved, odd_moved = even_odd(tip.moved)
+    return odd * even_moved - even * odd_moved
+
+
+def passivity(tip: Tip, low: fmpq, high: fmpq) -> Passivity:
+    """Decide whether the tip is stable and passive with every end mass (kg) from `low` to `high`."""
+    bands = active_bands(tip)
+    words = [f"work comes out of the tip {in_words(bands)}"] if bands else []
+    stability = stable_ranges(tip.over_mass, low, high)
+    if not stability.stable:
+        words.insert(0, f"the loop is not stable for all of these masses: {stability.reason}")
+    return Passivity(not words, bands, "; ".join(words))
+
+
+def active_bands(tip: Tip) -> tuple[Band, ...]:
+    """The bands in which the tip gives off work, decided exactly; a frequency where it only touches zero is none."""
+    value = absorbed(tip)
+    if value.is_zero():
+        return ()
+    with ctx.workprec(_PRECISION_BITS):
+        found = [
+            bounds(root)
+            for root, count in real_roots(value, _PRECISION_BITS)
+            if count % 2 and root > 0  # roots of even multiplicity change no sign
+        ]
+    edges = [(shortened(low, _DIGITS), shortened(high, _DIGITS, up=True)) for low, high in found]
+    bands = []
+    for start, end in pairwise([(fmpq(0), fmpq(0)), *edges, None]):
+        assert start is not None  # None ends the list
+        sample = _clear_sample(value, start[1], None if end is None else end[0])
+        if value(sample) < 0:
+            bands.append(Band(start, end, sample))
+    return tuple(bands)
+
+
+def _clear_sample(value: fmpq_poly, start: fmpq, end: fmpq | None) -> fmpq:
+    """A rational inside a cell at which the polynomial does not vanish: in its middle unless a double root is there."""
+    end = 2 * start + 2 if end is None else end
+    while value(sample := simple_between(start, end)) == 0:
+        end = sample
+    return sample
+
+
+def _hertz(square: tuple[fmpq, fmpq]) -> float:
+    return sqrt(nearest((square[0] + square[1]) / 2)) / (2 * pi)
+
+
+def in_words(bands: tuple[Band, ...]) -> str:
+    """Bands for a person."""
+
+    def one(band: Band) -> str:
+        if band.high is None:
+            return f"above {band.low_Hz:.4g} Hz" if band.low_Hz else "at every frequency"
+        return f"from {band.low_Hz:.4g} to {band.high_Hz:.4g} Hz" if band.low_Hz else f"below {band.high_Hz:.4g} Hz"
+
+    return " and ".join(one(band) for band in bands)
+
+
+def destabilising_environment(tip: Tip, bands: tuple[Band, ...], outer_end_mass: fmpq) -> Environment | None:
+    """A passive environment that makes a stable loop grow, proved by an exact Routh test.
+
+    At jw inside a band p / n = R - j w r with r > 0. A mass M on a spring M w^2 - R is in tune there, and with a
+    dashpot of r / 2 its slow envelope grows at about r / 4 M: M is doubled until the linear loop is not stable.
+
+    Args:
+        tip: of the loop.
+        bands: its active bands.
+        outer_end_mass: what the tip carries beside the environment, kg.
+
+    Returns:
+        the one of least mass among a few per band; None where no mass up to a million times the first is enough.
+    """
+    found = []
+    for band in bands:
+        low, high = band.low[1], 2 * band.squared_frequency if band.high is None else band.high[0]
+        # The band's sample, and some more for which nothing is known beforehand.
+        squares = [band.squared_frequency, *(shortened(low + (high - low) * share, 3) for share in _SHARES)]
+        found += [_in_tune(tip, square, outer_end_mass) for square in squares]
+    return min((one for one in found if one is not None), key=lambda one: one.mass, default=None)
+
+
+def _in_tune(tip: Tip, square: fmpq, outer_end_mass: fmpq) -> Environment | None:
+    even, odd = (part(square) for part in even_odd(tip.against(outer_end_mass)))
+    even_moved, odd_moved = (part(square) for part in even_odd(tip.moved))
+    below = even_moved**2 + square * odd_moved**2
+    if below == 0 or (given := (even * odd_moved - odd * even_moved) / below / 2) <= 0:
+        return None
+    elastic = (even * even_moved + square * odd * odd_moved) / below  # R = Re(p / n)
+    damping = shortened(given, 3)  # r / 2
+    mass = shortened(max(abs(elastic) / square, fmpq(1, 100)), 3, up=True)
+    for _ in range(20):
+        stiffness = mass * square - elastic
+        if stiffness > 0:
+            found = Environment(mass, shortened(stiffness, 4), damping)
+            polynomial = tip.against(outer_end_mass + mass, found.stiffness, damping)
+            if not is_hurwitz(polynomial) and max(root.real for root in roots(polynomial)) > 0:
+                return found
+        mass *= 2
+    return None
+
 
 # Lasting contact.
 
@@ -73,30 +247,12 @@ class Contact:
     frequency_Hz: float | None = None
 
 
-@dataclass(frozen=True)
-class _Edge:
-    """One edge of the box: figures of one corner, and which of them varies (0 stiffness, 1 damping, 2 mass)."""
-
-    corner: tuple[fmpq, ...]
-    varies: int
-    family: Affine
-    low: fmpq
-    high: fmpq
-
-    def environment(self, value: fmpq) -> Environment:
-        stiffness, damping, mass = (value if k == self.varies else given for k, given in enumerate(self.corner))
-        return Environment(mass, stiffness, damping)
-
-
-def _edges(tip: Tip, masses: Ends, wall: Wall) -> Iterator[_Edge]:
-    sides = (wall.stiffness, wall.damping, masses)
+def _edges(sides: tuple[Ends, Ends, Ends]) -> Iterator[tuple[int, list[fmpq]]]:
+    """The edges of a box of stiffness, damping and mass: which of them varies, and a corner, zero where that is."""
     wide = [k for k in range(3) if sides[k][0] < sides[k][1]] or [2]
     for varies in wide:
         for rest in product(*(sorted(set(side)) for k, side in enumerate(sides) if k != varies)):
-            corner = (*rest[:varies], fmpq(0), *rest[varies:])
-            slope = fmpq_poly([fmpq(0)] * varies + [fmpq(1)]) * tip.moved
-            family = Affine(tip.against(corner[2], corner[0], corner[1]), slope)
-            yield _Edge(corner, varies, family, *sides[varies])
+            yield varies, [*rest[:varies], fmpq(0), *rest[varies:]]
 
 
 def prove_contact(tip: Tip, masses: Ends, wall: Wall) -> Contact:
@@ -105,12 +261,15 @@ def prove_contact(tip: Tip, masses: Ends, wall: Wall) -> Contact:
     Raises:
         ValueError: for an empty range, or a negative figure.
     """
-    for name, (low, high) in (("mass", masses), ("stiffness", wall.stiffness), ("damping", wall.damping)):
+    sides = (wall.stiffness, wall.damping, masses)
+    for name, (low, high) in zip(("stiffness", "damping", "mass"), sides, strict=True):
         if not 0 <= low <= high:
             raise ValueError(f"{name} must range from zero or more upwards, is {nearest(low)} to {nearest(high)}")
-    for edge in _edges(tip, masses, wall):
-        if (there := unstable_at(edge.family, edge.low, edge.high)) is not None:
-            found = edge.environment(there.value)
+    for varies, corner in _edges(sides):
+        family = Affine(tip.bare + fmpq_poly(corner) * tip.moved, _S**varies * tip.moved)
+        if (there := unstable_at(family, *sides[varies])) is not None:
+            corner[varies] = there.value
+            found = Environment(corner[2], corner[0], corner[1])
             return Contact(False, _words(found), found, there.exact, there.frequency_Hz)
     return Contact(True)
 
@@ -159,7 +318,6 @@ MULTIPLIERS_S = tuple(float(f"{10.0 ** (k / 4):.4g}") for k in range(8, -21, -1)
 """Values of q that are tried, s."""
 
 _STRICTLY = fmpq(1001, 1000)
-_S = fmpq_poly([0, 1])
 
 
 @dataclass(frozen=True)
@@ -218,19 +376,15 @@ _NONE = fmpq_poly([0])
 _ROOT_OF_TWO = fmpq(14142, 10000)
 
 
-def stiffness_slack(tip: Tip, stiffness: fmpq, share: fmpq) -> Coefficients:
-    """(share k |n|)^2 - |p - k n|^2: not negative where F / x = p / n is within that share of the stiffness k."""
-    error = Affine(tip.bare - stiffness * tip.moved, _S * _S * tip.moved)
-    return magnitude_slack(share * stiffness, Affine(tip.moved, _NONE), error)
-
-
 def guaranteed_stiffness_band(tip: Tip, stiffness: fmpq, share: fmpq, low: fmpq, high: fmpq) -> float:
     """Frequency (Hz) up to which |F/x / k - 1| is proved to be at most `share` with every end mass from low to high.
 
     Rounded down; 0 where it is not even at rest, infinite where it is at every frequency. It says nothing about
     stability.
     """
-    return kept_up_to_Hz(stiffness_slack(tip, stiffness, share), low, high)
+    # (share k |n|)^2 - |p - k n|^2 is not negative where F / x = p / n is within that share of the stiffness k.
+    error = Affine(tip.bare - stiffness * tip.moved, _S * _S * tip.moved)
+    return kept_up_to_Hz(magnitude_slack(share * stiffness, Affine(tip.moved, _NONE), error), low, high)
 
 
 def guaranteed_command_band(tip: Tip, commanded: fmpq_poly, low: fmpq, high: fmpq) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import isinf
+from math import gcd, isinf, lcm
 from typing import Any
 
 from flint import arb, ctx, fmpq
@@ -33,13 +33,9 @@ def loop_table(loop: Loop) -> Tables:
         "returned_slope": loop.loop_numerator.slope,
         "disturbance": loop.disturbance,
     }
-    factor, divisor = fmpq(1), fmpq(0)
-    for polynomial in named.values():
-        factor *= (polynomial * factor).denom()
-    for polynomial in named.values():
-        for value in (polynomial * factor).coeffs():
-            divisor = fmpq(value.p.gcd(divisor.p))
-    return {name: coefficients(polynomial * (factor / divisor)) for name, polynomial in named.items()}
+    factor = lcm(*(int(polynomial.denom()) for polynomial in named.values()))
+    divisor = gcd(*(int((polynomial * factor).numer().content()) for polynomial in named.values()))
+    return {name: coefficients(polynomial * fmpq(factor, divisor)) for name, polynomial in named.items()}
 
 
 def common_table(stability: StabilityMap) -> Tables:

@@ -10,7 +10,7 @@ proved, rounded to the safe side.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf, isinf, pi, sqrt
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
@@ -19,8 +19,12 @@ from beamdesign.polynomial import Affine, at_points, even_odd, exact
 from beamdesign.proofs.certificate import Asked, Claim, Kind, Witness
 from beamdesign.proofs.quadratic import quadratic_nonnegative
 from beamdesign.proofs.rectangle import Rectangle, Side, shifted
-from beamdesign.proofs.stability import unstable_at
+from beamdesign.proofs.stability import Unstable, unstable_at
 from beamdesign.rational import bounds, nearest, shortened
+
+if TYPE_CHECKING:
+    from beamdesign.loop import Loop
+    from beamdesign.proofs.arm.plane import PlaneLoop
 
 Coefficients = tuple[fmpq_poly, fmpq_poly, fmpq_poly]
 """Of m^2, m and 1, polynomials in x = w^2."""
@@ -33,20 +37,8 @@ _ZERO = fmpq(0)
 _NONE = fmpq_poly([0])
 
 
-class Closed(Protocol):
-    """What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
-
-    @property
-    def loop_denominator(self) -> Affine:
-        """Denominator of L."""
-
-    @property
-    def loop_numerator(self) -> Affine:
-        """Numerator of L."""
-
-    @property
-    def characteristic(self) -> Affine:
-        """Closed-loop characteristic polynomial."""
+Closed: TypeAlias = "Loop | PlaneLoop"
+"""What magnitudes are of: a loop, or one plane of an arm, which has them under these names."""
 
 
 class Magnitude(NamedTuple):
@@ -113,16 +105,6 @@ def frequency_below(squared_frequency: fmpq) -> fmpq:
 # Claims proved or refuted.
 
 
-class _Failure(NamedTuple):
-    """Where a claim fails on a side: the value of what varies along it, and the reason where that is the mass."""
-
-    value: fmpq
-    squared_frequency: fmpq | None
-    frequency_Hz: float
-    exact: bool
-    reason: str
-
-
 def prove(rectangle: Rectangle, asked: Asked) -> Claim:
     """Prove or refute a claim on a rectangle: on its sides, and inside where these do not decide.
 
@@ -150,11 +132,11 @@ def prove(rectangle: Rectangle, asked: Asked) -> Claim:
     return held
 
 
-def _exceeded(side: Side, asked: Asked, limit: fmpq) -> _Failure | None:
+def _exceeded(side: Side, asked: Asked, limit: fmpq) -> Unstable | None:
     """Where a magnitude exceeds its limit, or the loop is not stable."""
     if (there := unstable_at(side.loop.characteristic, side.low, side.high)) is not None:
         reason = f"the loop is not stable for all of these masses: {there.reason}"
-        return _Failure(there.value, None, there.frequency_Hz, there.exact, reason)
+        return replace(there, reason=reason)
     start = squared_frequency(exact(asked.from_Hz))[0] if asked.kind == "loop_gain" else _ZERO
     bounded = asked.kind == "compliance" and asked.bandwidth_Hz != inf
     until = squared_frequency(exact(asked.bandwidth_Hz))[1] if bounded else None
@@ -165,10 +147,10 @@ def _exceeded(side: Side, asked: Asked, limit: fmpq) -> _Failure | None:
     frequency = sqrt(nearest(square)) / (2 * pi)
     symbol = MAGNITUDES[asked.kind].symbol
     reason = f"{symbol} exceeds the limit at {frequency:.6g} Hz with an outer end mass of {nearest(value):.6g} kg"
-    return _Failure(value, square, frequency, True, reason)
+    return Unstable(value, True, frequency, reason, square)
 
 
-def _decays_slowly(side: Side, rate: fmpq) -> _Failure | None:
+def _decays_slowly(side: Side, rate: fmpq) -> Unstable | None:
     """Where a pole is not to the left of -rate."""
     if (there := unstable_at(shifted(side.loop.characteristic, rate), side.low, side.high)) is None:
         return None
@@ -176,10 +158,10 @@ def _decays_slowly(side: Side, rate: fmpq) -> _Failure | None:
         f"a pole decays no faster than {nearest(rate):.6g} 1/s with an outer end mass of"
         f" {nearest(there.value):.6g} kg (at {there.frequency_Hz:.6g} Hz)"
     )
-    return _Failure(there.value, None, there.frequency_Hz, there.exact, reason)
+    return replace(there, reason=reason)
 
 
-def _refuted(held: Claim, side: Side, found: _Failure) -> Claim:
+def _refuted(held: Claim, side: Side, found: Unstable) -> Claim:
     """A claim that fails on a side: its witness states mass and factor, whichever of them varies."""
     if side.mass is None:
         mass, factor, reason = found.value, side.factor if side.factor != 1 else None, found.reason + side.where
@@ -316,11 +298,6 @@ _CLIMBED = 1e-5
 """Relative gain below which climbing along the masses ends."""
 
 
-def sampled_masses(low: fmpq, high: fmpq) -> list[float]:
-    """Five masses of a range, ends included; one where the ends agree."""
-    return sorted({float(mass) for mass in np.linspace(nearest(low), nearest(high), 5)})
-
-
 def sampled_peak(denominator: Affine, numerator: Affine, low: fmpq, high: fmpq) -> float:
     """Largest |S| seen over sampled masses, near the poles and on a grid of frequencies, then on finer ones of both."""
     parts = (denominator.constant, denominator.slope, numerator.constant, numerator.slope)
@@ -345,7 +322,7 @@ def sampled_peak(denominator: Affine, numerator: Affine, low: fmpq, high: fmpq) 
         poles = np.abs(np.linalg.eigvals(companions))
         return np.hstack([np.broadcast_to(frequencies, (len(masses), len(frequencies))), poles])
 
-    masses = np.array(sampled_masses(low, high))
+    masses = np.linspace(nearest(low), nearest(high), 5 if low < high else 1)
     ends = masses[0], masses[-1]
     peaks, at = seen(masses, with_poles(masses, _FREQUENCIES))
     spread = 1.05
@@ -372,11 +349,9 @@ def sampled_ratio(above: Affine, below: Affine, from_Hz: float, low: fmpq, high:
     """Largest |above / below| seen from a frequency up, over sampled masses and frequencies."""
     start, count = (2 * np.pi * from_Hz, 2000) if from_Hz else (1e-2, 3000)
     s = 1j * np.geomspace(start, 1e6, count)
-    values = [at_points(p, s) for p in (above.constant, above.slope, below.constant, below.slope)]
-    return max(
-        float(np.abs((values[0] + mass * values[1]) / (values[2] + mass * values[3])).max())
-        for mass in sampled_masses(low, high)
-    )
+    masses = np.linspace(nearest(low), nearest(high), 5)[:, None]
+    top, bottom = (at_points(p.constant, s) + masses * at_points(p.slope, s) for p in (above, below))
+    return float(np.abs(top / bottom).max())
 
 
 def _floats(polynomial: fmpq_poly, degree: int) -> np.ndarray:

@@ -16,14 +16,11 @@ class Verdict:
 
     Attributes:
         holds: whether the inequality is proved for the whole rectangle.
-        samples: the squared frequencies at which the cells were settled, ascending; the last one refutes where it
-            does not hold.
         holds_to: where it does not hold, an x up to which it is proved all the same.
         witness: where it does not hold, a mass and an x at which the quadratic is negative.
     """
 
     holds: bool
-    samples: tuple[fmpq, ...]
     holds_to: fmpq | None = None
     witness: tuple[fmpq, fmpq] | None = None
 
@@ -48,13 +45,11 @@ def quadratic_nonnegative(
         x_high: largest one, None for infinity.
     """
     dividers = _dividers(a, b, c, low, high)
-    samples: list[fmpq] = []
     for settled, sample in _cells(dividers, x_low, x_high):
-        samples.append(sample)
         mass = _negative_at(a(sample), b(sample), c(sample), low, high)
         if mass is not None:
-            return Verdict(False, tuple(samples), settled, (mass, sample))
-    return Verdict(True, tuple(samples))
+            return Verdict(False, settled, (mass, sample))
+    return Verdict(True)
 
 
 def _dividers(a: fmpq_poly, b: fmpq_poly, c: fmpq_poly, low: fmpq, high: fmpq) -> list[fmpq_poly]:

@@ -1,4 +1,6 @@
-"""A loop over a rectangle of outer end masses and factors on its gain, decided on the rectangle's four sides.
+"""A loop over outer end masses and one more parameter, a factor on its gain or the inverse zero of its lag.
+
+Over a rectangle of masses and factors it is decided on the rectangle's four sides.
 
 The characteristic polynomial o(m) + g r is affine in the mass m and in the factor g, and they do not multiply each
 other: it is stable on the whole rectangle if it is on the sides (edge theorem of Bartlett, Hollot and Huang, 1988).
@@ -21,17 +23,29 @@ have dependent gradients in (m, g), else x could grow (implicit function theorem
 
 is free of m and quadratic in g; there, R = 0 and R' = E_g O_m - O_g E_m = 0. So x is a root of R's discriminant, a
 polynomial. Each such root gives one g and one m, which are inside the rectangle or not.
+
+With the inverse zero u of a lag in the place of g, those u at which every mass of a range is stable are found, exactly
+and not from a grid. The characteristic polynomial is p0(s) + m p1(s) + u p2(s), affine in both, at a given gain and
+pole. A root pair lies at jw where two linear equations in (m, u) hold, so that all such pairs are one rational curve
+(m(x), u(x)) over x = w^2. Whether every mass of the range is stable can change over u only where that curve, cut to the
+range, begins, ends or turns back: at crossings of the range's two ends, and where du/dx vanishes. Between these values
+of u one proof over the whole range settles all.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import pi, sqrt
 
 from flint import arb, ctx, fmpq, fmpq_poly
 
+from beamdesign.controllers import Lag
 from beamdesign.loop import Loop
-from beamdesign.polynomial import Affine, even_odd, real_roots, value_at
+from beamdesign.plant.members import paper_model
+from beamdesign.polynomial import Affine, crossings, even_odd, exact, real_roots, value_at
 from beamdesign.proofs.stability import is_stable_over
-from beamdesign.rational import nearest
+from beamdesign.prototype import Prototype
+from beamdesign.rational import bounds, nearest, rounded_down, rounded_up, simple_between
 
 # Roots on the axis inside a rectangle of masses m and factors g that multiply each other.
 
@@ -70,38 +84,18 @@ def axis_inside(
     """
     if masses[0] == masses[1] or factors[0] == factors[1] or numerator.slope.is_zero():
         return None  # the sides decide
-    parts = _Parts(denominator, numerator)
-    if parts.discriminant.is_zero():
+    parts = (denominator.constant, denominator.slope, numerator.constant, numerator.slope)
+    both = tuple(zip(*map(even_odd, parts), strict=True))
+    (e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg) = both
+    # R(g) = q_0 + q_1 g + q_2 g^2
+    quadratic = e * o_m - o * e_m, e * o_mg + e_g * o_m - o * e_mg - o_g * e_m, e_g * o_mg - o_g * e_mg
+    discriminant = quadratic[1] * quadratic[1] - 4 * quadratic[0] * quadratic[2]
+    if discriminant.is_zero():
         return Inside(float("nan"), float("nan"), float("nan"), decided=False)
-    left = None
-    for bits in _PRECISIONS:
-        with ctx.workprec(bits):
-            found = [
-                parts.judged(root, masses, factors) for root, _ in real_roots(parts.discriminant, bits) if root > 0
-            ]
-        if any(isinstance(one, Inside) and one.decided for one in found):
-            return next(one for one in found if isinstance(one, Inside) and one.decided)
-        left = next((one for one in found if one is not None), None)
-        if left is None:
-            return None
-    return left
 
-
-class _Parts:
-    """E and O as bilinear functions of m and g, and R(g) = q_0 + q_1 g + q_2 g^2, all over x = w^2."""
-
-    def __init__(self, denominator: Affine, numerator: Affine):
-        parts = (denominator.constant, denominator.slope, numerator.constant, numerator.slope)
-        self.even, self.odd = zip(*map(even_odd, parts), strict=True)
-        (e, e_m, e_g, e_mg), (o, o_m, o_g, o_mg) = self.even, self.odd
-        self.q0 = e * o_m - o * e_m
-        self.q1 = e * o_mg + e_g * o_m - o * e_mg - o_g * e_m
-        self.q2 = e_g * o_mg - o_g * e_mg
-        self.discriminant: fmpq_poly = self.q1 * self.q1 - 4 * self.q0 * self.q2
-
-    def judged(self, x: arb, masses: tuple[fmpq, fmpq], factors: tuple[fmpq, fmpq]) -> Inside | None:
+    def judged(x: arb) -> Inside | None:
         """Where a root of the discriminant has its point: None outside, else inside or not to be told."""
-        q0, q1, q2 = (value_at(q, x) for q in (self.q0, self.q1, self.q2))
+        q0, q1, q2 = (value_at(q, x) for q in quadratic)
         if not q2.contains(0):
             factor = -q1 / (2 * q2)
         elif not q1.contains(0):
@@ -110,7 +104,7 @@ class _Parts:
             return Inside(_float(masses), _float(factors), _hertz(x), decided=False)
         if outside(factor, factors):
             return None
-        for part in (self.even, self.odd):
+        for part in both:
             p, p_m, p_g, p_mg = (value_at(q, x) for q in part)
             below = p_m + p_mg * factor
             if below.contains(0):
@@ -121,6 +115,17 @@ class _Parts:
             sure = within(mass, masses) and within(factor, factors)
             return Inside(float(mass.mid()), float(factor.mid()), _hertz(x), sure)
         return Inside(_float(masses), float(factor.mid()), _hertz(x), decided=False)
+
+    left = None
+    for bits in _PRECISIONS:
+        with ctx.workprec(bits):
+            found = [judged(root) for root, _ in real_roots(discriminant, bits) if root > 0]
+        if sure := [one for one in found if one is not None and one.decided]:
+            return sure[0]
+        left = next((one for one in found if one is not None), None)
+        if left is None:
+            return None
+    return left
 
 
 def outside(ball: arb, ends: tuple[fmpq, fmpq]) -> bool:
@@ -134,8 +139,7 @@ def within(ball: arb, ends: tuple[fmpq, fmpq]) -> bool:
 
 
 def _float(pair: tuple[fmpq, fmpq]) -> float:
-    middle = (pair[0] + pair[1]) / 2
-    return int(middle.p) / int(middle.q)
+    return nearest((pair[0] + pair[1]) / 2)
 
 
 def _hertz(x: arb) -> float:
@@ -265,3 +269,111 @@ def shifted(family: Affine, rate: fmpq) -> Affine:
     """The family in s - rate: stable exactly where every root of the given one lies to the left of -rate."""
     shift = fmpq_poly([-rate, 1])
     return Affine(family.constant(shift), family.slope(shift))
+
+
+# Zero frequencies of a lag for which every mass of a range is stable.
+
+
+LEAST_HZ = 1e-3
+LARGEST_HZ = 1e5
+"""Zero frequencies outside these are not looked at."""
+
+_BITS = 128
+
+
+@dataclass(frozen=True)
+class StableZeros:
+    """Zero frequencies between two neighbouring critical ones, proved stable for every mass.
+
+    Attributes:
+        low_Hz: rounded inwards.
+        high_Hz: rounded inwards.
+        sample_Hz: the frequency in between that was settled by a proof over the whole range of masses.
+    """
+
+    low_Hz: float
+    high_Hz: float
+    sample_Hz: float
+
+
+def stable_zeros(
+    prototype: Prototype, pole_Hz: float, gain_A_per_V: float, outer_end_mass_kg: tuple[float, float]
+) -> list[StableZeros]:
+    """All stable intervals of the lag's zero frequency at a pole and a gain, ascending.
+
+    Args:
+        prototype: the rig and its inner end mass; its own controller does not matter.
+        pole_Hz: lower break of the lag.
+        gain_A_per_V: its gain at zero frequency.
+        outer_end_mass_kg: range of masses, each of which is to be stable.
+
+    Raises:
+        InputError: for a prototype with effects.
+    """
+    plant = paper_model(prototype).plant(prototype.payload.inner_end_mass_kg)
+    lag = Lag(gain_A_per_V=gain_A_per_V, pole_Hz=pole_Hz, zero_Hz=1.0)
+    pole = fmpq_poly([1, 1 / exact(2 * pi * lag.pole_Hz)])
+    denominator = plant.denominator * pole
+    numerator = plant.control[0].constant * exact(lag.gain_A_per_V)
+    p0, p1, p2 = denominator.constant + numerator, denominator.slope, numerator * fmpq_poly([0, 1])
+    low, high = (exact(mass) for mass in outer_end_mass_kg)
+    ends = tuple(1 / exact(2 * pi * frequency) for frequency in (LARGEST_HZ, LEAST_HZ))
+    edges: list[tuple[fmpq, fmpq]] = [(ends[0], ends[0])]
+    edges += _merged(
+        bounds(value) for value in critical_values(p0, p1, p2, low, high) if value > ends[0] and value < ends[1]
+    )
+    edges.append((ends[1], ends[1]))
+    found = []
+    for (_, start), (end, _) in pairwise(edges):
+        sample = simple_between(start, end)
+        if is_stable_over(Affine(p0 + sample * p2, p1), low, high):
+            # A last digit inwards, for the division and pi.
+            least = rounded_up(1 / end) / (2 * pi) * (1 + 1e-12)
+            most = rounded_down(1 / start) / (2 * pi) * (1 - 1e-12)
+            found.append(StableZeros(least, most, nearest(1 / sample) / (2 * pi)))
+    return found[::-1]
+
+
+def critical_values(p0: fmpq_poly, p1: fmpq_poly, p2: fmpq_poly, low: fmpq, high: fmpq) -> Iterator[arb]:
+    """Enclosures of all u at which stability over the whole range of m can change for p0 + m p1 + u p2.
+
+    The leading coefficient is taken not to vanish in the range, and the last to be free of m and u: so it is for a rig,
+    whose end mass acts on accelerations.
+
+    Raises:
+        ArithmeticError: where the leading coefficient may vanish.
+    """
+    degree = max(polynomial.degree() for polynomial in (p0, p1, p2))
+    if p2[degree] != 0 or p2[0] != 0 or p1[0] != 0 or (p0 + low * p1)[degree] * (p0 + high * p1)[degree] <= 0:
+        raise ArithmeticError("a root of this family passes through the origin or through infinity")
+    with ctx.workprec(_BITS):
+        for mass in {low, high}:
+            for crossing in crossings(Affine(p0 + mass * p1, p2), _BITS):
+                yield crossing.parameter
+        (even0, odd0), (even1, odd1), (even2, odd2) = (even_odd(p) for p in (p0, p1, p2))
+        determinant = even1 * odd2 - odd1 * even2
+        of_mass, of_zero = even2 * odd0 - odd2 * even0, odd1 * even0 - even1 * odd0
+        # At a shared root a whole line of (m, u) has a root pair: it begins and ends at the range's ends, found above.
+        shared = determinant.gcd(of_mass).gcd(of_zero)
+        if not shared.is_zero():
+            determinant, of_mass, of_zero = determinant / shared, of_mass / shared, of_zero / shared
+        turning = of_zero.derivative() * determinant - of_zero * determinant.derivative()
+        for square, _ in [] if turning.is_zero() else real_roots(turning, _BITS):
+            below = value_at(determinant, square)
+            if not square > 0 or below.contains(0):
+                continue
+            there = value_at(of_mass, square) / below
+            if there < arb(low) or there > arb(high):
+                continue
+            yield value_at(of_zero, square) / below
+
+
+def _merged(found: Iterator[tuple[fmpq, fmpq]]) -> list[tuple[fmpq, fmpq]]:
+    """Enclosures in ascending order, those that overlap as one."""
+    merged: list[tuple[fmpq, fmpq]] = []
+    for low, high in sorted(found):
+        if merged and low <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(high, merged[-1][1]))
+        else:
+            merged.append((low, high))
+    return merged

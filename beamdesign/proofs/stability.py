@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import chain, pairwise
 from math import pi
 
-from flint import arb, ctx, fmpq, fmpq_poly
+from flint import arb, ctx, fmpq, fmpq_mpoly_ctx, fmpq_poly
 
 from beamdesign.polynomial import (
     Affine,
@@ -14,6 +14,7 @@ from beamdesign.polynomial import (
     degree_drop,
     elimination,
     even_odd,
+    in_variable,
     is_hurwitz,
     real_roots,
     roots,
@@ -230,19 +231,13 @@ def _grouped(family: Affine, found: Sequence[Crossing], precision: int) -> list[
 def _critical_masses(family: Affine, precision: int) -> list[arb]:
     """Enclosures of all masses at which a root lies on the axis or at infinity, and perhaps of some others.
 
-    They are the real roots of the resultant of the even and the odd part, a polynomial in m found by interpolation.
+    They are the real roots of the resultant of the even and the odd part, a polynomial in m.
     """
-    even0, odd0 = even_odd(family.constant)
-    even1, odd1 = even_odd(family.slope)
-    even_degree, odd_degree = max(even0.degree(), even1.degree()), max(odd0.degree(), odd1.degree())
-    points: list[tuple[fmpq, fmpq]] = []
-    mass = fmpq(0)
-    while len(points) <= even_degree + odd_degree:
-        even, odd = even_odd(family.at(mass))
-        if even.degree() == even_degree and odd.degree() == odd_degree:
-            points.append((mass, even.resultant(odd)))
-        mass += 1
-    resultant = _through(points)
+    x, m = fmpq_mpoly_ctx.get(["x", "m"], "lex").gens()
+    parts = zip(even_odd(family.constant), even_odd(family.slope), strict=True)
+    even, odd = (in_variable(constant, x) + m * in_variable(slope, x) for constant, slope in parts)
+    powers = {power: c for (_, power), c in even.resultant(odd, "x").to_dict().items()}
+    resultant = fmpq_poly([powers.get(power, 0) for power in range(max(powers, default=0) + 1)])
     masses = [degree_drop(family)]
     if family.slope[0] != 0:
         masses.append(-family.constant[0] / family.slope[0])
@@ -250,15 +245,6 @@ def _critical_masses(family: Affine, precision: int) -> list[arb]:
         if known is not None:
             resultant = resultant * fmpq_poly([-known, 1])
     return [] if resultant.is_zero() else [root for root, _ in real_roots(resultant, precision)]
-
-
-def _through(points: Sequence[tuple[fmpq, fmpq]]) -> fmpq_poly:
-    """The polynomial of least degree through the given points (Newton's divided differences)."""
-    result, basis = fmpq_poly([0]), fmpq_poly([1])
-    for x, y in points:
-        result = result + basis * ((y - result(x)) / basis(x))
-        basis = basis * fmpq_poly([-x, 1])
-    return result
 
 
 def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
@@ -298,7 +284,7 @@ def is_stable_over(family: Affine, low: fmpq, high: fmpq) -> bool:
 
 @dataclass(frozen=True)
 class Unstable:
-    """Where a family is not stable.
+    """Where a family is not stable, or fails in what else is claimed of it.
 
     Attributes:
         value: of the parameter.
@@ -306,12 +292,14 @@ class Unstable:
             one.
         frequency_Hz: of the slowest or growing oscillation there.
         reason: in words, all that is not stable.
+        squared_frequency: (rad/s)^2 at which a magnitude is beyond its limit; None where it is stability that fails.
     """
 
     value: fmpq
     exact: bool
     frequency_Hz: float
     reason: str
+    squared_frequency: fmpq | None = None
 
 
 def unstable_at(family: Affine, low: fmpq, high: fmpq) -> Unstable | None:

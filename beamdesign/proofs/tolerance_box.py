@@ -9,8 +9,7 @@ from flint import arb, fmpq
 from beamdesign.parameters import PARAMETERS, TOLERANCES, with_unit
 from beamdesign.plant.members import family
 from beamdesign.polynomial import exact
-from beamdesign.proofs.box import Box, BoxVerdict, certify_box
-from beamdesign.proofs.box_member import unstable_member
+from beamdesign.proofs.box import Box, BoxVerdict, certify_box, unstable_member
 from beamdesign.proofs.rig_family import PolynomialFamily, effect_spans, rig_family, rig_values
 from beamdesign.prototype import Prototype
 from beamdesign.rational import bounds, nearest, shortened
@@ -95,9 +94,8 @@ def tolerance_box(
         if fixed := sorted(set(names) - set(chosen)):
             raise InputError("names", [Problem(name, "has no tolerance and no range") for name in fixed])
         chosen = [name for name in chosen if name in names or name in rigid]
-    nominal = [min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen]
-    lows, highs = ([ranges[name][side] for name in chosen] for side in (0, 1))
-    return Box(tuple(chosen), tuple(lows), tuple(highs), tuple(nominal), frozenset(rigid & set(chosen)))
+    nominal = {name: min(max(values[name], ranges[name][0]), ranges[name][1]) for name in chosen}
+    return Box({name: ranges[name] for name in chosen}, nominal, frozenset(rigid & set(chosen)))
 
 
 def _dashpot(value: fmpq, stiffness: fmpq, mass: fmpq, ratio: fmpq) -> tuple[fmpq, fmpq]:
@@ -186,7 +184,8 @@ def largest_scaling(
 def _limit(family: PolynomialFamily, box: Box, most: float) -> fmpq:
     """The largest factor to try: beyond it a figure that is positive would reach zero."""
     limit = exact(most)
-    for name, low, middle in zip(box.names, box.low, box.nominal, strict=True):
+    for name, (low, _) in box.ranges.items():
+        middle = box.nominal[name]
         if name in family.positive and name not in box.rigid and low < middle and middle > 0:
             limit = min(limit, middle / (middle - low) * fmpq(999, 1000))
     return _short(limit)

@@ -18,7 +18,7 @@ from beamdesign.plant.effect import Elements, Span
 from beamdesign.plant.effects import library
 from beamdesign.plant.members import LinearFamily, family
 from beamdesign.polynomial import exact
-from beamdesign.prototype import Beam, Prototype
+from beamdesign.prototype import Prototype
 from beamdesign.rational import text
 from beamdesign.records import InputError, Record
 from beamdesign.spelling import one_line
@@ -138,16 +138,12 @@ def _with_radians(table: Tables) -> Tables:
 def _alloys(prototype: Prototype) -> Tables:
     """Moduli and density of what the beams are of where figures follow from their geometry; of an arm, torsion's do."""
     found, outer = {}, prototype.outer_beam
-    twisted = [outer] if prototype.arm is not None and outer.has_geometry else []
-    for beam in (*(beam for beam in (outer, prototype.inner_beam) if _from_geometry(beam)), *twisted):
+    beams = [b for b in (outer, prototype.inner_beam) if b.stiffness_N_per_m is None or b.effective_mass_kg is None]
+    for beam in beams + [outer] * (prototype.arm is not None and outer.has_geometry):
         alloy = material(str(beam.material))
         keys = ("youngs_modulus_Pa", "shear_modulus_Pa", "density_kg_per_m3")
         found[alloy.name] = stated({key: getattr(alloy, key) for key in keys})
     return found
-
-
-def _from_geometry(beam: Beam) -> bool:
-    return beam.stiffness_N_per_m is None or beam.effective_mass_kg is None
 
 
 # Effects.

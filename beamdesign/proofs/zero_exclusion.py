@@ -15,13 +15,14 @@ or of its reciprocal's where it enters by that. All values are exact rationals o
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
-from itertools import product
+from functools import reduce
+from itertools import product, zip_longest
 from math import comb
 from typing import Any, NamedTuple
 
-from flint import acb, arb, fmpq
+from flint import acb, arb, fmpq, fmpq_poly
 
-from beamdesign.proofs.box_statement import Interval, Node, Statement, Term
+from beamdesign.proofs.rig_family import Interval, Node, Statement, Term
 
 PRECISION_BITS = 96
 ARC_PARTS = 6
@@ -103,11 +104,8 @@ class Frame:
                 points = [a + b for a in points for b in values]
                 continue
             numbers = [v.imag if axis else v.real for v in values]
-            low = high = numbers[0]
-            for number in numbers[1:]:
-                low, high = low.min(number), high.max(number)
-            ends[axis][0] += low
-            ends[axis][1] += high
+            ends[axis][0] += reduce(arb.min, numbers)
+            ends[axis][1] += reduce(arb.max, numbers)
         for (low, high), turn in zip(ends, (acb(1), acb(0, 1)), strict=True):
             steps = [turn * low] if low == 0 and high == 0 else [turn * low, turn * high]
             points = [point + step for point in points for step in steps]
@@ -155,19 +153,13 @@ class Frame:
     def least(self, direction: tuple[int, int]) -> arb:
         """Lower bound of the real part of p times the conjugate of a direction, over the cell."""
         u, nodes = acb(direction[0], -direction[1]), self.cell.statement.summands
-        common = sum((_least(u, self.points(node, {})) for node in nodes if not node.bound), arb(0))
-        least = arb.pos_inf()
-        for control in self.controls:
-            own = (_least(u, self.points(node, control)) for node in nodes if node.bound)
-            least = least.min(sum(own, common))
-        return least
 
+        def along(node: Node, control: Mapping[str, acb]) -> arb:
+            return reduce(arb.min, ((u * point).real for point in self.points(node, control)))
 
-def _least(u: acb, points: Sequence[acb]) -> arb:
-    least = (u * points[0]).real
-    for point in points[1:]:
-        least = least.min((u * point).real)
-    return least
+        common = sum((along(node, {}) for node in nodes if not node.bound), arb(0))
+        bound = [node for node in nodes if node.bound]
+        return reduce(arb.min, (sum((along(node, control) for node in bound), common) for control in self.controls))
 
 
 def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
@@ -188,12 +180,9 @@ def growth(frames: tuple[Frame, Frame], node: Node) -> tuple[arb, arb, arb]:
     else:
         parts = [growth(frames, part) for part in node.parts]
         slope, bend = sum((df for _, df, _ in parts), arb(0)), sum((ddf for _, _, ddf in parts), arb(0))
-    size = arb(0)
-    for frame in frames:
-        for control in frame.controls if node.bound else [{}]:
-            for point in frame.points(node, control):
-                size = size.max(abs(point))
-    return size + _stray(frames, bend), slope, bend
+    chosen = [(frame, control) for frame in frames for control in (frame.controls if node.bound else [{}])]
+    sizes = (abs(point) for frame, control in chosen for point in frame.points(node, control))
+    return reduce(arb.max, sizes) + _stray(frames, bend), slope, bend
 
 
 def _stray(frames: tuple[Frame, Frame], bend: arb) -> arb:
@@ -227,11 +216,11 @@ def dominated(cell: Cell, w: fmpq) -> bool:
         return False
     plain, late = coefficients(cell)
     low, high = plain[n]
-    others = sum((_most(c) * w**i for part in (plain[:n], late) for i, c in enumerate(part)), fmpq(0))
-    return bool(others < max(low, -high) * w**n)
+    others = _sizes(plain[:n]) + late
+    return bool(others(w) < max(low, -high) * w**n)
 
 
-_Ranges = tuple[list[Interval], list[Interval]]
+_Ranges = tuple[list[Interval], fmpq_poly]
 
 
 def coefficients(cell: Cell) -> _Ranges:
@@ -239,7 +228,7 @@ def coefficients(cell: Cell) -> _Ranges:
 
     def one(node: Node) -> _Ranges:
         if node.kind == "delay":
-            return [], [(fmpq(0), fmpq(1))]
+            return [], fmpq_poly([1])
         leaf = cell.statement.leaves[node.name]
         found = [(fmpq(0), fmpq(0))] * (max((term.degree for term in leaf), default=0) + 1)
         for c, degree, powers in leaf:
@@ -248,14 +237,18 @@ def coefficients(cell: Cell) -> _Ranges:
                 for _ in range(abs(power)):
                     value = _times(value, cell.values[name])
             found[degree] = (found[degree][0] + value[0], found[degree][1] + value[1])
-        return found, []
+        return found, fmpq_poly([])
 
     def add(a: _Ranges, b: _Ranges) -> _Ranges:
-        return _add(a[0], b[0]), _add(a[1], b[1])
+        ends = zip_longest(a[0], b[0], fillvalue=(fmpq(0), fmpq(0)))
+        return [(x[0] + y[0], x[1] + y[1]) for x, y in ends], a[1] + b[1]
 
     def multiply(a: _Ranges, b: _Ranges) -> _Ranges:
-        sizes = [[(fmpq(0), _most(c)) for c in plain] for plain, _ in (a, b)]
-        return _convolve(a[0], b[0]), _add(_convolve(sizes[0], b[1]), _convolve(a[1], sizes[1]))
+        total = [(fmpq(0), fmpq(0))] * (len(a[0]) + len(b[0]) - 1 if a[0] and b[0] else 0)
+        for (i, x), (j, y) in product(enumerate(a[0]), enumerate(b[0])):
+            low, high = _times(x, y)
+            total[i + j] = (total[i + j][0] + low, total[i + j][1] + high)
+        return total, _sizes(a[0]) * b[1] + a[1] * _sizes(b[0])
 
     return cell.statement.body.fold(one, add, multiply)
 
@@ -269,19 +262,9 @@ def _times(a: Interval, b: Interval) -> Interval:
     return min(ends), max(ends)
 
 
-def _add(a: list[Interval], b: list[Interval]) -> list[Interval]:
-    longer, shorter = (a, b) if len(a) >= len(b) else (b, a)
-    zero = (fmpq(0), fmpq(0))
-    padded = shorter + [zero] * (len(longer) - len(shorter))
-    return [(x[0] + y[0], x[1] + y[1]) for x, y in zip(longer, padded, strict=True)]
-
-
-def _convolve(a: list[Interval], b: list[Interval]) -> list[Interval]:
-    total = [(fmpq(0), fmpq(0))] * (len(a) + len(b) - 1 if a and b else 0)
-    for (i, x), (j, y) in product(enumerate(a), enumerate(b)):
-        low, high = _times(x, y)
-        total[i + j] = (total[i + j][0] + low, total[i + j][1] + high)
-    return total
+def _sizes(ranges: Sequence[Interval]) -> fmpq_poly:
+    """The largest sizes of coefficients."""
+    return fmpq_poly([_most(interval) for interval in ranges])
 
 
 class Piece(NamedTuple):

@@ -26,15 +26,19 @@ from beamdesign.plant.members import paper_model
 from beamdesign.polynomial import Affine, exact
 from beamdesign.proofs.contact import (
     Contact,
+    Environment,
+    Passivity,
     UnilateralContact,
     Wall,
+    active_bands,
+    destabilising_environment,
     guaranteed_command_band,
     guaranteed_stiffness_band,
+    passivity,
     prove_contact,
     stiffest_wall,
     unilateral_contact,
 )
-from beamdesign.proofs.passivity import Environment, Passivity, active_bands, destabilising_environment, passivity
 from beamdesign.proofs.performance import least_of
 from beamdesign.proofs.stability import StabilityMap, is_stable_over, stable_ranges
 from beamdesign.prototype import Prototype

@@ -11,9 +11,8 @@ from beamdesign.loop import close_loop, tip
 from beamdesign.polynomial import exact
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
-from beamdesign.proofs.contact import Wall
+from beamdesign.proofs.contact import Band, Environment, Wall
 from beamdesign.proofs.mass_tables import finite
-from beamdesign.proofs.passivity import Band, Environment
 from beamdesign.proofs.writer import certificate, stated, texts
 from beamdesign.prototype import Compliance, Prototype
 from beamdesign.rational import text

@@ -5,6 +5,7 @@ Run as `python studies/benchmarks/box_cost.py`; all figures of the tables are me
 
 import argparse
 import re
+from dataclasses import replace
 from itertools import product
 from time import perf_counter
 
@@ -13,10 +14,10 @@ from flint import ctx, fmpq
 
 from beamdesign.controllers import Lag
 from beamdesign.proofs.box import Box
-from beamdesign.proofs.box_member import undamping
 from beamdesign.proofs.branch import Search, control_points
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
 from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
+from beamdesign.proofs.value_set import undamping
 from beamdesign.proofs.zero_exclusion import PRECISION_BITS, holds, pieces
 from beamdesign.prototype import Actuator, Beam, Payload, Prototype, Sensor, Servovalve, Tolerance
 
@@ -148,9 +149,11 @@ def near_the_limit() -> None:
 
 
 def _only(box: Box, names: tuple[str, ...]) -> Box:
-    at = [i for i, name in enumerate(box.names) if name in names]
-    picked = (tuple(part[i] for i in at) for part in (box.names, box.low, box.high, box.nominal))
-    return Box(*picked, box.rigid)
+    return replace(
+        box,
+        ranges={name: ends for name, ends in box.ranges.items() if name in names},
+        nominal={name: value for name, value in box.nominal.items() if name in names},
+    )
 
 
 def main() -> None:

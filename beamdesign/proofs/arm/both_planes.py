@@ -30,13 +30,14 @@ import numpy as np
 from flint import fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly, fmpz
 
 from beamdesign.loop import Loop
-from beamdesign.polynomial import at_points, exact, roots
+from beamdesign.polynomial import at_points, exact, in_variable, roots
 from beamdesign.proofs.arm.plane import PLANES, PlaneFigures, arm_figures, arm_of, plane_figures, sensor_of, single_loop
 from beamdesign.proofs.arm.remaining import Vector
 from beamdesign.proofs.box import BoxVerdict, box_of, certify_box
+from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.rig_family import PolynomialFamily
 from beamdesign.prototype import Prototype
-from beamdesign.rational import text
+from beamdesign.rational import nearest, text
 from beamdesign.records import InputError
 
 MASS = "outer_end_mass"
@@ -124,7 +125,7 @@ class BothPlanes:
             (N, 4, 3), m/N and rad/N, complex.
         """
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        motions, sensed = _floats(self.motions), _floats(self.sensed)
+        motions, sensed = floats(self.motions), floats(self.sensed)
         stiffness = np.zeros((len(s), 3, 3), dtype=complex)
         force = np.zeros((len(s), 3, 3), dtype=complex) + motions.T
         for i, (loop, plane) in enumerate(zip(self.loops, (self.y, self.z), strict=True)):
@@ -135,41 +136,30 @@ class BothPlanes:
             if servo:
                 fed = at_points(loop.loop_numerator.constant - loop.added.constant, s) / scale
                 stiffness[:, i, :] += fed[:, None] * sensed[i]
-                force[:, i, 1 + i] -= fed * int(plane.sensed_residual.p) / int(plane.sensed_residual.q)
+                force[:, i, 1 + i] -= fed * nearest(plane.sensed_residual)
         stiffness[:, 2, 2] = at_points(self.torsion, s)
         stiffness += payload * (s**2)[:, None, None] * (motions.T @ motions)
         there = np.vstack([motions, [0.0, 0.0, 1.0]])
         moved = there @ np.linalg.solve(stiffness, force)
-        rest = int(self.z.residual.p) / int(self.z.residual.q)
-        moved[:, 1, 1] += rest
-        moved[:, 2, 2] += rest
+        moved[:, (1, 2), (1, 2)] += nearest(self.z.residual)
         return moved
 
     def prove(self, low_kg: float, high_kg: float, budget: int = BUDGET) -> BoxVerdict:
         """Prove or refute stability for every payload of a range, in ball arithmetic; may stay undecided."""
         s, mass = fmpq_mpoly_ctx.get(["s", MASS], "lex").gens()
-        whole = sum((mass**k * in_s(power, s) for k, power in enumerate(self.powers)), 0 * s)
+        whole = sum((mass**k * in_variable(power, s) for k, power in enumerate(self.powers)), 0 * s)
         family = PolynomialFamily(f"{self.name}, both planes", written(whole), {MASS: exact(low_kg)}, positive=(MASS,))
         return certify_box(family, box_of({MASS: (low_kg, high_kg)}), budget, volumes=False)
 
 
-def in_s(polynomial: fmpq_poly, s: fmpq_mpoly) -> fmpq_mpoly:
-    """A polynomial in s as one in several variables."""
-    return sum((c * s**i for i, c in enumerate(polynomial.coeffs())), 0 * s)
-
-
 def written(polynomial: fmpq_mpoly) -> str:
-    """As `beamdesign.proofs.box_statement` reads it."""
+    """As `beamdesign.proofs.rig_family` reads it."""
     terms = []
     for powers, c in polynomial.terms():
         named = zip(polynomial.context().names(), powers, strict=True)
         factors = "".join(f"*{name}**{power}" for name, power in named if power)
         terms.append(f"({text(c) if c.q == 1 else f'{c.p}/{c.q}'}){factors}")
     return " + ".join(terms)
-
-
-def _floats(matrix: fmpq_mat) -> np.ndarray:
-    return np.array([[int(entry.p) / int(entry.q) for entry in row] for row in matrix.tolist()])
 
 
 def both_planes(prototype: Prototype) -> BothPlanes:
@@ -249,9 +239,9 @@ def _characteristic(prototype: Prototype, level: bool) -> dict[str, fmpq_mpoly]:
     model, length = both_planes(prototype), exact(arm_figures(prototype).length)
     context = fmpq_mpoly_ctx.get(["s", *NAMES], "lex")
     s, mass, along, sideways, upwards = context.gens()
-    t = in_s(model.torsion, s)
+    t = in_variable(model.torsion, s)
     (p_y, q_y), (p_z, q_z) = (
-        (in_s(loop.characteristic.constant, s), s**2 * in_s(loop.disturbance, s)) for loop in model.loops
+        (in_variable(loop.characteristic.constant, s), s**2 * in_variable(loop.disturbance, s)) for loop in model.loops
     )
     travel = (1 + along * (fmpq(3, 2) / length)) ** 2
     c = fmpq(9, 4) / length**2

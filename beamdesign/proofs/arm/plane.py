@@ -84,14 +84,11 @@ def arm_figures(prototype: Prototype) -> ArmFigures:
     wrong: list[Problem] = []
     if beam.free_length_m is None:
         wrong.append(Problem("outer_beam.free_length_m", "missing; turning of the tip needs it"))
-    given = arm.torsional_stiffness_N_m_per_rad
-    if given is None and not beam.has_geometry:
+    given, added = arm.torsional_stiffness_N_m_per_rad, arm.end_polar_inertia_kg_m2 + arm.payload_polar_inertia_kg_m2
+    if not beam.has_geometry:
         reason = "missing; give it, or width_m, wall_m, free_length_m and material of the outer beam"
-        wrong.append(Problem("arm.torsional_stiffness_N_m_per_rad", reason))
-    added = arm.end_polar_inertia_kg_m2 + arm.payload_polar_inertia_kg_m2
-    if added == 0 and not beam.has_geometry:
-        reason = "missing; give it, or width_m, wall_m, free_length_m and material of the outer beam"
-        wrong.append(Problem("arm.end_polar_inertia_kg_m2", reason))
+        needed = {"torsional_stiffness_N_m_per_rad": given is None, "end_polar_inertia_kg_m2": added == 0}
+        wrong += [Problem(f"arm.{key}", reason) for key, missing in needed.items() if missing]
     if wrong:
         raise InputError(prototype.name, wrong)
 

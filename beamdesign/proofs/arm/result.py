@@ -1,6 +1,6 @@
 """An arm worked out: of each plane what is proved over the payload, and of both what compliance and error remain."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, pi, sqrt
 from typing import Any
@@ -25,6 +25,7 @@ from beamdesign.proofs.arm.plane import (
 from beamdesign.proofs.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.proofs.box import BoxVerdict
 from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits
+from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.mass_tables import claim_tables, stability_table
 from beamdesign.proofs.performance import kept_up_to_Hz, least_of, slack
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
@@ -235,7 +236,8 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
     if couples_both(prototype):
         both = model.prove(*masses)
         if not both.stable:
-            sampled = tuple(_sampled(model, masses))
+            payloads = map(float, np.linspace(*masses, SAMPLES))
+            sampled = tuple((mass, bool(model.poles(mass).real.max() < 0)) for mass in payloads)
     else:
         planes = tuple(certify_plane(prototype, name, *masses) for name in PLANES)
     stable = both.stable if both is not None else all(plane.stable for plane in planes)
@@ -265,11 +267,6 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
     )
 
 
-def _sampled(model: BothPlanes, masses: tuple[float, float]) -> Iterator[tuple[float, bool]]:
-    for mass in np.linspace(*masses, SAMPLES):
-        yield float(mass), bool(model.poles(float(mass)).real.max() < 0)
-
-
 def _load_Hz(model: BothPlanes, masses: tuple[float, float], goal: float) -> tuple[float, float]:
     grid = np.geomspace(1e-3, 1e3, 6000)
     responses = [np.abs(model.response(float(mass), grid)) for mass in np.linspace(*masses, SAMPLES)]
@@ -285,7 +282,7 @@ def frequencies(prototype: Prototype, payload: float) -> Frequencies:
     figures, model = arm_figures(prototype), both_planes(prototype)
     x, y, z = arm_of(prototype).offset_m
     beam = lumped_beam(prototype.outer_beam, "outer_beam")
-    motions = np.array([[int(entry.p) / int(entry.q) for entry in row] for row in model.motions.tolist()])
+    motions = floats(model.motions)
     mass = np.diag([beam.mass, beam.mass, figures.polar_inertia]) + payload * motions.T @ motions
     stiffness = np.diag([beam.stiffness, beam.stiffness, figures.torsional_stiffness])
     first, second, third = (sqrt(value) / (2 * pi) for value in eigh(stiffness, mass, eigvals_only=True))

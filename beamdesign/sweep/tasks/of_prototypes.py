@@ -128,7 +128,7 @@ def lag_breaks(prototype: Prototype, options: Any) -> Answer:
 
     The prototype's own zero only tells whether it is inside.
     """
-    from beamdesign.proofs.stable_zeros import stable_zeros
+    from beamdesign.proofs.rectangle import stable_zeros
 
     law = prototype.controller
     if law is None or law.lacks("lag") or (lag := law.lag) is None:
