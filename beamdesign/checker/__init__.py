@@ -209,8 +209,8 @@ def _figures(table: Table, known: Iterable[str]) -> Iterator[str]:
             _refuse_words(entries[key], table.place_of(key))
         elif key not in _LENGTHS:
             table.number(key)
-        elif len(table.numbers(key)) != _LENGTHS[key]:
-            raise Unreadable(f"{table.place_of(key)} must be {_LENGTHS[key]} numbers")
+        else:
+            table.numbers(key, _LENGTHS[key])
     if entries:
         yield f"{table.place}: {_words(entries)}"
 

@@ -12,7 +12,7 @@ from flint import arb, fmpq, fmpq_poly
 
 from beamdesign.checker.mass_range import Bound, Statements, magnitudes, stability
 from beamdesign.checker.prototype import agree, second_moment, torsion_constant
-from beamdesign.checker.reading import Table, Unreadable, short
+from beamdesign.checker.reading import Table, Unreadable, judged, short
 from beamdesign.checker.rig import Loop, Rig
 from beamdesign.checker.roots import ZERO, Family, Pair, Polynomials, S, Slack
 
@@ -56,7 +56,7 @@ class Arm:
         stated, arm = table.table("plane"), table.optional("arm")
         self.name = stated.word("name", "y", "z")
         origin = [fmpq(0)] * 3
-        points = {key: _point(arm, key) for key in ("offset_m", "sensor_m", "tool_m") if key in arm}
+        points = {key: arm.numbers(key, 3) for key in ("offset_m", "sensor_m", "tool_m") if key in arm}
         self.offset, self.sensor = points.get("offset_m", origin), points.get("sensor_m", origin)
         self.length = stated.at_least("free_length_m", 0, above=True)
         self.stiffness = rig.figures["outer_stiffness_N_per_m"]
@@ -121,13 +121,6 @@ class Section:
         alloy = Table(certificate.optional("material").whole_of_it().get(name), f"material.{name[:60]}")
         self.shear_modulus = alloy.at_least("shear_modulus_Pa", 0, above=True)
         self.density = alloy.at_least("density_kg_per_m3", 0, above=True)
-
-
-def _point(table: Table, key: str) -> list[fmpq]:
-    values = table.numbers(key)
-    if len(values) != 3:
-        raise Unreadable(f"{table.place_of(key)} must be three numbers")
-    return values
 
 
 class Plane:
@@ -205,6 +198,4 @@ def _claim(claim: Table, plane: Plane, stable: bool, masses: Pair) -> tuple[bool
     """One claim: it holds if it says so, and does not if it says so."""
     bound, holds = Bound(claim, claim.word("kind", *CLAIMS)), claim.flag("holds")
     slack = Slack(bound.limit, *plane.ratio(bound.kind))
-    if (stable and slack.nonnegative(*masses, bound.until, bound.start)) is not holds:
-        return False, f"{'not proved' if holds else 'holds after all'}: {bound.words}"
-    return True, bound.words if holds else f"refuted: {bound.words}"
+    return judged(stable and slack.nonnegative(*masses, bound.until, bound.start), bound.words, holds)

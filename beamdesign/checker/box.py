@@ -5,12 +5,6 @@ polynomial that is looked at is that of its loop; of an expression alone nothing
 
 The loop of a rig is built from the rig, its controller and its effects, with a variable for whatever varies, and
 compared with the expression multiplied out: they may differ by a positive number, and by powers of what is positive.
-
-Of a member with a delay, roots of plain(s) + late(s) exp(-s T) in the right half plane are counted by the direct method
-of Walton and Marshall (1987). As the delay grows from none, roots cross the axis only at jw with
-|plain(jw)| = |late(jw)|, where W(w^2) = |plain(jw)|^2 - |late(jw)|^2 vanishes, at the delays that give exp(-jwT) the
-angle of -plain / late; whichever of these it is, a pair moves to the right where W grows with w^2 and to the left where
-it falls.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,88 +12,15 @@ from itertools import product
 from math import prod
 from typing import Any
 
-from flint import acb, arb, fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from beamdesign.checker.expressions import MOST_PRODUCTS, Expression
 from beamdesign.checker.law import SENSED
 from beamdesign.checker.mechanics import Elements, Number, mechanics
-from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.reading import Table, Unreadable, judged, rational, short
 from beamdesign.checker.rig import MOST_MEMBERS, ONCE, Rig, electronics, without_unit
-from beamdesign.checker.roots import ZERO, Pair, S, bound, halve, inner, is_hurwitz, isolate, parts, pieces, square_free
+from beamdesign.checker.roots import ZERO, Pair, is_hurwitz, unstable_roots
 from beamdesign.checker.zero_exclusion import walked
-
-# Members with a delay.
-
-
-_DELAY_HALVINGS = 300
-
-
-def unstable_roots(plain: fmpq_poly, late: fmpq_poly, delay: fmpq) -> int | None:
-    """How many roots have a positive real part, the degree of `late` being the lower one.
-
-    None where a root is on the axis, or too near to it to be told from one.
-    """
-    count = 0
-    roots: list[Any] = (plain + late).complex_roots()
-    for root, multiplicity in roots:
-        if root.real.contains(0):
-            return None
-        count += multiplicity if root.real > 0 else 0
-    if delay == 0 or late == 0:
-        return count
-    difference = inner(plain, plain) - inner(late, late)
-    common = square_free(difference)
-    if common(0) == 0:
-        common = common / S
-    if common.degree() < 1:
-        return count
-    most = bound(common)
-    samples, _ = pieces([difference], fmpq(0), most)
-    for found, before, after in zip(isolate(common, fmpq(0), most), samples, samples[1:], strict=False):
-        grows = int(difference(after) > 0) - int(difference(before) > 0)
-        interval = found
-        for _ in range(_DELAY_HALVINGS):
-            crossed = _crossings(plain, late, delay, *interval)
-            if crossed is not None:
-                break
-            interval = halve(common, interval)
-        else:
-            return None
-        count += 2 * grows * crossed
-    return count
-
-
-def _crossings(plain: fmpq_poly, late: fmpq_poly, delay: fmpq, low: fmpq, high: fmpq) -> int | None:
-    """How often the root at a w^2 between two numbers crosses as the delay grows; None where they are too far apart.
-
-    It does where w T is the angle a of -late / plain plus a multiple of 2 pi, for 0 < T <= delay.
-    """
-    middle = arb((low + high) / 2)
-    square = middle + arb(0, (arb((high - low) / 2)).upper())
-    if not square > 0:
-        return None
-    w = square.sqrt()
-
-    def on_axis(polynomial: fmpq_poly) -> acb:
-        even, odd = parts(polynomial)
-        return acb(_value(even, square), w * _value(odd, square))
-
-    below = on_axis(plain)
-    if below.contains(0):
-        return None
-    ratio = -on_axis(late) / below
-    angle = ratio.arg() if ratio.real > 0 else (-ratio).arg() + arb.pi()
-    turn = 2 * arb.pi()
-    start, end = (-angle / turn).floor().unique_fmpz(), ((w * delay - angle) / turn).floor().unique_fmpz()
-    return None if start is None or end is None else int(end - start)
-
-
-def _value(polynomial: fmpq_poly, at: arb) -> arb:
-    total = arb(0)
-    for c in reversed(polynomial.coeffs()):
-        total = total * at + arb(c)
-    return total
-
 
 # That the expression is the polynomial of the rig.
 
@@ -359,14 +280,12 @@ def statements(table: Table, rig: Rig | None) -> Iterator[tuple[bool, str]]:
     inside = member.keys() == expression.ranges.keys() and all(
         low <= member[name] <= high for name, (low, high) in expression.ranges.items()
     )
-    words = "the member lies in the box"
-    yield inside, words if inside else f"not proved: {words}"
+    yield judged(inside, "the member lies in the box")
     if not inside:
         return
     at = ", ".join(f"{name} {short(member[name])}" for name, (low, high) in expression.ranges.items() if low < high)
     found = _is_stable(expression, member)
-    words = f"the member is {'' if stable else 'not '}stable: at {at or 'the only one'}"
-    yield found is stable, words if found is stable else f"not proved: {words}"
+    yield judged(found is stable, f"the member is {'' if stable else 'not '}stable: at {at or 'the only one'}")
     if found is not True or not stable:
         return
     count = 0

@@ -11,10 +11,10 @@ from itertools import pairwise, product
 
 from flint import fmpq, fmpq_poly
 
-from beamdesign.checker.mass_range import Statements
-from beamdesign.checker.reading import Table, Unreadable, rational, short
+from beamdesign.checker.mass_range import Statements, up_to
+from beamdesign.checker.reading import Table, Unreadable, judged, rational, short
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import ZERO, Family, Pair, S, Slack, bound, inner, parts, pieces, squared
+from beamdesign.checker.roots import ZERO, Family, Pair, S, Slack, bound, inner, parts, pieces
 
 FIGURES = ("stiffness_N_per_m", "damping_N_s_per_m", "mass_kg")
 STIFFER = fmpq(1001, 1000)
@@ -32,7 +32,7 @@ def statements(table: Table, rig: Rig) -> Statements:
         raise Unreadable("the end mass does not move with the tip that the force acts on")
     none = fmpq(0), fmpq(0)
     stable = port.stable_on((none, none, masses))
-    yield _agrees(table.table("stability"), "stable", stable, "stable without a wall for every end mass")
+    yield judged(stable, "stable without a wall for every end mass", table.table("stability").flag("stable"))
     yield from _passivity(table.table("passivity"), port, stable, masses)
     yield from _contact(table.table("contact"), port, masses)
     yield _bouncing(table.table("bouncing"), port, stable, masses)
@@ -68,12 +68,6 @@ class Port:
         return True
 
 
-def _agrees(table: Table, key: str, found: bool, words: str) -> tuple[bool, str]:
-    if (stated := table.flag(key)) is found:
-        return True, words if found else f"refuted: {words}"
-    return False, f"{'not proved' if stated else 'holds after all'}: {words}"
-
-
 def _environment(table: Table) -> list[fmpq]:
     return [table.at_least(name, 0) for name in FIGURES]
 
@@ -96,23 +90,21 @@ def _passivity(table: Table, port: Port, stable: bool, masses: Pair) -> Statemen
         top = far if high is None else high
         if not a <= low < top <= b:
             raise Unreadable("the inner ends of a band are not within the outer ones")
-        words = f"work comes out of the tip for w^2 from {short(low)} to {_end(high)} (rad/s)^2"
         active = all(absorbed(x) < 0 for x in pieces([absorbed], low, top)[0])
-        yield active, words if active else f"not proved: {words}"
+        yield judged(active, f"work comes out of the tip for w^2 from {short(low)} to {_end(high)} (rad/s)^2")
     if any(one[1] > two[0] for one, two in pairwise(closed)):
         raise Unreadable("the bands do not follow each other")
     edges = [fmpq(0), *(end for band in closed for end in band), far]
     gaps = [(low, high) for low, high in zip(edges[0::2], edges[1::2], strict=True) if low < high]
     quiet = all(absorbed(x) >= 0 for low, high in gaps for x in pieces([absorbed], low, high)[0])
     listed = " and ".join(f"{short(low)} to {_end(high)}" for low, high in outer)
-    words = "no work comes out of the tip" + (f" for w^2 outside {listed} (rad/s)^2" if outer else " at any frequency")
-    yield quiet, words if quiet else f"not proved: {words}"
-    yield _agrees(table, "passive", stable and not outer, "passive at the tip with every end mass")
+    where = f"for w^2 outside {listed} (rad/s)^2" if outer else "at any frequency"
+    yield judged(quiet, f"no work comes out of the tip {where}")
+    yield judged(stable and not outer, "passive at the tip with every end mass", table.flag("passive"))
     if "troublemaker" in table:
         stiffness, damping, mass = found = _environment(table.table("troublemaker"))
         grows = not port.is_stable((stiffness, damping, mass + masses[0]))
-        words = f"the loop is not stable with {_in_words(found)}, fixed to the tip"
-        yield grows, words if grows else f"not proved: {words}"
+        yield judged(grows, f"the loop is not stable with {_in_words(found)}, fixed to the tip")
 
 
 def _band(table: Table, key: str) -> tuple[fmpq, fmpq | None]:
@@ -134,7 +126,8 @@ def _contact(table: Table, port: Port, masses: Pair) -> Statements:
     walls = [table.range(name, least=0) for name in FIGURES[:2]]
     words = ", ".join(f"{short(low)} to {short(high)}" for low, high in walls)
     holds = port.stable_on((*walls, masses))
-    yield _agrees(table, "stable", holds, f"stable with every end mass against every wall of {words} (N/m, N s/m)")
+    words = f"stable with every end mass against every wall of {words} (N/m, N s/m)"
+    yield judged(holds, words, table.flag("stable"))
     if "witness" in table:
         found = _environment(table.table("witness"))
         within = all(low <= value <= high for value, (low, high) in zip(found, (*walls, masses), strict=True))
@@ -161,20 +154,15 @@ def _bouncing(table: Table, port: Port, stable: bool, masses: Pair) -> tuple[boo
     if stiffness == 0:
         return True, "of no one-sided wall is it claimed that the loop comes to rest before it"
     proved = stable and Popov(port, stiffness * STIFFER, multiplier).nonnegative(*masses, None)
-    words = f"comes to rest before every one-sided wall up to {short(stiffness)} N/m"
-    return proved, words if proved else f"not proved: {words}"
+    return judged(proved, f"comes to rest before every one-sided wall up to {short(stiffness)} N/m")
 
 
 def _stiffness(table: Table, port: Port, masses: Pair) -> tuple[bool, str]:
     """|F / x - k| is at most a share of k."""
     stiffness, share = (table.at_least(key, 0, above=True) for key in ("end_stiffness_N_per_m", "share"))
-    until, band = None, "at every frequency"
-    if table.take("bandwidth_Hz") != "infinite":
-        hertz = table.at_least("bandwidth_Hz", 0)
-        until, band = squared(hertz)[1], f"up to {short(hertz)} Hz"
-    words = f"end stiffness {short(stiffness)} N/m within {short(share)} of it {band}"
+    until, band = up_to(table)
     if until == 0:
         return True, f"no band is claimed of an end stiffness of {short(stiffness)} N/m"
     slack = Slack(share * stiffness, (port.moved, ZERO), (port.bare - stiffness * port.moved, S * S * port.moved))
-    proved = slack.nonnegative(*masses, until)
-    return proved, words if proved else f"not proved: {words}"
+    words = f"end stiffness {short(stiffness)} N/m within {short(share)} of it {band}"
+    return judged(slack.nonnegative(*masses, until), words)

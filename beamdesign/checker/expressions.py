@@ -7,9 +7,10 @@ variable is a parameter, or a group of parameters that enter by their sum or the
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from math import comb, prod
+from operator import add, mul, sub
 from typing import Any, NamedTuple
 
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
@@ -21,6 +22,7 @@ LONGEST_EXPRESSION = 100_000
 """Characters."""
 MOST_TERMS, MOST_PRODUCTS = 2_000, 1_000_000
 """Terms of a leaf, power of a name, and terms of p over its parameters, all before anything is multiplied out."""
+_OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,500}", re.ASCII)
 
 
@@ -146,12 +148,8 @@ class Expression:
                     return variable[name]
                 case ast.UnaryOp(op=ast.USub(), operand=inner):
                     return -above(inner)
-                case ast.BinOp(left=left, op=ast.Add(), right=right):
-                    return above(left) + above(right)
-                case ast.BinOp(left=left, op=ast.Sub(), right=right):
-                    return above(left) - above(right)
-                case ast.BinOp(left=left, op=ast.Mult(), right=right):
-                    return above(left) * above(right)
+                case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as operation, right=right):
+                    return _OPERATORS[type(operation)](above(left), above(right))
                 case ast.BinOp(left=left, op=ast.Div(), right=right):
                     return above(left) * below(right)
                 case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if power >= 0:

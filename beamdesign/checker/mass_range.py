@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from flint import arb, arb_poly, fmpq, fmpq_poly
 
-from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, rational, short
+from beamdesign.checker.reading import MOST_WORK, Table, Unreadable, judged, rational, short
 from beamdesign.checker.rig import ONCE, Loop, Rig
 from beamdesign.checker.roots import (
     NONE,
@@ -21,6 +21,7 @@ from beamdesign.checker.roots import (
     Polynomials,
     S,
     Slack,
+    around,
     bound,
     ends,
     halve,
@@ -45,15 +46,17 @@ def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements
     listed = [Listed(entry) for entry in table.tables("crossing")]
     exact = {entry.mass[0] for entry in listed if entry.mass[0] == entry.mass[1]}
     tiles = sorted({*((a, b, 0) for a, b, *_ in parts if a < b), *((*entry.mass, 1) for entry in listed)})
-    whole = [(a, b) for a, b, _, _ in parts] == [(low, high)] if not listed else _tile(tiles, low, high)
+    if listed:  # crossings may share an enclosure
+        whole = tiles[0][0] == low and tiles[-1][1] == high and all(a[1] == b[0] for a, b in pairwise(tiles))
+    else:
+        whole = [(a, b) for a, b, _, _ in parts] == [(low, high)]
     yield whole, "the ranges and crossings make up the range" if whole else "the ranges leave out some masses"
     for a, b, sample, stable in parts:
         span = f"{short(a)} to {short(b)} kg"
         inside = a <= sample <= b and family.is_stable(sample) == stable
         at_ends = all(family.is_stable(end) == stable for end in (a, b) if end not in exact)
         proved = inside and at_ends and family.verdict(a, b) is stable
-        words = f"{'stable' if stable else 'unstable'} from {span}"
-        yield proved, words if proved else f"not proved: {words}"
+        yield judged(proved, f"{'stable' if stable else 'unstable'} from {span}")
     yield from _crossings(family, listed, low, high)
     yield agrees(table, "stable", not listed and all(stable for *_, stable in parts))
     for key in ("stays_stable_from_kg", "stays_stable_to_kg"):
@@ -63,8 +66,8 @@ def stability(table: Table, family: Family, low: fmpq, high: fmpq) -> Statements
             far = rational(stated, key) if stated != "infinite" or not upwards else _reach(family, high)
             a, b = (high, far) if upwards else (far, low)
             proved = 0 <= a <= b and family.is_stable_over(a, b)
-            words = f"stays stable {'up' if upwards else 'down'} to {stated if stated == 'infinite' else short(far)} kg"
-            yield proved, words if proved else f"not proved: {words}"
+            end = stated if stated == "infinite" else short(far)
+            yield judged(proved, f"stays stable {'up' if upwards else 'down'} to {end} kg")
 
 
 def agrees(table: Table, key: str, found: bool) -> tuple[bool, str]:
@@ -83,13 +86,6 @@ def _ends(table: Table) -> Pair:
 def _reach(family: Family, least: fmpq) -> fmpq:
     """A mass from `least` up above which nothing critical remains."""
     return max([least, *(bound(polynomial) for polynomial in family.critical if polynomial.degree() > 0)])
-
-
-def _tile(tiles: Sequence[tuple[fmpq, fmpq, int]], low: fmpq, high: fmpq) -> bool:
-    """Whether intervals follow each other without a gap from low to high; crossings may share an enclosure."""
-    if not tiles or tiles[0][0] != low or tiles[-1][1] != high:
-        return False
-    return all(before[1] == after[0] for before, after in pairwise(tiles))
 
 
 class Listed:
@@ -184,8 +180,7 @@ def _axis_crossings(
 
 def _mass(even0: fmpq_poly, odd0: fmpq_poly, even1: fmpq_poly, odd1: fmpq_poly, interval: Pair) -> Pair | None:
     """Bounds of the mass that belongs to a root in the interval; None where it is too wide to tell."""
-    middle, radius = (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 2
-    x = arb(middle) + arb(0, arb(radius).upper())
+    x = around(interval)
     for constant, slope in ((even0, even1), (odd0, odd1)):
         below = arb_poly(slope)(x)
         if not below.contains(0):
@@ -213,20 +208,25 @@ class Bound:
         self.kind, self.limit = kind, claim.at_least("limit", 0, above=True)
         self.start, self.until, unit, band = NONE, None, "", ""
         if kind.endswith("compliance"):
-            unit, band = " m/N", " at every frequency"
-            if claim.take("bandwidth_Hz") != "infinite":
-                hertz = claim.at_least("bandwidth_Hz", 0)
-                self.until, band = squared(hertz)[1], f" up to {short(hertz)} Hz"
+            unit, (self.until, band) = " m/N", up_to(claim)
         elif kind == "loop_gain":
             hertz = claim.at_least("from_Hz", 0)
-            self.start, band = max(squared(hertz)[0], NONE), f" from {short(hertz)} Hz up"
+            self.start, band = max(squared(hertz)[0], NONE), f"from {short(hertz)} Hz up"
         elif kind == "controller_effort":
             unit = " A/V"
-        self.words = f"{kind.replace('_', ' ')} at most {short(self.limit)}{unit}{band}"
+        self.words = f"{kind.replace('_', ' ')} at most {short(self.limit)}{unit} {band}".rstrip()
 
     def covers(self, square: fmpq) -> bool:
         """Whether it says something of a w^2."""
         return self.start <= square and (self.until is None or square <= self.until)
+
+
+def up_to(table: Table) -> tuple[fmpq | None, str]:
+    """The largest w^2 of a bandwidth, None where it has no end, and it in words."""
+    if table.take("bandwidth_Hz") == "infinite":
+        return None, "at every frequency"
+    hertz = table.at_least("bandwidth_Hz", 0)
+    return squared(hertz)[1], f"up to {short(hertz)} Hz"
 
 
 def magnitudes(
@@ -275,10 +275,9 @@ def statements(table: Table, rig: Rig) -> Statements:
         whole = all(member.is_stable_over(masses) for member in members)
         for part in stated.tables("range"):
             ends = part.number("low"), part.number("high")
-            words = f"stable from {short(ends[0])} to {short(ends[1])} kg"
             inside = masses[0] <= ends[0] <= ends[1] <= masses[1]
             proved = inside and all(member.is_stable_over(ends) for member in members)
-            yield proved, words if proved else f"not proved: {words}"
+            yield judged(proved, f"stable from {short(ends[0])} to {short(ends[1])} kg")
         yield agrees(stated, "stable", whole)
     for claim in claims:
         yield _claim(claim, members, whole, masses)
@@ -390,6 +389,4 @@ def _claim(claim: Table, members: Sequence[Member], whole: bool, masses: Pair) -
             at_witness = at_witness and unstable(least=times[0], most=times[1])
     if witness.keys and (holds or not at_witness):
         return False, f"the witness does not refute: {words}"
-    if truth is not holds:
-        return False, f"{'not proved' if holds else 'holds after all'}: {words}"
-    return True, words if holds else f"refuted: {words}"
+    return judged(truth, words, holds)

@@ -95,9 +95,12 @@ class Table:
             raise Unreadable(f"{self.place_of(key)} must be a list of at most {LONGEST_LIST} entries")
         return value
 
-    def numbers(self, key: str) -> list[fmpq]:
-        """A list of numbers."""
-        return [rational(value, self.place_of(key), LONGEST_NUMBER) for value in self.entries(key)]
+    def numbers(self, key: str, count: int | None = None) -> list[fmpq]:
+        """A list of numbers, of so many where that is given."""
+        values = [rational(value, self.place_of(key), LONGEST_NUMBER) for value in self.entries(key)]
+        if count is not None and len(values) != count:
+            raise Unreadable(f"{self.place_of(key)} must be {count} numbers")
+        return values
 
     def rows(self, key: str) -> list[list[fmpq]]:
         """A list of lists of numbers."""
@@ -217,6 +220,19 @@ def sealed(table: Table, text: str) -> tuple[bool, str]:
 def comments(text: str) -> Iterator[str]:
     """Lines that begin with #, of which nothing is read."""
     return (line for line in text.splitlines() if line.lstrip().startswith("#"))
+
+
+def judged(found: bool, words: str, stated: bool = True) -> tuple[bool, str]:
+    """Whether a statement was proved, and it in words or its failure.
+
+    Args:
+        found: whether what it is about holds.
+        words: what it is about.
+        stated: whether the certificate says that it does.
+    """
+    if found is not stated:
+        return False, f"{'not proved' if stated else 'holds after all'}: {words}"
+    return True, words if stated else f"refuted: {words}"
 
 
 def short(value: fmpq) -> str:

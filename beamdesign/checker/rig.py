@@ -9,6 +9,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 from flint import fmpq, fmpq_poly
@@ -36,17 +37,6 @@ Values = Mapping[str, Number]
 """Of spans, by name."""
 
 
-def _affine(text: Any, place: str) -> "dict[str, fmpq]":
-    """A number, or a sum of numbers and of numbers times spans: coefficients by the span's name, "" for none."""
-    found: dict[str, fmpq] = {}
-    for part in text.split(" + ") if isinstance(text, str) else (text,):
-        number, star, name = part.partition("*") if isinstance(part, str) else (part, "", "")
-        if (star and not _NAME.fullmatch(name)) or name in found:
-            raise Unreadable(f"{place} is not a number, nor a sum of numbers times spans: {str(text)[:60]!r}")
-        found[name] = rational(number, place)
-    return found
-
-
 def without_unit(name: str) -> str:
     """A figure's name without its unit."""
     return _UNIT.sub("", name)
@@ -57,10 +47,15 @@ NAMES = {without_unit(name) for name in (*FIGURES, "filter_frequency_rad_per_s")
 
 
 class Entry:
-    """A number of an element, affine in the spans of its effect and in figures of the rig."""
+    """A number of an element, or a sum of numbers and of numbers times spans of its effect or figures of the rig."""
 
     def __init__(self, text: Any, place: str, spans: Collection[str]) -> None:
-        self._parts = _affine(text, place)
+        self._parts: dict[str, fmpq] = {}  # coefficients by the span's name, "" for none
+        for part in text.split(" + ") if isinstance(text, str) else (text,):
+            number, star, name = part.partition("*") if isinstance(part, str) else (part, "", "")
+            if (star and not _NAME.fullmatch(name)) or name in self._parts:
+                raise Unreadable(f"{place} is not a number, nor a sum of numbers times spans: {str(text)[:60]!r}")
+            self._parts[name] = rational(number, place)
         if unknown := sorted(self._parts.keys() - {"", *spans}):
             raise Unreadable(f"{place}: no span {', '.join(unknown)}")
 
@@ -95,21 +90,25 @@ class Effect:
         self.gain = table.range("gain", least=0) if "gain" in table else ONCE
         self.performing = _within(table, "performing_gain", self.gain)
         spans = table.optional("span")
-        self.spans = {name: _span(spans.table(name)) for name in spans.keys}
+        self.spans = {}
+        for name in spans.keys:
+            ends = (span := spans.table(name)).range("ends")
+            self.spans[name] = Span(ends, _within(span, "performing", ends))
         made = table.table("elements")
-        self._scalars = {key: self._entry(made, key) for key in ("oil", "spool", "asymmetry") if key in made}
+        scalars = {key: self._entry(made, key) for key in ("oil", "spool", "asymmetry") if key in made}
         points = made.optional("points")
-        self._points = {at: self._weights(points.table(at)) for at in points.keys}
-        if unknown := sorted(self._points.keys() - POINTS):
+        weights = {at: self._weights(points.table(at)) for at in points.keys}
+        if unknown := sorted(weights.keys() - POINTS):
             raise Unreadable(f"{made.place}.points: not known: {', '.join(unknown)}")
-        if any(weights.keys() & POINTS for weights in self._points.values()):
+        if any(moved.keys() & POINTS for moved in weights.values()):
             raise Unreadable(f"{made.place}.points: what is added to a point is a motion of coordinates")
-        self._impedances = [
+        impedances = [
             (self._weights(one.table("motion")), self._list(one, "resists")) for one in made.tables("impedance")
         ]
-        if any(len(resists) > 3 for _, resists in self._impedances):
+        if any(len(resists) > 3 for _, resists in impedances):
             raise Unreadable(f"{made.place}.impedance: resists is a spring, a dashpot and a mass")
-        self._volts = [(self._list(one, "numerator"), self._list(one, "denominator")) for one in made.tables("volts")]
+        volts = [(self._list(one, "numerator"), self._list(one, "denominator")) for one in made.tables("volts")]
+        self._elements = {**scalars, "points": weights, "impedances": impedances, "volts": volts}
 
     def _entry(self, table: Table, key: str) -> Entry:
         return Entry(table.take(key), table.place_of(key), self.spans)
@@ -125,25 +124,19 @@ class Effect:
     def add_to(self, total: Elements, values: Values) -> None:
         """Add its elements, at some values of its spans, which may be variables."""
 
-        def weights(table: Mapping[str, Entry]) -> dict[str, Number]:
-            return {name: entry.at(values) for name, entry in table.items()}
+        def at(part: Any) -> Any:
+            if isinstance(part, dict):
+                return {name: at(inner) for name, inner in part.items()}
+            return [at(inner) for inner in part] if isinstance(part, list | tuple) else part.at(values)
 
-        def coefficients(entries: Sequence[Entry]) -> list[Number]:
-            return [entry.at(values) for entry in entries]
-
-        total.impedances += [(weights(motion), coefficients(resists)) for motion, resists in self._impedances]
-        total.volts += [(coefficients(above), coefficients(below)) for above, below in self._volts]
-        for at, table in self._points.items():
-            add_weights(total.points[at], weights(table))
-        scalar = {key: entry.at(values) for key, entry in self._scalars.items()}
-        total.oil *= scalar.get("oil", fmpq(1))
-        total.spool += scalar.get("spool", fmpq(0))
-        total.asymmetry += scalar.get("asymmetry", fmpq(0))
-
-
-def _span(table: Table) -> Span:
-    ends = table.range("ends")
-    return Span(ends, _within(table, "performing", ends))
+        found = at(self._elements)
+        total.impedances += found["impedances"]
+        total.volts += found["volts"]
+        for point, weights in found["points"].items():
+            add_weights(total.points[point], weights)
+        total.oil *= found.get("oil", fmpq(1))
+        total.spool += found.get("spool", fmpq(0))
+        total.asymmetry += found.get("asymmetry", fmpq(0))
 
 
 def _within(table: Table, key: str, ends: Pair) -> Pair:
@@ -236,10 +229,7 @@ class Rig:
         """The loop of every combination of the ends of all spans."""
         places = [(k, name, span) for k, effect in enumerate(self.effects) for name, span in effect.spans.items()]
         ends = [sorted(set(span.ends)) for _, _, span in places]
-        count = 1
-        for choice in ends:
-            count *= len(choice)
-        if count > MOST_MEMBERS:
+        if (count := prod(map(len, ends))) > MOST_MEMBERS:
             raise Unreadable(f"the spans of effects have {count} combinations, more than {MOST_MEMBERS}")
         gain, performing = ONCE, ONCE
         for effect in self.effects:
@@ -247,18 +237,12 @@ class Rig:
             performing = performing[0] * effect.performing[0], performing[1] * effect.performing[1]
         for chosen in product(*ends):
             values: list[dict[str, fmpq]] = [{} for _ in self.effects]
-            for (k, name, _), value in zip(places, chosen, strict=True):
+            named, performs = [], True
+            for (k, name, span), value in zip(places, chosen, strict=True):
                 values[k][name] = value
-            total = self.elements(values)
-            performs = all(
-                span.performing[0] <= value <= span.performing[1]
-                for (_, _, span), value in zip(places, chosen, strict=True)
-            )
-            named = (
-                f"{self.effects[k].name}.{name} = {short(value)}"
-                for (k, name, _), value in zip(places, chosen, strict=True)
-            )
-            yield self._loop(", ".join(named), total, gain, performing if performs else None)
+                named.append(f"{self.effects[k].name}.{name} = {short(value)}")
+                performs = performs and span.performing[0] <= value <= span.performing[1]
+            yield self._loop(", ".join(named), self.elements(values), gain, performing if performs else None)
 
     def elements(self, values: Sequence[Values]) -> Elements:
         """Those of all effects, at numbers for the spans of each.

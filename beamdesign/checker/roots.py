@@ -2,12 +2,18 @@
 
 Real roots are isolated by Descartes' rule of signs and bisection (Vincent, Collins and Akritas); stability over a mass,
 and over a mass and a gain, rests on Hurwitz determinants, Routh's test and crossings.
+
+Roots of plain(s) + late(s) exp(-s T) in the right half plane are counted by the direct method of Walton and Marshall
+(1987). As the delay grows from none, roots cross the axis only at jw with |plain(jw)| = |late(jw)|, where W(w^2) =
+|plain(jw)|^2 - |late(jw)|^2 vanishes, at the delays that give exp(-jwT) the angle of -plain / late; whichever of these
+it is, a pair moves to the right where W grows with w^2 and to the left where it falls.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
+from typing import Any
 
-from flint import arb, arb_poly, fmpq, fmpq_mat, fmpq_poly, fmpz, fmpz_poly
+from flint import acb, arb, arb_poly, fmpq, fmpq_mat, fmpq_poly, fmpz, fmpz_poly
 
 S = fmpq_poly([0, 1])
 ONE, ZERO = fmpq_poly([1]), fmpq_poly([0])
@@ -65,6 +71,15 @@ def square_free(polynomial: fmpq_poly) -> fmpq_poly:
     return polynomial / polynomial.gcd(polynomial.derivative())
 
 
+def interpolated(value: Callable[[fmpq], fmpq], points: Iterable[fmpq]) -> fmpq_poly:
+    """The polynomial of least degree through what a function is at some points."""
+    found, basis = ZERO, ONE
+    for point in points:
+        found += basis * ((value(point) - found(point)) / basis(point))
+        basis *= S - point
+    return found
+
+
 def pieces(polynomials: Sequence[fmpq_poly], low: fmpq, high: fmpq) -> tuple[list[fmpq], int]:
     """A rational in every open interval into which the polynomials' roots cut (low, high), and how many roots that is.
 
@@ -110,6 +125,12 @@ def ends(ball: arb) -> Pair:
         return fmpq(mantissa) * fmpq(2) ** int(exponent)
 
     return dyadic(ball.mid()) - dyadic(ball.rad()), dyadic(ball.mid()) + dyadic(ball.rad())
+
+
+def around(interval: Pair) -> arb:
+    """A ball that holds an interval."""
+    middle, radius = (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 2
+    return arb(middle) + arb(0, arb(radius).upper())
 
 
 def on_axis(polynomial: fmpq_poly, interval: Pair) -> bool:
@@ -166,12 +187,8 @@ class Family:
         self.degree = max(p0.degree(), p1.degree())
         # Orlando: the last but one determinant vanishes where two roots add up to zero. It is a polynomial in m of
         # at most this degree, and found by interpolation.
-        points = [fmpq(k) for k in range(max(self.degree, 1))]
-        values = [_hurwitz_matrix(self.at(m), self.degree).det() for m in points]
-        determinant, basis = fmpq_poly([0]), fmpq_poly([1])
-        for point, value in zip(points, values, strict=True):
-            determinant += basis * ((value - determinant(point)) / basis(point))
-            basis *= S - point
+        masses = map(fmpq, range(max(self.degree, 1)))
+        determinant = interpolated(lambda m: _hurwitz_matrix(self.at(m), self.degree).det(), masses)
         self.critical = [determinant, *(fmpq_poly([p0[k], p1[k]]) for k in (0, self.degree))]
 
     def at(self, mass: fmpq) -> fmpq_poly:
@@ -247,8 +264,7 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
     for found in isolate(discriminant, fmpq(0), bound(discriminant)):
         interval = found
         for _ in range(400):
-            middle, radius = (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 2
-            if outside(arb(middle) + arb(0, arb(radius).upper())):
+            if outside(around(interval)):
                 break
             interval = halve(discriminant, interval)
         else:
@@ -258,6 +274,70 @@ def _clear_inside(denominator: Polynomials, numerator: Polynomials, masses: Pair
 
 def _apart(ball: arb, ends: Pair) -> bool:
     return bool(ball < arb(ends[0])) or bool(ball > arb(ends[1]))
+
+
+# Roots with a delay.
+
+
+_DELAY_HALVINGS = 300
+
+
+def unstable_roots(plain: fmpq_poly, late: fmpq_poly, delay: fmpq) -> int | None:
+    """How many roots have a positive real part, the degree of `late` being the lower one.
+
+    None where a root is on the axis, or too near to it to be told from one.
+    """
+    count = 0
+    roots: list[Any] = (plain + late).complex_roots()
+    for root, multiplicity in roots:
+        if root.real.contains(0):
+            return None
+        count += multiplicity if root.real > 0 else 0
+    if delay == 0 or late == 0:
+        return count
+    difference = inner(plain, plain) - inner(late, late)
+    common = square_free(difference)
+    if common(0) == 0:
+        common = common / S
+    if common.degree() < 1:
+        return count
+    most = bound(common)
+    samples, _ = pieces([difference], fmpq(0), most)
+    for found, before, after in zip(isolate(common, fmpq(0), most), samples, samples[1:], strict=False):
+        grows = int(difference(after) > 0) - int(difference(before) > 0)
+        interval = found
+        for _ in range(_DELAY_HALVINGS):
+            crossed = _crossings(plain, late, delay, around(interval))
+            if crossed is not None:
+                break
+            interval = halve(common, interval)
+        else:
+            return None
+        count += 2 * grows * crossed
+    return count
+
+
+def _crossings(plain: fmpq_poly, late: fmpq_poly, delay: fmpq, square: arb) -> int | None:
+    """How often the root at a w^2 within a ball crosses as the delay grows; None where that is too wide.
+
+    It does where w T is the angle a of -late / plain plus a multiple of 2 pi, for 0 < T <= delay.
+    """
+    if not square > 0:
+        return None
+    w = square.sqrt()
+
+    def on_axis(polynomial: fmpq_poly) -> acb:
+        even, odd = map(arb_poly, parts(polynomial))
+        return acb(even(square), w * odd(square))
+
+    below = on_axis(plain)
+    if below.contains(0):
+        return None
+    ratio = -on_axis(late) / below
+    angle = ratio.arg() if ratio.real > 0 else (-ratio).arg() + arb.pi()
+    turn = 2 * arb.pi()
+    start, end = (-angle / turn).floor().unique_fmpz(), ((w * delay - angle) / turn).floor().unique_fmpz()
+    return None if start is None or end is None else int(end - start)
 
 
 # Inequalities over mass and frequency: magnitudes of a loop, and where their slack is not negative.

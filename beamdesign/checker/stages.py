@@ -25,13 +25,13 @@ on the way to which an eigenvalue would have to pass zero.
 
 from collections.abc import Callable, Sequence
 
-from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat
 
 from beamdesign.checker.mass_range import Statements
+from beamdesign.checker.mechanics import VELOCITY, StateSpace, bounded
 from beamdesign.checker.reading import Table, Unreadable, short
 from beamdesign.checker.rig import Rig
-from beamdesign.checker.roots import ONE, ZERO, Pair, S, is_hurwitz, pieces
-from beamdesign.checker.state_space import VELOCITY, StateSpace, bounded
+from beamdesign.checker.roots import Pair, interpolated, is_hurwitz, pieces
 
 # Definiteness.
 
@@ -55,15 +55,9 @@ def positive_between(value: Callable[[fmpq], fmpq_mat], degree: int, low: fmpq, 
     if not positive(value(low)):
         return False
     count = degree * value(low).nrows() + 1
-    determinant, basis = ZERO, ONE
-    for point in (low + (high - low) * fmpq(k, count) for k in range(count)):
-        determinant += basis * ((value(point).det() - determinant(point)) / basis(point))
-        basis *= S - point
-    return bool(determinant(high) != 0) and _without_root(determinant, low, high)
-
-
-def _without_root(polynomial: fmpq_poly, low: fmpq, high: fmpq) -> bool:
-    return pieces([polynomial], low, high)[1] == 0
+    points = (low + (high - low) * fmpq(k, count) for k in range(count))
+    determinant = interpolated(lambda mass: value(mass).det(), points)
+    return bool(determinant(high) != 0) and pieces([determinant], low, high)[1] == 0
 
 
 # What the certificate states.

@@ -13,7 +13,7 @@ by construction. A variable is cut in the middle of its range, or of its recipro
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
-from itertools import product
+from itertools import product, zip_longest
 from math import comb, prod
 from typing import TypeVar
 
@@ -21,7 +21,7 @@ from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from beamdesign.checker.expressions import Expression, Node, Term, degrees
 from beamdesign.checker.reading import Unreadable, rational, short
-from beamdesign.checker.roots import Pair, parts
+from beamdesign.checker.roots import ONE, ZERO, Pair, parts
 
 PRECISION_BITS = 96
 TANGENTS = 6
@@ -198,10 +198,10 @@ class Cell:
             found.append((arb_poly(even), arb_poly(odd)))
         return found
 
-    def coefficients(self, node: Node) -> tuple[list[Pair], list[fmpq]]:
+    def coefficients(self, node: Node) -> tuple[list[Pair], fmpq_poly]:
         """Ranges of the coefficients without delay, and the largest sizes of those that the delay multiplies."""
         if node.kind == "delay":
-            return [], [fmpq(1)]
+            return [], ONE
         if node.kind == "leaf":
             terms = self.expression.leaves[node.name]
             found = [(fmpq(0), fmpq(0))] * (1 + max((term.degree for term in terms), default=-1))
@@ -211,35 +211,27 @@ class Cell:
                     for _ in range(power):
                         low, high = _times((low, high), self.values[name])
                 found[degree] = found[degree][0] + low, found[degree][1] + high
-            return found, []
+            return found, ZERO
         plain, late = self.coefficients(node.parts[0])
         for part in node.parts[1:]:
             more, later = self.coefficients(part)
             if node.kind == "sum":
-                size = max(len(plain), len(more))
-                plain = [
-                    (a[0] + b[0], a[1] + b[1]) for a, b in zip(_filled(plain, size), _filled(more, size), strict=True)
-                ]
-                size = max(len(late), len(later))
-                late = [_at(late, k) + _at(later, k) for k in range(size)]
-            else:
-                sizes, others = [most(c) for c in plain], [most(c) for c in more]
-                first, second = _convolved(sizes, later), _convolved(late, others)
-                late = [_at(first, k) + _at(second, k) for k in range(max(len(first), len(second)))]
-                total = [(fmpq(0), fmpq(0))] * (len(plain) + len(more) - 1 if plain and more else 0)
-                for (i, a), (j, b) in product(enumerate(plain), enumerate(more)):
-                    low, high = _times(a, b)
-                    total[i + j] = total[i + j][0] + low, total[i + j][1] + high
-                plain = total
+                both = zip_longest(plain, more, fillvalue=(fmpq(0), fmpq(0)))
+                plain, late = [(a[0] + b[0], a[1] + b[1]) for a, b in both], late + later
+                continue
+            total = [(fmpq(0), fmpq(0))] * (len(plain) + len(more) - 1 if plain and more else 0)
+            for (i, a), (j, b) in product(enumerate(plain), enumerate(more)):
+                low, high = _times(a, b)
+                total[i + j] = total[i + j][0] + low, total[i + j][1] + high
+            plain, late = total, _sizes(plain) * later + late * _sizes(more)
         return plain, late
 
     def leads(self, w: fmpq) -> bool:
         """Whether the leading term outweighs all others from a frequency up, so that p vanishes nowhere there."""
         plain, late = self.coefficients(self.expression.body)
         low, high = plain.pop()
-        others = [most(c) for c in plain]
-        rest = sum(((_at(others, k) + _at(late, k)) * w**k for k in range(len(plain))), fmpq(0))
-        return w > 0 and rest < max(low, -high) * w ** len(plain)
+        rest = _sizes(plain) + late
+        return w > 0 and late.degree() < len(plain) and rest(w) < max(low, -high) * w ** len(plain)
 
     def clear(self, w1: fmpq, w2: fmpq, x: arb, y: arb) -> bool:
         """Whether p keeps to the side of the line across (x, y) towards which that points, from w1 to w2."""
@@ -320,7 +312,7 @@ def walked(expression: Expression, marks: Sequence[str]) -> Iterator[tuple[str, 
         raise Unreadable(f"{points} control points on each of {len(marks)} pieces are more than is looked at")
     whole = Cell(expression, expression.enters)
     plain, late = whole.coefficients(expression.body)
-    if len(late) >= len(plain):
+    if late.degree() >= len(plain) - 1:
         raise Unreadable("the highest power of s is delayed: loops of neutral type are not covered")
     open_pieces: list[tuple[Cell, fmpq, fmpq | None]] = [(whole, fmpq(0), None)]
     for mark in marks:
@@ -379,13 +371,6 @@ def _times(a: Pair, b: Pair) -> Pair:
     return min(ends), max(ends)
 
 
-def _at(coefficients: Sequence[fmpq], k: int) -> fmpq:
-    return coefficients[k] if k < len(coefficients) else fmpq(0)
-
-
-def _filled(ranges: Sequence[Pair], size: int) -> list[Pair]:
-    return [*ranges, *[(fmpq(0), fmpq(0))] * (size - len(ranges))]
-
-
-def _convolved(a: Sequence[fmpq], b: Sequence[fmpq]) -> list[fmpq]:
-    return list(fmpq_poly(list(a)) * fmpq_poly(list(b)))
+def _sizes(ranges: Sequence[Pair]) -> fmpq_poly:
+    """The largest sizes of coefficients."""
+    return fmpq_poly([most(interval) for interval in ranges])
