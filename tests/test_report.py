@@ -312,7 +312,7 @@ def test_a_browser_has_nothing_to_complain_of(html: str, tmp_path: Path) -> None
 def test_every_check_stands_in_the_page_and_the_governing_one_is_named(run: DesignRun, page: Page) -> None:
     rows = {row[0]: row for row in page.rows if len(row) == 5}
     for one in run.sizing.checks:
-        name, value, limit, used, *_ = check_row(one)
+        name, value, limit, used = check_row(one)
         shown = f"{name} (governing)" if name == run.sizing.governing else name
         assert rows[shown][1:3] == [value, limit]
         assert rows[shown][3].startswith(used)

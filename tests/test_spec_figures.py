@@ -9,9 +9,8 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from beamdesign.build.acceptance import acceptance
-from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need
+from beamdesign.build.ratings import MARGIN, lagging, noise_bandwidth_Hz, ratings, sensor_need, stock_choices
 from beamdesign.build.tolerances import SAFETY, Tolerances, tolerances
-from beamdesign.build.tubes import stock_choices
 from beamdesign.checker import check
 from beamdesign.control_models import state_space
 from beamdesign.controllers import Lag, Scheduled, Stage

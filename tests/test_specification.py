@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beamdesign.build.folder import document_of
+from beamdesign.build.ratings import held_loads, nearest_stock_tube
 from beamdesign.build.result_folder import FILES
 from beamdesign.build.specification import specification_of
-from beamdesign.build.tubes import held_loads, nearest_stock_tube
 from beamdesign.controllers import Lag, Proportional
 from beamdesign.loop import loop
 from beamdesign.prototype import InStage, Prototype

@@ -95,7 +95,7 @@ def acceptance(
     prototype: Prototype,
     masses_kg: tuple[float, ...],
     tolerances: Mapping[str, float] | None = None,
-    told: Progress = silent,
+    progress: Progress = silent,
 ) -> tuple[AcceptanceAtMass, ...]:
     """Expected measurements at some outer end masses.
 
@@ -106,7 +106,7 @@ def acceptance(
         prototype: with a controller.
         masses_kg: outer end masses.
         tolerances: relative, by figure as in `beamdesign.proofs.rig_family.rig_values`; none where it is None.
-        told: the share done, and with what.
+        progress: told the share done, and with what.
     """
     spread = {name: part for name, part in (tolerances or {}).items() if name in CHANGEABLE and part > 0}
     members = [prototype, *_drawn(prototype, spread)]
@@ -115,7 +115,7 @@ def acceptance(
     grid = np.array(FREQUENCIES_HZ)
     nominal = loop(prototype)
     for k, member in enumerate(members):
-        told(0.7 * k / len(members), "members within the tolerances")
+        progress(0.7 * k / len(members), "members within the tolerances")
         closed = loop(member)
         for at, mass in enumerate(masses_kg):
             responses[at].append(np.abs(closed.at(mass).compliance_response(grid)))
@@ -125,7 +125,7 @@ def acceptance(
                 gains[at].append(CriticalGain(inf, 0.0))
     found = []
     for at, mass in enumerate(masses_kg):
-        told(0.7 + 0.3 * at / len(masses_kg), "gain that all rigs bear")
+        progress(0.7 + 0.3 * at / len(masses_kg), "gain that all rigs bear")
         table = np.array(responses[at])
         onset = [one for one in gains[at] if one.gain_A_per_V < inf]
         gain = _band([one.gain_A_per_V for one in onset]) if len(onset) == len(members) else None

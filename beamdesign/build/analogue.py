@@ -1,6 +1,6 @@
 """Analogue controllers of the preferred values that come nearest to a law, proved again as they are realised."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, log, prod, sqrt
 from typing import Literal
@@ -12,6 +12,7 @@ from beamdesign.build.circuit import Circuit, Kind, Ratio, Series, Stage, neighb
 from beamdesign.build.realisation.sections import Factor, apart, factored
 from beamdesign.controllers import Controller
 from beamdesign.polynomial import exact
+from beamdesign.progress import Progress, silent
 from beamdesign.proofs.box import box_of, certify_box
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.rig_family import PolynomialFamily, rig_family
@@ -70,14 +71,14 @@ class AnalogueController:
 
 
 def analogue_controllers(
-    prototype: Prototype, masses_kg: tuple[float, float], told: Callable[[str], None] = lambda text: None
+    prototype: Prototype, masses_kg: tuple[float, float], progress: Progress = silent
 ) -> tuple[AnalogueController, ...]:
     """Realisations in E24 and in E96 resistors, each certified.
 
     Args:
         prototype: with a controller.
         masses_kg: range of outer end mass.
-        told: what is being done.
+        progress: told the share done and what is being done.
 
     Raises:
         ValueError: for a controller that no circuit gives; see `circuit_of`.
@@ -86,8 +87,8 @@ def analogue_controllers(
     if asked is None:
         raise ValueError("the prototype has no [controller]")
     found: dict[tuple[float, ...], AnalogueController] = {}
-    for resistors, capacitors in SERIES:
-        told(f"analogue controller, {resistors}")
+    for k, (resistors, capacitors) in enumerate(SERIES):
+        progress(k / len(SERIES), f"analogue controller, {resistors}")
         one = circuit_of(asked, resistors, capacitors)
         values = tuple(one.parts.values())
         if values not in found:

@@ -36,6 +36,7 @@ from flint import fmpq
 
 from beamdesign.controllers import Observer
 from beamdesign.polynomial import exact
+from beamdesign.rational import nearest
 
 Series = Literal["E6", "E12", "E24", "E96"]
 
@@ -215,11 +216,11 @@ class Circuit:
 
         a, b, c, d = np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
         for stage in self.stages:
-            a_next, b_next, c_next, d_next = Ratio(*map(_float, stage.exact)).matrices()
+            a_next, b_next, c_next, d_next = Ratio(*(nearest(fmpq(one)) for one in stage.exact)).matrices()
             a = np.block([[a, np.zeros((len(b), len(b_next)))], [np.outer(b_next, c), a_next]])
             b, c, d = np.concatenate([b, b_next * d]), np.concatenate([d_next * c, c_next]), d * d_next
         sign = -1.0 if self.falling else 1.0
-        gain = abs(_float(self.gain_A_per_V))
+        gain = abs(nearest(self.gain_A_per_V))
         return Observer.of(gain, ("displacement_m",), a, b.reshape(-1, 1), sign * c, [sign * d])
 
     def made_of(self, parts: Mapping[str, float]) -> "Circuit":
@@ -252,7 +253,3 @@ class Circuit:
         spans = [stage.spans(resistors, capacitor).gain for stage in self.stages]
         low, high = (prod((span[end] for span in spans), start=fmpq(1)) for end in (0, 1))
         return low / (sense * (1 + r)), high / (sense * (1 - r))
-
-
-def _float(value: Any) -> float:
-    return int(value.p) / int(value.q) if isinstance(value, fmpq) else float(value)

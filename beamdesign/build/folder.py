@@ -68,9 +68,8 @@ def document_of(spec: Specification, svg: str = "") -> Document:
                     "What to do",
                     (
                         Paragraph(
-                            "Tune the controller and the inner end mass for the range (`beamdesign tune`), or ask"
-                            " for a range"
-                            " that is stable with `--outer-end-mass`, then specify again."
+                            "Tune the controller and the inner end mass for the range (`beamdesign tune`), or ask for a"
+                            " range that is stable with `--outer-end-mass`, then specify again."
                         ),
                     ),
                 ),
@@ -81,10 +80,9 @@ def document_of(spec: Specification, svg: str = "") -> Document:
     reached = masses_text(spec.masses_kg)
     verdict = (
         f"With every mass of {reached} on its outer tip the rig is proved stable, gives way by no more than"
-        f" {quantity(spec.prototype.goal.compliance_m_per_N, 'm/N')} up to {at_least(found.bandwidth_Hz, 'Hz')}"
-        " and keeps its"
-        f" peak sensitivity at {at_most(found.peak_sensitivity, '1')} or below, by the linear model with nominal"
-        f" figures{', while the law acts that is for that mass' if spec.switching else ''}."
+        f" {quantity(spec.prototype.goal.compliance_m_per_N, 'm/N')} up to {at_least(found.bandwidth_Hz, 'Hz')} and"
+        f" keeps its peak sensitivity at {at_most(found.peak_sensitivity, '1')} or below, by the linear model with"
+        f" nominal figures{', while the law acts that is for that mass' if spec.switching else ''}."
     )
     key = (
         ("guaranteed bandwidth (proved)", at_least(found.bandwidth_Hz, "Hz")),
@@ -117,13 +115,10 @@ def _further() -> Part:
 
 def _foundations() -> Part:
     text = (
-        "Proved: decided in exact rational or in ball arithmetic. Refuted: an example was found that does not"
-        " hold. Computed:"
-        " closed formulas and frequency responses of the linear model in floating point. Sampled: the extremes of"
-        " examples"
-        " that were drawn. Given: stands in the prototype. All of it is about the linear model; how far a rig"
-        " follows it is"
-        " for the acceptance test to say."
+        "Proved: decided in exact rational or in ball arithmetic. Refuted: an example was found that does not hold."
+        " Computed: closed formulas and frequency responses of the linear model in floating point. Sampled: the"
+        " extremes of examples that were drawn. Given: stands in the prototype. All of it is about the linear model;"
+        " how far a rig follows it is for the acceptance test to say."
     )
     return Part("How each figure is founded", (Paragraph(text),))
 

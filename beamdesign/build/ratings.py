@@ -1,9 +1,9 @@
-"""What cylinder, valve, supply and sensor must give, by the linear loop."""
+"""What to make and to buy: tubes and their stock sizes; what cylinder, valve, supply and sensor must give."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi, sqrt
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +11,153 @@ from beamdesign.build.tolerances import why_no_box
 from beamdesign.loop import loop
 from beamdesign.plant.effects import library
 from beamdesign.proofs.box import box_of, certify_box
+from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.certifying import guaranteed_by_all
 from beamdesign.proofs.rig_family import rig_family
-from beamdesign.prototype import InStage, Prototype
+from beamdesign.prototype import Beam, InStage, Prototype
+from beamdesign.quantity_text import tube_text
+from beamdesign.structure import beam, section
+from beamdesign.structure.lumped import lumped_beam
+from beamdesign.structure.materials import material
+from beamdesign.structure.section import SquareTube
+from beamdesign.structure.stock import stock_tubes
 from beamdesign.synthesis.operating_limits import Envelope, demand, envelope, smaller_side
 
-if TYPE_CHECKING:
-    from beamdesign.proofs.certificate import Guaranteed
+
+class TubeToMake(NamedTuple):
+    """One tube as the workshop sees it; lengths in m, masses in kg."""
+
+    name: str
+    size: str
+    nearest_stock: str
+    length_m: float
+    free_length_m: float
+    clamped_m: float
+    material: str
+    tube_mass_kg: float
+    end_mass_kg: float
+
+
+class HeldLoad(NamedTuple):
+    """One load case: which beam bends, how far its tip moves, what is left of the gap; m."""
+
+    case: str
+    deflection_m: float
+    gap_left_m: float
+
+
+@dataclass(frozen=True)
+class StockChoice:
+    """One tube.
+
+    Attributes:
+        made: what to cut and clamp.
+        stock: nearest stock tube that is no less stiff.
+        same: whether the tube is that stock size.
+        fits: whether the gap between the tubes stays positive with it.
+        stiffness_N_per_m: of the tip as specified, and with the stock tube by its geometry.
+        effective_mass_kg: likewise.
+        tube_mass_kg: likewise.
+        gap_m: play per side, likewise.
+        stable: whether the loop with this tube exchanged is proved stable over the range; None where it is the same
+            or does not fit.
+        bandwidth_Hz, peak_sensitivity: proved with it; None where not stable.
+    """
+
+    made: TubeToMake
+    stock: SquareTube
+    same: bool
+    fits: bool
+    stiffness_N_per_m: tuple[float, float]
+    effective_mass_kg: tuple[float, float]
+    tube_mass_kg: tuple[float, float]
+    gap_m: tuple[float, float]
+    stable: bool | None
+    bandwidth_Hz: float | None
+    peak_sensitivity: float | None
+
+
+def nearest_stock_tube(width_m: float, wall_m: float) -> SquareTube:
+    """The stock tube of at least this wall and bending stiffness with the least area, or the stiffest of the list."""
+    needed = section.second_moment(width_m, wall_m)
+    enough = [
+        tube
+        for tube in stock_tubes()
+        if tube.wall_m >= wall_m * (1 - 1e-9) and section.second_moment(*tube) >= needed * (1 - 1e-9)
+    ]
+    if enough:
+        return min(enough, key=lambda tube: float(section.area(*tube)))
+    return max(stock_tubes(), key=lambda tube: float(section.second_moment(*tube)))
+
+
+def held_loads(prototype: Prototype, tip_force_N: float) -> tuple[HeldLoad, ...]:
+    """Static deflection and remaining gap with the servo on (inner beam bends) and off (outer beam bends)."""
+    gap, found = _gap(prototype.outer_beam, prototype.inner_beam), []
+    for words, record in (
+        ("servo on: the inner beam bends, the outer one is held straight", prototype.inner_beam),
+        ("servo off: the outer beam bends, the inner one is unloaded", prototype.outer_beam),
+    ):
+        stiffness = lumped_beam(record).stiffness
+        left = float(beam.clearance_under_load(gap, tip_force_N, stiffness))
+        found.append(HeldLoad(words, tip_force_N / stiffness, left))
+    return tuple(found)
+
+
+def stock_choices(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[StockChoice, ...] | None:
+    """Both tubes, or None where a beam has no geometry.
+
+    With a stock tube its lumped figures are those of its geometry, whatever was measured on the tube it replaces.
+    """
+    if not (prototype.outer_beam.has_geometry and prototype.inner_beam.has_geometry):
+        return None
+    return tuple(_choice(prototype, name, masses_kg) for name in ("outer", "inner"))
+
+
+def _choice(prototype: Prototype, name: str, masses_kg: tuple[float, float]) -> StockChoice:
+    record = getattr(prototype, f"{name}_beam")
+    stock = nearest_stock_tube(record.width_m, record.wall_m)
+    same = abs(stock.width_m - record.width_m) < 1e-9 and abs(stock.wall_m - record.wall_m) < 1e-9
+    other = record.but(
+        width_m=stock.width_m, wall_m=stock.wall_m, corner_radius_m=0.0, stiffness_N_per_m=None, effective_mass_kg=None
+    )
+    beams = {"outer": prototype.outer_beam, "inner": prototype.inner_beam}
+    before, after = _gap(**beams), _gap(**(beams | {name: other}))
+    length = record.length_m if record.length_m is not None else record.free_length_m
+    density = material(record.material).density_kg_per_m3
+    tube_mass_kg, exchanged_kg = (
+        float(length * section.mass_per_length(one.width_m, one.wall_m, density, one.corner_radius_m))
+        for one in (record, other)
+    )
+    made = TubeToMake(
+        name=name,
+        size=tube_text(record.width_m, record.wall_m),
+        nearest_stock="is a stock size" if same else tube_text(*stock),
+        length_m=length,
+        free_length_m=record.free_length_m,
+        clamped_m=length - record.free_length_m,
+        material=record.material,
+        tube_mass_kg=tube_mass_kg,
+        end_mass_kg=record.end_mass_kg,
+    )
+    stable = reached = None
+    if not same and after > 0:
+        reached = guaranteed_by_all(prototype.but(**{f"{name}_beam": other}, guarantee=None).stages(masses_kg))
+        stable = reached is not None
+    found, exchanged = lumped_beam(record), lumped_beam(other)
+    return StockChoice(
+        made, stock, same, after > 0, (found.stiffness, exchanged.stiffness), (found.mass, exchanged.mass),
+        (tube_mass_kg, exchanged_kg), (before, after), stable, *_performance(reached),
+    )  # fmt: skip
+
+
+def _performance(reached: Guaranteed | None) -> tuple[float | None, float | None]:
+    """Bandwidth and peak sensitivity that are proved."""
+    return (None, None) if reached is None else (reached.bandwidth_Hz, reached.peak_sensitivity)
+
+
+def _gap(outer: Beam, inner: Beam) -> float:
+    """Play per side at assembly, m."""
+    return float(section.clearance(outer.width_m, outer.wall_m, inner.width_m))
 
 
 MARGIN = 1.25
@@ -96,10 +236,9 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
         "stroke_m": prototype.actuator.stroke_m,
         "supply_flow_m3_per_s": prototype.supply.flow_m3_per_s,
     }
-    shown = np.array(SHOWN_HZ)
     return Ratings(
         load_N, up_to_Hz, force, force / area, force / area / PRESSURE_SHARE, flow, MARGIN * no_load, MARGIN * current,
-        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, shown),
+        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, np.array(SHOWN_HZ)),
     )  # fmt: skip
 
 
@@ -157,7 +296,6 @@ def sensor_need(
     masses_kg: tuple[float, float],
     load_N: float,
     share: float,
-    told: Callable[[str], None] = lambda text: None,
 ) -> SensorNeed:
     """Requirements on the sensor of a prototype whose loop is proved stable over the range.
 
@@ -166,13 +304,11 @@ def sensor_need(
         masses_kg: range of outer end mass.
         load_N: reference load, for the motion that the goal allows.
         share: of that motion that noise may cause.
-        told: what is being done.
     """
-    told("bandwidth of the sensor")
     stages = prototype.stages(masses_kg)
     nominal = guaranteed_by_all(stages)
 
-    def reaches(break_Hz: float) -> "Guaranteed | None":
+    def reaches(break_Hz: float) -> Guaranteed | None:
         return guaranteed_by_all(lagging(prototype, break_Hz).stages(masses_kg))
 
     stable = performs = reached = None
@@ -189,20 +325,10 @@ def sensor_need(
     density = share * motion / sqrt(band)
     sensor = prototype.sensor
     return SensorNeed(
-        stable,
-        breaks[1],
-        performs,
-        None if reached is None else reached.bandwidth_Hz,
-        None if reached is None else reached.peak_sensitivity,
-        motion,
-        share,
-        share * motion,
-        band,
-        density,
-        None if performs is None else density * sqrt(pi / 2 * performs),
-        sensor.resolution_m,
+        stable, breaks[1], performs, *_performance(reached), motion, share, share * motion, band, density,
+        None if performs is None else density * sqrt(pi / 2 * performs), sensor.resolution_m,
         None if sensor.noise_V is None else sensor.noise_V / sensor.gain_V_per_m,
-    )
+    )  # fmt: skip
 
 
 def noise_bandwidth_Hz(prototype: Prototype, outer_end_mass: float) -> float:
@@ -237,7 +363,7 @@ def _proved_above(prototype: Prototype, masses_kg: tuple[float, float], break_Hz
     return all(map(proved, lagging(prototype, break_Hz).stages(masses_kg)))
 
 
-def _kept(found: "Guaranteed | None", nominal: "Guaranteed") -> bool:
+def _kept(found: Guaranteed | None, nominal: Guaranteed) -> bool:
     if found is None:
         return False
     return (

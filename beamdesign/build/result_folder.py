@@ -5,7 +5,6 @@ its curves and their places in the SVG, so that the page can tell values under t
 """
 
 from pathlib import Path
-from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -16,7 +15,7 @@ from beamdesign.files import write_set
 from beamdesign.loop import loop
 from beamdesign.proofs.certificate import Certificate
 from beamdesign.proofs.lyapunov import CHANGES_NAME
-from beamdesign.prototype import Beam, InStage, Prototype
+from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
@@ -36,7 +35,7 @@ from beamdesign.report.page import (
 from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.statements import price_words, statements
 from beamdesign.report.trade import TradePoint, read_trade
-from beamdesign.structure.lumped import LumpedBeam, lumped_beam, notes
+from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check, CheckedPair
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun
 
@@ -189,11 +188,12 @@ def _sections(run: DesignRun) -> tuple[Block, ...]:
         reason += f" Taking stock sizes instead of free ones costs {quantity(sizing.price_of_rounding_kg, 'kg', 3)}."
     checks, marks = [], []
     for check in sorted(sizing.checks, key=lambda check: -check.utilisation):
-        name, value, limit, used, satisfied, share = check_row(check)
+        name, value, limit, used = check_row(check)
         governs = check.name == sizing.governing
-        word = Markup('<span class="{}">{}</span>').format("good" if satisfied else "bad", used)
-        bar = Markup('<span class="bar"><i style="width:{:.1f}%"></i></span>').format(100 * share)
-        failing = "" if satisfied else Markup('<span class="bad">, fails</span>')
+        word = Markup('<span class="{}">{}</span>').format("good" if check.satisfied else "bad", used)
+        share = 100 * min(max(check.utilisation, 0.0), 1.0)
+        bar = Markup('<span class="bar"><i style="width:{:.1f}%"></i></span>').format(share)
+        failing = "" if check.satisfied else Markup('<span class="bad">, fails</span>')
         checks.append((f"{name} (governing)" if governs else name, value, limit, word + failing, bar))
         marks.append("governing" if governs else "")
     heads = ("check", "value", "limit", "used", "")
@@ -243,18 +243,11 @@ def section_rows(run: DesignRun) -> list[tuple[str, str, str, str, str]]:
     return rows
 
 
-def check_row(check: Check) -> tuple[str, str, str, str, bool, float]:
-    """Name, value, limit with its sense, utilisation, whether satisfied, and the share of the bar to fill."""
+def check_row(check: Check) -> tuple[str, str, str, str]:
+    """Name, value, limit with its sense, and utilisation."""
+    value, limit = (quantity(float(one), check.unit) for one in (check.value, check.limit))
     sense = "at least" if check.at_least else "at most"
-    used = check.utilisation
-    return (
-        check.name,
-        quantity(float(check.value), check.unit),
-        f"{sense} {quantity(float(check.limit), check.unit)}",
-        per_cent(used),
-        bool(check.satisfied),
-        min(max(used, 0.0), 1.0),
-    )
+    return check.name, value, f"{sense} {limit}", per_cent(check.utilisation)
 
 
 def expected_rows(prototype: Prototype, bounds: tuple[float, float]) -> list[tuple[str, ...]]:
@@ -281,57 +274,36 @@ def _inline(picture: CaptionedFigure) -> Picture:
     return Picture(svg, "", picture.caption, picture.name)
 
 
-class LumpedRow(NamedTuple):
-    """One figure of the linear model; `source` says what it rests on."""
-
-    name: str
-    symbol: str
-    value: str
-    source: str
-
-
-def lumped_rows(prototype: Prototype) -> list[LumpedRow]:
-    """Every figure of the linear model but controller and end masses."""
+def lumped_rows(prototype: Prototype) -> list[tuple[str, str, str, str]]:
+    """Every figure of the linear model but controller and end masses: name, symbol, value, what it rests on."""
     actuator, valve, sensor = prototype.actuator, prototype.servovalve, prototype.sensor
     rows = []
-    for name, suffix, record in (("outer", "m", prototype.outer_beam), ("inner", "f", prototype.inner_beam)):
-        rows += _beam_rows(name, suffix, record, lumped_beam(record))
-    rows += [
-        LumpedRow("oil spring", "K_c", quantity(actuator.oil_stiffness_N_per_m, "N/m"), "given"),
-        LumpedRow("piston area", "A", quantity(actuator.piston_area_m2, "m2"), "given, mean of both sides"),
-        LumpedRow("valve flow gain", "K_q", quantity(valve.flow_gain_m3_per_s_per_A, "m3/s/A"), "given"),
-        LumpedRow("leakage", "K_pq", quantity(valve.leakage_m3_per_s_per_Pa, "m3/s/Pa"), "given"),
-        LumpedRow("valve natural frequency", "f_n", quantity(valve.natural_frequency_Hz, "Hz"), "given"),
-        LumpedRow("valve damping ratio", "ξ", quantity(valve.damping_ratio, "1"), "given"),
-        LumpedRow("sensor gain", "F", quantity(sensor.gain_V_per_m, "V/m"), "given"),
-    ]
-    filtered = quantity(sensor.filter_Hz, "Hz") if sensor.filter_Hz else "none"
-    return [*rows, LumpedRow("sensor filter", "", filtered, "given")]
-
-
-def _beam_rows(name: str, suffix: str, record: Beam, lumped: LumpedBeam) -> list[LumpedRow]:
-    def source(measured: float | None, equation: str) -> str:
-        if measured is None:
-            return f"geometry, {equation}"
-        return "measured; it replaces what the geometry gives" if record.has_geometry else "measured"
-
-    return [
-        LumpedRow(
-            f"{name} tip stiffness",
-            f"K_{suffix}",
-            quantity(lumped.stiffness, "N/m"),
-            source(record.stiffness_N_per_m, "equation (3) on the free length"),
-        ),
-        LumpedRow(
-            f"{name} effective mass",
-            f"M_{suffix}",
-            quantity(lumped.mass, "kg"),
-            source(record.effective_mass_kg, "equation (5)"),
-        ),
-        LumpedRow(
-            f"{name} dashpot",
-            f"b_{suffix}",
-            quantity(lumped.damping, "N s/m"),
-            f"2 ζ √(K M) of the bare beam, ζ = {record.damping_ratio:g}; it stays as end mass is added",
-        ),
+    for name, letter, record in (("outer", "m", prototype.outer_beam), ("inner", "f", prototype.inner_beam)):
+        found = lumped_beam(record)
+        measured = "measured; it replaces what the geometry gives" if record.has_geometry else "measured"
+        stiff, heavy = (
+            f"geometry, {equation}" if given is None else measured
+            for given, equation in (
+                (record.stiffness_N_per_m, "equation (3) on the free length"),
+                (record.effective_mass_kg, "equation (5)"),
+            )
+        )
+        damped = f"2 ζ √(K M) of the bare beam, ζ = {record.damping_ratio:g}; it stays as end mass is added"
+        rows += [
+            (f"{name} tip stiffness", f"K_{letter}", quantity(found.stiffness, "N/m"), stiff),
+            (f"{name} effective mass", f"M_{letter}", quantity(found.mass, "kg"), heavy),
+            (f"{name} dashpot", f"b_{letter}", quantity(found.damping, "N s/m"), damped),
+        ]
+    return rows + [
+        (name, symbol, quantity(value, unit) if value else "none", basis)
+        for name, symbol, value, unit, basis in (
+            ("oil spring", "K_c", actuator.oil_stiffness_N_per_m, "N/m", "given"),
+            ("piston area", "A", actuator.piston_area_m2, "m2", "given, mean of both sides"),
+            ("valve flow gain", "K_q", valve.flow_gain_m3_per_s_per_A, "m3/s/A", "given"),
+            ("leakage", "K_pq", valve.leakage_m3_per_s_per_Pa, "m3/s/Pa", "given"),
+            ("valve natural frequency", "f_n", valve.natural_frequency_Hz, "Hz", "given"),
+            ("valve damping ratio", "ξ", valve.damping_ratio, "1", "given"),
+            ("sensor gain", "F", sensor.gain_V_per_m, "V/m", "given"),
+            ("sensor filter", "", sensor.filter_Hz, "Hz", "given"),
+        )
     ]

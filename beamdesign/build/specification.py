@@ -14,7 +14,7 @@ from beamdesign.build.acceptance import (
     acceptance_plan,
 )
 from beamdesign.build.analogue import AnalogueController, analogue_controllers
-from beamdesign.build.ratings import Ratings, SensorNeed, ratings, sensor_need
+from beamdesign.build.ratings import Ratings, SensorNeed, StockChoice, ratings, sensor_need, stock_choices
 from beamdesign.build.realisation.loop import SampledVerdict, prove_sampled, realised_loop
 from beamdesign.build.realisation.realise import (
     DifferenceEquation,
@@ -23,7 +23,6 @@ from beamdesign.build.realisation.realise import (
     upper_break_Hz,
 )
 from beamdesign.build.tolerances import Tolerances, tolerances, why_no_box
-from beamdesign.build.tubes import StockChoice, stock_choices
 from beamdesign.json_text import finite
 from beamdesign.loop import loop
 from beamdesign.progress import Progress, silent
@@ -220,17 +219,18 @@ def specify(
             return replace(found, reason=f"changes between its laws are not proved: {switched.reason}")
     progress(0.02, "sections and ratings")
     found = _with_ratings(found)
-    sensor = sensor_need(prototype, masses_kg, load, noise_share, lambda text: progress(0.05, text))
+    progress(0.05, "bandwidth of the sensor")
+    sensor = sensor_need(prototype, masses_kg, load, noise_share)
     unboxed = why_no_box(stages[0].prototype)
     kept = None
     if not unboxed:
         kept = tolerances(prototype, masses_kg, lambda share, text: progress(0.1 + 0.4 * share, text))
     specified = {} if kept is None else kept.specified
 
-    def told(share: float, text: str, law: int) -> None:
+    def of_law(share: float, text: str, law: int) -> None:
         progress(0.5 + 0.5 * (law + share) / len(laws), text)
 
-    laws = tuple(_realised(one, specified, rate_Hz, duration_s, partial(told, law=k)) for k, one in enumerate(laws))
+    laws = tuple(_realised(one, specified, rate_Hz, duration_s, partial(of_law, law=k)) for k, one in enumerate(laws))
     return replace(found, laws=laws, sensor=sensor, tolerances=kept, tolerances_reason=unboxed)
 
 
@@ -283,7 +283,7 @@ def _realised(
     analogue: tuple[AnalogueController, ...] = ()
     why = ""
     try:
-        analogue = analogue_controllers(prototype, masses_kg, lambda text: progress(0.0, text))
+        analogue = analogue_controllers(prototype, masses_kg, lambda share, text: progress(0.2 * share, text))
     except ValueError as error:
         why = str(error)
     progress(0.2, "difference equation")

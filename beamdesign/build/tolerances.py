@@ -101,7 +101,7 @@ def toleranced_figures(prototype: Prototype) -> tuple[str, ...]:
 def tolerances(
     prototype: Prototype,
     masses_kg: tuple[float, float],
-    told: Progress = silent,
+    progress: Progress = silent,
 ) -> Tolerances:
     """Prove tolerances of a prototype whose nominal loop is proved stable for every outer end mass of a range.
 
@@ -110,7 +110,7 @@ def tolerances(
     Args:
         prototype: with a controller.
         masses_kg: range of outer end mass, all of which is in every box, or of several laws' boxes together.
-        told: the share done, and with what.
+        progress: told the share done, and with what.
     """
     stages = prototype.stages(masses_kg)
     names = toleranced_figures(stages[0].prototype)
@@ -125,9 +125,9 @@ def tolerances(
 
     alone: dict[str, _Borne] = {}
     for k, name in enumerate(names):
-        told(0.5 * k / len(names), f"tolerance of {name.replace('_', ' ')}")
+        progress(0.5 * k / len(names), f"tolerance of {name.replace('_', ' ')}")
         alone[name] = scale({name: _UNIT}, LARGEST / _UNIT)
-    told(0.5, "all tolerances at once")
+    progress(0.5, "all tolerances at once")
     bearing = min(found.refuted or LARGEST / _UNIT for found in alone.values())
     equal = scale(dict.fromkeys(names, _UNIT), bearing)  # no more than the weakest bears alone
     weights = {name: max(found.proved, 1e-3) * _UNIT for name, found in alone.items()}
@@ -139,7 +139,7 @@ def tolerances(
             stated = scale(None, _SIGMAS).proved
     rows = []
     for k, name in enumerate(names):
-        told(0.7 + 0.3 * k / len(names), "performance at the ends of the tolerances")
+        progress(0.7 + 0.3 * k / len(names), "performance at the ends of the tolerances")
         specified = _rounded_down(shared.proved * weights[name] / SAFETY)
         ends = None
         if name in CHANGEABLE:

@@ -4,9 +4,8 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
 from math import inf, pi, sqrt
 
 from beamdesign.build.drawing import missing_geometry
-from beamdesign.build.ratings import KEPT, MARGIN
+from beamdesign.build.ratings import KEPT, MARGIN, StockChoice, held_loads
 from beamdesign.build.specification import Specification
-from beamdesign.build.tubes import StockChoice, held_loads
 from beamdesign.quantity_text import decimal, mass_range_text, quantity, tube_text
 from beamdesign.report.page import Block, Items, Paragraph, Part, Picture, Table
 from beamdesign.structure.lumped import lumped_beam, notes

@@ -215,22 +215,17 @@ def code(spec: LawSpecification) -> Part:
             Paragraph(
                 f"Tustin's rule with poles and zeros prewarped each to its own frequency, at {law.rate_Hz:g} Hz,"
                 f" {decimal(law.rate_Hz / found.crossover_Hz if found.crossover_Hz else 0.0, 3)} times the highest"
-                " crossover of"
-                f" the loop, {decimal(found.crossover_Hz)} Hz (computed). The static gain is kept."
+                f" crossover of the loop, {decimal(found.crossover_Hz)} Hz (computed). The static gain is kept."
             ),
             Code(text),
             Table(("the loop is stable for every payload of the range", "foundation", "by"), tuple(rows)),
             Paragraph(
-                "The first two rows are about the sampled-data loop itself, with the coefficients as printed: a"
-                " held current,"
-                " exact timing, all other figures nominal. A computation time between none and a period, jitter,"
-                " and the"
-                " resolution of the converters are not covered by them; the third row is about a continuous loop,"
-                " which stands"
-                " for the sampled one only approximately. Bandwidth and peak sensitivity are not proved for the"
-                " sampled loop."
-                " Put the current out at the next sample: then its timing does not depend on how long the"
-                " computation takes."
+                "The first two rows are about the sampled-data loop itself, with the coefficients as printed: a held"
+                " current, exact timing, all other figures nominal. A computation time between none and a period,"
+                " jitter, and the resolution of the converters are not covered by them; the third row is about a"
+                " continuous loop, which stands for the sampled one only approximately. Bandwidth and peak sensitivity"
+                " are not proved for the sampled loop. Put the current out at the next sample: then its timing does not"
+                " depend on how long the computation takes."
             ),
         ),
     )
@@ -274,9 +269,8 @@ def tolerance_part(spec: Specification) -> Part:
         f"All figures off by the same share at once, in any directions: proved stable to {share(found.equal)}"
         + (f", refuted at {share(found.equal_refuted, ROUND_CEILING)}." if found.equal_refuted is not None else "."),
         "All at once, each in proportion to what it bears alone: the column together is proved as one box.",
-        f"Build to the column specified: what is proved together, divided by {SAFETY:g}, since a rig at the edge"
-        " of what is"
-        " proved hardly damps anything. The acceptance bands are over these.",
+        f"Build to the column specified: what is proved together, divided by {SAFETY:g}, since a rig at the edge of"
+        " what is proved hardly damps anything. The acceptance bands are over these.",
         "Bandwidth and peak sensitivity are proved with that one figure at either end of what is specified; between the"
         " ends and for several figures at once they are not proved.",
         "Dashpots are figures of their own: a tolerance of a stiffness or a mass leaves its beam's dashpot as it is.",
@@ -284,8 +278,7 @@ def tolerance_part(spec: Specification) -> Part:
     if found.stated_sigmas is not None:
         words.append(
             f"The prototype's own tolerances, all at once, are proved to {decimal(found.stated_sigmas)} of their"
-            " standard"
-            " deviations."
+            " standard deviations."
         )
     heads = (
         "figure", "alone", "alone, refuted at", "together", "specified",

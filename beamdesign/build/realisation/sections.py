@@ -21,6 +21,7 @@ from typing import Literal
 
 from beamdesign.controllers import SENSED, Controller, TransferFunction
 from beamdesign.polynomial import roots
+from beamdesign.rational import nearest
 
 Factor = tuple[list[complex], list[complex]]
 """Poles and zeros of a factor, rad/s."""
@@ -119,7 +120,7 @@ def factored(law: TransferFunction) -> tuple[float, list[Factor]]:
     if any(root.real >= 0 for group in poles for root in group):
         raise ValueError("the controller itself is not stable")
     static = numerator(0) / denominator(0)
-    return int(static.p) / int(static.q), _paired(poles, zeros)
+    return nearest(static), _paired(poles, zeros)
 
 
 def discretised(controller: Controller | TransferFunction, rate_Hz: float, prewarped: bool = True) -> DiscreteLaw:

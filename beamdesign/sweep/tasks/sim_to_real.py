@@ -21,10 +21,9 @@ from beamdesign.structure.lumped import lumped_beam
 from beamdesign.sweep.tasks import Answer, SimToRealOptions, payload_range
 from beamdesign.synthesis.tuning import tune
 from beamdesign.validation.truth.believed import assembled, draw_true, rig_figures
-from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take
+from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take, write_case
 from beamdesign.validation.truth.drawing import linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, Scales
-from beamdesign.validation.truth.writing import write_case
 
 
 def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:

@@ -243,9 +243,8 @@ def document_of(comparison: Comparison, drawings: list[Drawing]) -> Document:
         f"{mass:.3f} kg (crossing at {hertz:.1f} Hz)" for mass, hertz in comparison.remedy_crossings
     )
     remedy = (
-        "The paper adds 4.5 kg inside so that 6.8 kg can be carried. At"
-        f" {_REMEDY_GAIN_MA_PER_V:g} mA/V its own model is stable only between {crossings} of mass on the outer beam:"
-        " with no payload it oscillates."
+        f"The paper adds 4.5 kg inside so that 6.8 kg can be carried. At {_REMEDY_GAIN_MA_PER_V:g} mA/V its own model"
+        f" is stable only between {crossings} of mass on the outer beam: with no payload it oscillates."
     )
     slips = tuple((slip.where, slip.printed, slip.read_as, slip.check) for slip in comparison.slips)
     drawn_from = (

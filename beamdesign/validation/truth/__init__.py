@@ -1,9 +1,8 @@
 """Truth model of the blind check: a rig of its own physics, which shares no equation with the diagnosis."""
 
-from beamdesign.validation.truth.case import Case, Departure, Motion, Run, noise_free, take
+from beamdesign.validation.truth.case import Case, Departure, Motion, Run, answer, noise_free, take, write_case
 from beamdesign.validation.truth.drawing import KIND_NAMES, draw_case
 from beamdesign.validation.truth.effects import LISTED, OUTSIDE, PARAMETERS
-from beamdesign.validation.truth.writing import answer, write_case
 
 __all__ = [
     "KIND_NAMES",

@@ -1,13 +1,17 @@
-"""One blind case: a believed rig, the rig that is really there, and what drives it: many lines, or steps of load."""
+"""One blind case: a believed rig, the rig that is really there, what drives it, and the data set it is written as."""
 
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import tomli_w
 
-from beamdesign.validation.truth.believed import assembled, controller_figures, rig_figures
-from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Scales, Shape
+from beamdesign.files import write_whole
+from beamdesign.json_text import picked
+from beamdesign.validation.truth.believed import assembled, believed_figures, controller_figures, rig_figures
+from beamdesign.validation.truth.effects import KINDS, LISTED, PARAMETERS, Scales, Shape
 from beamdesign.validation.truth.rig import SAMPLE_S, STEP_S, Motion, march
 
 FADE_S = 0.1
@@ -170,7 +174,6 @@ class Case:
         scales: magnitudes by which effects are sized.
         gaps: RMS over the records of what the effects change over the displacement itself: `all`, each alone by its
             name; `background` and `tolerances`, over the first part of the records; and `floor`, the same of the noise.
-        extras: `frequency_response` and `critical_gain` where they are to be taken as well.
         notes: what had to be drawn again, in words.
     """
 
@@ -186,7 +189,6 @@ class Case:
     duration_s: float
     scales: Scales = field(hash=False)
     gaps: dict[str, float] = field(default_factory=dict, hash=False)
-    extras: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -276,13 +278,8 @@ def take(case: Case, run: Run, noisy: bool = False, duration_s: float | None = N
     figures = run_figures(case, run)
     step = step_of(figures)
     inputs = inputs_of(case, run, noisy, step, duration_s or case.duration_s)
-    return driven(figures, inputs, _lost(case, run, figures, (len(inputs) - 1) // 2, step))
-
-
-def driven(figures: Shape, inputs: np.ndarray, lost: np.ndarray | None = None) -> Motion:
-    """March a rig through inputs at every half of its step, see `step_of` and `march`."""
     record, modes = assembled(figures)
-    return march(record, modes, inputs, lost, step_of(figures))
+    return march(record, modes, inputs, _lost(case, run, figures, (len(inputs) - 1) // 2, step), step)
 
 
 def noise_free(case: Case, duration_s: float | None = None) -> dict[str, Motion]:
@@ -309,3 +306,92 @@ def relative_floor(case: Case, without: dict[str, Motion]) -> float:
     """The same of the noise of the sensor and the step of the recorder."""
     sizes = [float(np.mean(motion.displacement**2)) for motion in without.values()]
     return float(np.sqrt(np.mean([case.noise.floor_m**2 / size for size in sizes])))
+
+
+_ROW = "%.4f,%.2f,%.6f,%.7f,%.4e"
+
+
+def recorded(case: Case, run: Run) -> dict[str, np.ndarray]:
+    """Columns of one record as the recorder writes them."""
+    motion = take(case, run, noisy=True)
+    rng = np.random.default_rng([case.seed, run.drive.seed, 3])
+    count = len(motion.times)
+    inputs = inputs_of(case, run, False, STEP_S, case.duration_s)[:: round(2 * SAMPLE_S / STEP_S)]
+    quantum = case.noise.quantum_m
+    return {
+        "t_s": motion.times,
+        "disturbance_N": inputs[:, 0] + rng.normal(0, case.noise.force_N, count),
+        "command_V": inputs[:, 1],
+        "current_A": motion.current + rng.normal(0, case.noise.current_A, count),
+        "displacement_m": quantum * np.round(motion.displacement / quantum),
+    }
+
+
+def write_case(case: Case, folder: Path | str) -> None:
+    """Write the data set of a case, without its answer.
+
+    Args:
+        case: drawn.
+        folder: made where it is not there.
+
+    Raises:
+        OSError: where it cannot be written.
+    """
+    folder = Path(folder)
+    (folder / "records").mkdir(parents=True, exist_ok=True)
+    index: dict[str, Any] = {"name": f"case-{case.seed}", "prototype": "prototype.toml", "record": []}
+    for run in case.runs:
+        file = f"records/{run.name}.csv"
+        columns = recorded(case, run)
+        lines = (_ROW % tuple(line) for line in np.column_stack(list(columns.values())).tolist())
+        write_whole(folder / file, "\n".join((",".join(columns), *lines)) + "\n")
+        setting = picked(run, "outer_end_mass_kg inner_end_mass_kg controller")
+        index["record"].append({"file": file} | setting)
+    write_whole(folder / "prototype.toml", tomli_w.dumps(case.believed))
+    write_whole(folder / "dataset.toml", tomli_w.dumps(index))
+
+
+def told(case: Case, departure: Departure) -> dict[str, Any]:
+    """Parameters of one effect in the units of the contract's effects, and the severity it was drawn with."""
+    if departure.figure:
+        factor = float(np.exp(departure.severity))
+        value = believed_figures(case.believed)[departure.figure] * case.factors[departure.figure]
+        return {"figure": departure.figure, "factor": factor, "value": value}
+    figures = run_figures(case, case.runs[0])
+    record, modes = assembled(figures)
+    values = dict(zip(record.dtype.names or (), (float(v) for v in record[0]), strict=True))
+    found: dict[str, Any] = KINDS[departure.name].told(values)
+    if departure.name == "second_beam_mode":
+        rates = np.sqrt(modes[0] / modes[1])
+        found |= {
+            "frequency_Hz": float(rates[1] / (2 * np.pi)),
+            "compliance_share": float(modes[0, 0] / modes[0, 1]),
+            "damping_ratio": float(modes[2, 1] / (2 * np.sqrt(modes[0, 1] * modes[1, 1]))),
+        }
+    return found | {"severity": departure.severity, "figures": departure.changes(case.scales)}
+
+
+def answer(case: Case) -> dict[str, Any]:
+    """What is in a case, as tables of plain values (JSON and TOML alike).
+
+    `effects` and `subsystem` are those of the contract's answer files; `subsystem` is that of the effect with the
+    largest gap. `gap_over_floor` compares the rig with and without the effects, tolerances and background the same,
+    free of noise.
+    """
+    floor = case.gaps["floor"]
+    return {
+        "seed": case.seed,
+        "kind": case.kind,
+        "effects": list(case.names),
+        "subsystem": case.departures[0].subsystem if case.departures else "",
+        "subsystems": [d.subsystem for d in case.departures],
+        "in_library": all(d.name in LISTED or d.figure != "" for d in case.departures),
+        "parameters": {d.name: told(case, d) for d in case.departures},
+        "gap_over_floor": case.gap_over_floor,
+        "gaps_over_floor": {name: value / floor for name, value in case.gaps.items()},
+        "relative_floor": floor,
+        "noise_floor_m": case.noise.floor_m,
+        "tolerance_factors": dict(case.factors),
+        "background": {d.name: d.severity for d in case.background},
+        "notes": list(case.notes),
+    }

@@ -116,7 +116,6 @@ def draw_case(
     *,
     short: bool = False,
     names: tuple[str, ...] = (),
-    extras: tuple[str, ...] = (),
     target: float | None = None,
 ) -> Case:
     """Draw one case; the same arguments give the same case.
@@ -127,7 +126,6 @@ def draw_case(
             parameter (a plain wrong figure).
         short: five records of 1.75 s instead of eight of 4 s.
         names: effects to put in, instead of drawn ones; `parameter:NAME` for a wrong figure.
-        extras: `frequency_response`, `critical_gain`.
         target: gap over the floor to aim for, instead of a drawn one; of each effect of a pair.
 
     Raises:
@@ -150,7 +148,7 @@ def draw_case(
         chosen = names or _draw_names(kind, rng)
         found = _with_effects(case, chosen, rng, target, notes)
         if found is not None:
-            return replace(found, extras=extras, notes=tuple(notes))
+            return replace(found, notes=tuple(notes))
     raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
 
 

@@ -171,7 +171,6 @@ def march(
     inputs: np.ndarray,
     lost: np.ndarray | None = None,
     step_s: float = STEP_S,
-    sample_s: float = SAMPLE_S,
     start: np.ndarray | None = None,
 ) -> Motion:
     """March the rig from rest through one record.
@@ -182,7 +181,6 @@ def march(
         inputs: (2 N + 1, 3) force (N), command (V) and sensor noise (V) at every half step.
         lost: (N + 1,) whether the sensor has dropped out at each step.
         step_s: step.
-        sample_s: sampling interval, a whole number of steps.
         start: (36,) state to start from.
 
     Raises:
@@ -196,9 +194,9 @@ def march(
     state = np.zeros(STATES) if start is None else np.asarray(start, dtype=float)
     given = np.zeros(steps + 1, dtype=np.bool_) if lost is None else lost
     out, bounded = _march(
-        figures, np.ascontiguousarray(modes), np.ascontiguousarray(inputs), given, step_s, round(sample_s / step_s),
+        figures, np.ascontiguousarray(modes), np.ascontiguousarray(inputs), given, step_s, round(SAMPLE_S / step_s),
         state,
     )  # fmt: skip
     volts_per_m = figures["believed_sensor_gain"][0]
-    times = np.arange(out.shape[0]) * sample_s
+    times = np.arange(out.shape[0]) * SAMPLE_S
     return Motion(times, out[:, 0], out[:, 1] / volts_per_m, out[:, 2], out[:, 3], out[:, 4], bounded)
