@@ -16,6 +16,7 @@ import tomli_w
 
 from beamdesign.build.tolerances import why_no_box
 from beamdesign.files import write_whole
+from beamdesign.json_text import picked
 from beamdesign.loop import CriticalGain, critical_gain, loop
 from beamdesign.parameters import RIG_TOLERANCES
 from beamdesign.plant.changed_figures import CHANGEABLE, with_figures
@@ -227,39 +228,42 @@ def acceptance_plan(
         duration_s: of each record.
     """
     masses, words = _payloads(prototype, masses_kg)
-    force = _two_digits(_SHARE * min(_least_load(prototype, mass) for mass in masses))
+    grid = np.geomspace(LOW_HZ, 100.0, 60)
+    force = _two_digits(_SHARE * min(float(envelope(prototype, mass, 0.0, grid).load_N.min()) for mass in masses))
     command = _COMMAND_M * prototype.sensor.gain_V_per_m
     controller = prototype.controller
     assert controller is not None
     if (rated := rated_current(prototype)) is not None:
         command = min(command, _OF_RATED * rated / controller.gain_A_per_V)
     command, small = _two_digits(command), _two_digits(force / _SMALLER)
-    rows: list[ScenarioRecord] = []
-
-    def add(name: str, mass: float, signal: Input) -> None:
-        rows.append(
-            ScenarioRecord(
-                name=name,
-                input=(signal,),
-                outer_end_mass_kg=mass,
-                inner_end_mass_kg=prototype.payload.inner_end_mass_kg,
-                controller=controller,
-            )
+    drives: list[tuple[str, float, Input]] = [
+        (
+            f"{load}_{name}",
+            mass,
+            Multisine(amplitude_N=newtons, amplitude_V=volts, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + number),
         )
-
-    for k, mass in enumerate(masses):
-        load = "light" if k == 0 else "heavy"
-        add(f"{load}_force", mass, Multisine(amplitude_N=force, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + 1))
-        add(f"{load}_small_force", mass, Multisine(amplitude_N=small, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + 2))
-        add(f"{load}_command", mass, Multisine(amplitude_V=command, low_Hz=LOW_HZ, high_Hz=HIGH_HZ, seed=10 * k + 3))
-    dwell = _two_digits(duration_s / 5)
-    add("load_steps", masses[-1], LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=dwell, rise_s=0.03))
+        for k, (load, mass) in enumerate(zip(("light", "heavy"), masses, strict=False))
+        for number, (name, newtons, volts) in enumerate(
+            (("force", force, None), ("small_force", small, None), ("command", None, command)), 1
+        )
+    ]
+    steps = LoadSteps(amplitude_N=_two_digits(force / 2), dwell_s=_two_digits(duration_s / 5), rise_s=0.03)
+    rows = tuple(
+        ScenarioRecord(
+            name=name,
+            input=(signal,),
+            outer_end_mass_kg=mass,
+            inner_end_mass_kg=prototype.payload.inner_end_mass_kg,
+            controller=controller,
+        )
+        for name, mass, signal in (*drives, ("load_steps", masses[-1], steps))
+    )
     scenario = Scenario(
         name=f"acceptance of {shorter(prototype.name)}",
         duration_s=duration_s,
         sample_s=SAMPLE_S,
         start="rest",
-        record=tuple(rows),
+        record=rows,
     )
     return AcceptancePlan(scenario, force, command, masses, words)
 
@@ -322,12 +326,9 @@ def dataset_text(prototype: Prototype, plan: AcceptancePlan) -> str:
         "name": plan.scenario.name,
         "prototype": "prototype.toml",
         "record": [
-            {
-                "file": f"records/{row.name}.csv",
-                "outer_end_mass_kg": row.outer_end_mass_kg,
-                "inner_end_mass_kg": row.inner_end_mass_kg,
-                "controller": controller.model_dump(),
-            }
+            {"file": f"records/{row.name}.csv"}
+            | picked(row, "outer_end_mass_kg inner_end_mass_kg")
+            | {"controller": controller.model_dump()}
             for row in plan.scenario.record
         ],
     }
@@ -357,10 +358,6 @@ def _payloads(prototype: Prototype, masses_kg: tuple[float, float]) -> tuple[tup
                 words = f"the loop is proved stable from {first:.4g} to {last:.4g} kg; {other:g} kg lies well inside"
                 return tuple(sorted((low, other))), words
     return (low,), "no second payload at which the loop is stable was found; one payload tells less"
-
-
-def _least_load(prototype: Prototype, mass: float) -> float:
-    return float(envelope(prototype, mass, 0.0, np.geomspace(LOW_HZ, 100.0, 60)).load_N.min())
 
 
 def _two_digits(value: float) -> float:

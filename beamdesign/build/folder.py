@@ -1,37 +1,46 @@
-"""The folder that `beamdesign spec` leaves behind: document, drawing, proofs, data set to fill in."""
+"""The folder that `beamdesign spec` leaves behind: document, drawing, proofs, data set to fill in.
 
-from collections.abc import Callable
-from dataclasses import fields, is_dataclass, replace
+The words of the document stand in the template `specification.j2`, which is filled in and read block by block, with an
+empty line between two: `## ` begins a part, `- ` an item of a list (lines that go on are indented), `│` a row of a
+table whose cells it parts, the first of them its heads, with a caption after `= ` above; four blanks begin a line of
+code, `! ` the caption of the drawing. All else is a paragraph.
+"""
+
+import hashlib
+import re
+from dataclasses import fields, is_dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN
+from functools import cache, partial
+from itertools import groupby
+from math import inf, pi
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
 from beamdesign.build.acceptance import (
     MEASURED_WITHIN,
-    AcceptanceAtMass,
-    Band,
     bare_frequencies_Hz,
     believed,
     write_data_folder,
 )
+from beamdesign.build.analogue import AnalogueController
 from beamdesign.build.drawing import drawing, dxf_text, missing_geometry, svg_text
+from beamdesign.build.ratings import KEPT, MARGIN, held_loads
 from beamdesign.build.specification import LawSpecification, Specification
-from beamdesign.build.words_build import actuator, masses, masses_text, optional, sections, sensor
-from beamdesign.build.words_control import (
-    changes,
-    circuit,
-    code,
-    controller,
-    guaranteed,
-    tolerance_part,
-)
+from beamdesign.build.tolerances import LARGEST, SAFETY, why_no_box
 from beamdesign.files import fresh_folder, write_whole
-from beamdesign.json_text import json_text
+from beamdesign.json_text import json_text, picked
 from beamdesign.proofs.certificate import Guaranteed
 from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
-from beamdesign.quantity_text import at_least, at_most, decimal, quantity
+from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity, tube_text
+from beamdesign.rational import nearest
 from beamdesign.records import Record, to_toml
-from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Table, to_html, to_markdown
-from beamdesign.scenario import LoadSteps, Multisine, ScenarioRecord
+from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
+from beamdesign.report.statements import proved_statements
+from beamdesign.spelling import one_line
+from beamdesign.structure.lumped import lumped_beam, notes
+from beamdesign.structure.materials import STRENGTH_SOURCE
 
 BASIS = {
     "guaranteed": "proved",
@@ -50,7 +59,12 @@ _RETIRING = (
     "components/*.toml",
 )  # fmt: skip
 """Of an earlier specification; what was measured for it stays."""
-_STANDALONE = 'xmlns="http://www.w3.org/2000/svg"'
+
+
+_AGAIN = Paragraph(
+    "Tune the controller and the inner end mass for the range (`beamdesign tune`), or ask for a range that is stable"
+    " with `--outer-end-mass`, then specify again."
+)
 
 
 def document_of(spec: Specification, svg: str = "") -> Document:
@@ -58,69 +72,26 @@ def document_of(spec: Specification, svg: str = "") -> Document:
     kind = "Specification"
     if spec.reason:
         ranges = ", ".join(f"{low:.6g} to {high:.6g} kg" for low, high in _stable_ranges_kg(spec)) or "none"
-        return Document(
-            spec.prototype.name,
-            kind,
-            f"Nothing is specified: {spec.reason}.",
-            (("stable ranges within what was asked", ranges), ("foundation", "proved")),
-            (
-                Part(
-                    "What to do",
-                    (
-                        Paragraph(
-                            "Tune the controller and the inner end mass for the range (`beamdesign tune`), or ask for a"
-                            " range that is stable with `--outer-end-mass`, then specify again."
-                        ),
-                    ),
-                ),
-            ),
-        )
-    found = spec.guaranteed
-    assert found is not None
-    reached = masses_text(spec.masses_kg)
+        found = (("stable ranges within what was asked", ranges), ("foundation", "proved"))
+        verdict = f"Nothing is specified: {spec.reason}."
+        return Document(spec.prototype.name, kind, verdict, found, (Part("What to do", (_AGAIN,)),))
+    reached, masses_kg = spec.guaranteed, masses_text(spec.masses_kg)
+    assert reached is not None
     verdict = (
-        f"With every mass of {reached} on its outer tip the rig is proved stable, gives way by no more than"
-        f" {quantity(spec.prototype.goal.compliance_m_per_N, 'm/N')} up to {at_least(found.bandwidth_Hz, 'Hz')} and"
-        f" keeps its peak sensitivity at {at_most(found.peak_sensitivity, '1')} or below, by the linear model with"
+        f"With every mass of {masses_kg} on its outer tip the rig is proved stable, gives way by no more than"
+        f" {quantity(spec.prototype.goal.compliance_m_per_N, 'm/N')} up to {at_least(reached.bandwidth_Hz, 'Hz')} and"
+        f" keeps its peak sensitivity at {at_most(reached.peak_sensitivity, '1')} or below, by the linear model with"
         f" nominal figures{', while the law acts that is for that mass' if spec.switching else ''}."
     )
     key = (
-        ("guaranteed bandwidth (proved)", at_least(found.bandwidth_Hz, "Hz")),
-        ("guaranteed peak sensitivity (proved)", at_most(found.peak_sensitivity, "1")),
-        ("for outer end masses of", reached),
+        ("guaranteed bandwidth (proved)", at_least(reached.bandwidth_Hz, "Hz")),
+        ("guaranteed peak sensitivity (proved)", at_most(reached.peak_sensitivity, "1")),
+        ("for outer end masses of", masses_kg),
         ("inner end mass to be added", quantity(spec.prototype.payload.inner_end_mass_kg, "kg")),
         ("load across the tip", quantity(spec.load_N, "N")),
     )
 
-    def of_laws(*words: Callable[[LawSpecification], Part]) -> list[Part]:
-        made = [(law.stage.number, word(law)) for law in spec.laws for word in words]
-        return [replace(part, title=f"{part.title}, stage {number}") if number else part for number, part in made]
-
-    realised = spec.laws[0].digital is not None
-    parts = (
-        *of_laws(guaranteed), *([changes(spec)] if spec.switching else []), sections(spec, svg), masses(spec),
-        actuator(spec), sensor(spec), *of_laws(controller), *(of_laws(circuit, code) if realised else [_further()]),
-        *([tolerance_part(spec)] if realised else []), *of_laws(acceptance_part), _foundations(),
-    )  # fmt: skip
-    return Document(spec.prototype.name, kind, verdict, key, parts)
-
-
-def _further() -> Part:
-    text = (
-        "`beamdesign spec prototype.toml` gives a circuit of preferred values and the difference equation, both proved"
-        " as they are realised; what the sensor must be; tolerances; a drawing; and an acceptance test with limits."
-    )
-    return Part("Realisation", (Paragraph(text),))
-
-
-def _foundations() -> Part:
-    text = (
-        "Proved: decided in exact rational or in ball arithmetic. Refuted: an example was found that does not hold."
-        " Computed: closed formulas and frequency responses of the linear model in floating point. Sampled: the"
-        " extremes of examples that were drawn. Given: stands in the prototype. All of it is about the linear model;"
-        " how far a rig follows it is for the acceptance test to say."
-    )
-    return Part("How each figure is founded", (Paragraph(text),))
+    return Document(spec.prototype.name, kind, verdict, key, parts_of(spec, svg))
 
 
 def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
@@ -139,11 +110,7 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
         drawn = drawing(spec.prototype)
         svg = svg_text(drawn, "dimensioned drawing of the rig")
         texts["drawing_dxf"] = ("drawing.dxf", dxf_text(drawn))
-        alone = svg.replace("var(--ink, #000)", "#000000")
-        texts["drawing_svg"] = (
-            "drawing.svg",
-            alone if _STANDALONE in alone else alone.replace("<svg", f"<svg {_STANDALONE}", 1),
-        )
+        texts["drawing_svg"] = ("drawing.svg", svg.replace("var(--ink, #000)", "#000000"))
     document = document_of(spec, svg)
     texts["markdown"] = ("specification.md", to_markdown(document))
     texts["html"] = ("specification.html", to_html(document))
@@ -162,7 +129,7 @@ def write_specification(spec: Specification, out: Path) -> dict[str, Path]:
                 name = f"{one.circuit.resistors}_{one.circuit.capacitors}_{100 * at.resistors:g}_{100 * at.capacitor:g}"
                 texts[f"components_{name}{number}"] = (f"components/{name}{end}.toml", at.certificate)
         if law.plan is not None:
-            folders[f"dataset{number}"] = (f"{ACCEPTANCE_FOLDER}{end}", law)
+            folders[f"dataset{number}"] = (f"acceptance{end}", law)
     if spec.switching is not None:
         summary = "\n".join((f"{spec.prototype.name}: changes between its laws", *describe(spec.switching)))
         texts["certificate_switching"] = (CHANGES_NAME, stages_certificate(spec.prototype, spec.switching, summary))
@@ -227,9 +194,7 @@ def _of_law(law: LawSpecification) -> dict[str, Any]:
 
 
 def _reached(found: Guaranteed | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    return {"bandwidth_Hz": found.bandwidth_Hz, "peak_sensitivity": found.peak_sensitivity, "basis": "proved"}
+    return None if found is None else picked(found, "bandwidth_Hz peak_sensitivity") | {"basis": "proved"}
 
 
 def _stable_ranges_kg(spec: Specification) -> list[tuple[float, float]]:
@@ -256,131 +221,146 @@ def _plain(value: Any) -> Any:
     return value
 
 
-ACCEPTANCE_FOLDER = "acceptance"
+_CELL = "│"
 
 
-def acceptance_part(spec: LawSpecification) -> Part:
-    """What to measure: expected values with limits, and where the law is realised excitations and the data set."""
-    rig, controller = spec.stage.prototype, spec.stage.prototype.controller
-    assert controller is not None
-    bare, ratios = bare_frequencies_Hz(rig), (rig.outer_beam.damping_ratio, rig.inner_beam.damping_ratio)
-    steps = [
-        f"Before the loop is closed, tap each beam alone: outer {quantity(bare[0], 'Hz')} (module on, no payload),"
-        f" inner {quantity(bare[1], 'Hz')} (its end mass on), damping ratios {decimal(ratios[0])} and"
-        f" {decimal(ratios[1])}; computed.",
-        f"With the controller at {quantity(controller.gain_A_per_V, 'A/V')} measure the compliance.",
-        "Then raise the gain, all else as specified, until an oscillation keeps up by itself; stop there.",
-    ]
-    limits: tuple[str, ...] = (
-        "Nothing here has an allowance for tolerances: what is expected is nominal, by the linear model (computed).",
-    )
-    excited: tuple[Block, ...] = ()
-    filled: tuple[Block, ...] = ()
-    if spec.plan is not None:
-        plan, scenario = spec.plan, spec.plan.scenario
-        folder = f"{ACCEPTANCE_FOLDER}{spec.stage.suffix}"
-        steps[1] = (
-            f"Take the records below with the controller at {quantity(controller.gain_A_per_V, 'A/V')}, each from rest,"
-            f" sampled every {1e3 * scenario.sample_s:g} ms for {scenario.duration_s:g} s. Forces and volts are in"
-            f" `{folder}/excitation`, peaks as in the table."
-        )
-        heads = ("record", "payload", "excitation", "peak", "band")
-        excited = (Table(heads, tuple(_excitation(row) for row in scenario.record), "Excitations"),)
-        if plan.second_mass:
-            words = f"The range is one mass; for the records a second one was chosen: {plan.second_mass}."
-            excited = (*excited, Paragraph(words))
-        limits = (
-            f"Limits are the extremes over rigs drawn from the box of specified tolerances, and"
-            f" {100 * MEASURED_WITHIN:g} % for the measurement itself. They are sampled: a rig within the tolerances"
-            " could lie a little outside.",
-            "No oscillation up to the gain that is called proved: a rig that oscillates below it has a figure outside"
-            " its specified tolerance, or something that the model does not have.",
-            "Pass: every compliance and every critical gain within its limits. Fail otherwise; then diagnose.",
-        )
-        filled = _to_fill_in(folder)
-    published = (
-        "The linear model has no friction, dead band, saturation or air. The published rig of this kind began to"
-        " oscillate at 62 to 75 % of the gains its linear model had predicted."
-    )
-    blocks = (Items(tuple(steps)), *excited, *_expected(spec.acceptance), Items((*limits, published)), *filled)
-    return Part("Acceptance test", blocks)
+def optional(value: float | None, unit: str, rounding: str = ROUND_HALF_EVEN) -> str:
+    """A quantity, or a dash where there is none; what is proved is to be rounded to the safe side."""
+    return "–" if value is None else quantity(value, unit, rounding=rounding)
 
 
-def _expected(rows: tuple[AcceptanceAtMass, ...]) -> tuple[Table, Table]:
-    """Compliances over frequency, and critical gains with what holds at the specified one; payload by payload."""
-    between = "nominal (computed), and where in brackets pass if between (sampled)"
-    compliance = Table(
-        ("frequency", *(f"with {quantity(row.outer_end_mass_kg, 'kg')}" for row in rows)),
-        (
-            ("static", *(quantity(row.static_compliance_m_per_N, "m/N") for row in rows)),
-            *(
-                (quantity(f, "Hz"), *(_limits(row.compliance_m_per_N[f], "m/N") for row in rows))
-                for f in rows[0].compliance_m_per_N
-            ),
-        ),
-        f"Compliance |x/F_d| at the specified gain: {between}",
-    )
-    gains = Table(
-        (
-            "payload", "critical gain", "frequency of the oscillation", "no oscillation up to (proved)",
-            "bandwidth at the specified gain", "peak sensitivity at it",
-        ),
-        tuple(
-            (
-                quantity(row.outer_end_mass_kg, "kg"),
-                _limits(row.critical_gain_A_per_V, "A/V", "none: no gain sets in oscillation"),
-                _limits(row.oscillation_Hz, "Hz"),
-                optional(row.critical_gain_proved_A_per_V, "A/V"),
-                quantity(row.bandwidth_Hz, "Hz"),
-                decimal(row.peak_sensitivity),
-            )
-            for row in rows
-        ),
-        f"Critical gain: {between}; bandwidth and peak sensitivity are nominal",
-    )  # fmt: skip
-    return compliance, gains
+def masses_text(bounds: tuple[float, float]) -> str:
+    """A range of masses, or the one mass that it holds."""
+    return f"{bounds[0]:g} kg" if bounds[0] == bounds[1] else mass_range_text(bounds)
 
 
-def _limits(band: Band | None, unit: str, none: str = "–") -> str:
-    """The nominal value, with limits where the band has a width."""
-    if band is None:
-        return none
-    if band.low == band.high:
-        return quantity(band.nominal, unit)
-    low, high = (quantity(value, unit, 3).split()[0] for value in band.limits)
-    return f"{quantity(band.nominal, unit, 3)} ({low} to {high})"
+def parts_of(spec: Specification, svg: str) -> tuple[Part, ...]:
+    """The parts of the document of a specification whose loop is stable; the drawing is left out where it is empty."""
+
+    def files(stem: str) -> str:
+        return " and ".join(f"`{stem}{law.stage.suffix}.toml`" for law in spec.laws)
+
+    text = _template().render(spec=spec, files=files)
+    found: list[tuple[str, list[Block]]] = []
+    for filled, lines in groupby(text.splitlines(), key=lambda line: bool(line.strip())):
+        if not filled:
+            continue
+        first, *more = block = list(lines)
+        if first.startswith("## "):
+            found.append((first[3:], []))
+        elif not first.startswith("! ") or svg:
+            found[-1][1].append(_block(first, more, block, svg))
+    return tuple(Part(title, tuple(blocks)) for title, blocks in found)
 
 
-def _to_fill_in(folder: str) -> tuple[Block, ...]:
-    """How to use the data set that waits for the measurements."""
-    return (
-        Paragraph(
-            f"The folder `{folder}` is a data set to fill in: one CSV file per record in `{folder}/records`, whose"
-            " column names stand there already (`displacement_m` is the sensor's volts over its believed gain, measured"
-            " from rest). Critical gains go into its `dataset.toml`, where lines for them are prepared. Its"
-            " `prototype.toml` states as standard deviations what the prototype does, or else the specified tolerances"
-            " over √3. Then"
-        ),
-        Code(f"beamdesign gap diagnose {folder}"),
-        Paragraph(
-            "says where the rig differs from this specification, and why. To rehearse it with a simulated rig first:"
-        ),
-        Code(
-            f"beamdesign simulate {folder}/prototype.toml --scenario {folder}/scenario.toml --out rehearsal\n"
-            "# then copy the CSV files of rehearsal into the records of a copy of the folder"
-        ),
-    )
-
-
-def _excitation(row: ScenarioRecord) -> tuple[str, ...]:
-    (signal,) = row.input
-    peak = f"{signal.amplitude_N:g} N" if getattr(signal, "amplitude_N", None) else f"{signal.amplitude_V:g} V"  # type: ignore[union-attr]
-    where = "force on the outer tip" if getattr(signal, "amplitude_N", None) else "command"
-    match signal:
-        case Multisine():
-            words, band = "many sines at once", f"{signal.low_Hz:g} to {signal.high_Hz:g} Hz"
-        case LoadSteps():
-            words, band = f"steps both ways, {signal.dwell_s:g} s each", f"rise in {1e3 * signal.rise_s:g} ms"
+def _block(first: str, more: list[str], lines: list[str], svg: str) -> Block:
+    """The block that some lines are."""
+    match first[0]:
+        case "=":
+            return _table(more, first[2:])
+        case "│":
+            return _table(lines)
+        case "-":
+            items = re.split(r"\n- ", "\n".join(lines).removeprefix("- "))
+            return Items(tuple(_joined(item.split("\n")) for item in items))
+        case "!":
+            return Picture(svg, "drawing.svg", first[2:])
+        case " ":
+            return Code("\n".join(line[4:] for line in lines))
         case _:
-            words, band = signal.kind, ""
-    return row.name, quantity(row.outer_end_mass_kg, "kg"), f"{where}: {words}", peak, band
+            return Paragraph(_joined(lines))
+
+
+def _table(rows: list[str], caption: str = "") -> Table:
+    heads, *cells = (tuple(cell.strip() for cell in row.split(_CELL)[1:]) for row in rows)
+    return Table(heads, tuple(cells), caption)
+
+
+def _joined(lines: list[str]) -> str:
+    return " ".join(line.strip() for line in lines)
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: one_line(str(value)).replace(_CELL, "|"),
+    )
+    environment.globals |= {
+        "q": quantity,
+        "d": decimal,
+        "optional": optional,
+        "floor": partial(optional, rounding=ROUND_FLOOR),
+        "ceiling": partial(optional, rounding=ROUND_CEILING),
+        "masses": masses_text,
+        "tube_text": tube_text,
+        "nearest": nearest,
+        "repr": repr,
+        "zip": zip,
+        "inf": inf,
+        "pi": pi,
+        "sha256": lambda text: hashlib.sha256(text.encode()).hexdigest(),
+        "answer": {True: "proved", False: "refuted", None: "undecided"},
+        "stage": lambda law: f", stage {law.stage.number}" if law.stage.number else "",
+        "guaranteed": _guaranteed,
+        "describe": describe,
+        "changes_name": CHANGES_NAME,
+        "missing_geometry": missing_geometry,
+        "lumped_beam": lumped_beam,
+        "notes": notes,
+        "strength_source": STRENGTH_SOURCE,
+        "held_loads": held_loads,
+        "margin": MARGIN,
+        "kept": KEPT,
+        "circuit_name": _name,
+        "part_names": _part_names,
+        "part_value": _part_value,
+        "component_reasons": _component_reasons,
+        "why_no_box": why_no_box,
+        "largest": LARGEST,
+        "safety": SAFETY,
+        "bare_frequencies_Hz": bare_frequencies_Hz,
+        "measured_within": MEASURED_WITHIN,
+    }
+    return environment.get_template("specification.j2")
+
+
+def _guaranteed(law: LawSpecification) -> list[tuple[str, str, str]]:
+    """Claim, foundation, and by what, of everything that a law's certificate says."""
+    masses = law.stage.outer_end_mass_kg
+    said = proved_statements(law.certificate, law.stage.prototype.goal.compliance_m_per_N)
+    return [one._replace(claim=one.claim.replace(mass_range_text(masses), masses_text(masses))) for one in said]
+
+
+def _name(one: AnalogueController) -> str:
+    capacitors = f", C of {one.circuit.capacitors}" if one.circuit.has_capacitors else ""
+    return f"R of {one.circuit.resistors}{capacitors}"
+
+
+def _part_names(found: tuple[AnalogueController, ...]) -> list[str]:
+    """Of all parts, stage by stage, what stands in no stage last."""
+    names = {name for one in found for name in one.circuit.parts}
+    return sorted(names, key=lambda n: (not n[0].isdigit(), n.partition(".")[0], n))
+
+
+def _part_value(name: str, value: float | None) -> str:
+    """A part's value as it is printed on it."""
+    if value is None:
+        return "left out"
+    if ".C" in name:
+        return f"{decimal(value * 1e9)} nF"
+    return f"{decimal(value)} Ω" if value < 1e3 else f"{decimal(value / 1e3)} kΩ"
+
+
+def _component_reasons(found: tuple[AnalogueController, ...]) -> list[str]:
+    """Why components within their tolerances are not proved, each reason once."""
+    reasons = (
+        f"{_name(one)}, {100 * at.resistors:g} % / {100 * at.capacitor:g} %: {at.verdict}, {at.reason}."
+        for one in found
+        for at in one.tolerances
+        if at.reason
+    )
+    return list(dict.fromkeys(reasons))

@@ -166,7 +166,7 @@ PRESSURE_SHARE = 2 / 3
 """Of the supply pressure that the load should use at most: there a valve gives the most power (H. E. Merritt, Hydraulic
 Control Systems (1967), section 7-3)."""
 _LOWEST_HZ, _POINTS, _PHASES = 0.01, 60, 360
-SHOWN_HZ = (0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+SHOWN_HZ = np.array([0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0])
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def ratings(prototype: Prototype, masses_kg: tuple[float, float], load_N: float,
     }
     return Ratings(
         load_N, up_to_Hz, force, force / area, force / area / PRESSURE_SHARE, flow, MARGIN * no_load, MARGIN * current,
-        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, np.array(SHOWN_HZ)),
+        2 * MARGIN * stroke, MARGIN * flow, given, envelope(stages[-1].prototype, masses_kg[1], 0.0, SHOWN_HZ),
     )  # fmt: skip
 
 

@@ -134,7 +134,7 @@ class Specification(Result):
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Figure, value, and what it rests on."""
-        from beamdesign.build.words_build import masses_text, optional
+        from beamdesign.build.folder import masses_text, optional
 
         guaranteed, tolerances, sensor = self.guaranteed, self.tolerances, self.sensor
         if guaranteed is None or sensor is None:

@@ -140,7 +140,8 @@ def tolerances(
     rows = []
     for k, name in enumerate(names):
         progress(0.7 + 0.3 * k / len(names), "performance at the ends of the tolerances")
-        specified = _rounded_down(shared.proved * weights[name] / SAFETY)
+        share = shared.proved * weights[name]
+        specified = float(decimal(share / SAFETY, 2, ROUND_FLOOR)) if share > 0 else 0.0  # as a workshop can be given
         ends = None
         if name in CHANGEABLE:
             ends = guaranteed_by_all(
@@ -154,7 +155,7 @@ def tolerances(
                 name,
                 alone[name].proved * _UNIT,
                 None if refuted is None else refuted * _UNIT,
-                shared.proved * weights[name],
+                share,
                 specified,
                 None if ends is None else ends.bandwidth_Hz,
                 None if ends is None else ends.peak_sensitivity,
@@ -186,8 +187,3 @@ class _Borne(NamedTuple):
     @property
     def certificates(self) -> tuple[str, ...]:
         return tuple(one.verdict.certificate if one.verdict else "" for one in self.each)
-
-
-def _rounded_down(tolerance: float) -> float:
-    """To two significant digits: a figure that a workshop can be given."""
-    return float(decimal(tolerance, 2, ROUND_FLOOR)) if tolerance > 0 else 0.0

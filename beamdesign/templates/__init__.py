@@ -109,7 +109,9 @@ def start(name: str, out: Path | None = None) -> list[Path]:
         raise InputError(
             "new", [(str(path), "is a folder; name a file" if path.is_dir() else reason) for path in there]
         )
-    texts = [named(source, place.name if name else place.stem) for name, source in template.files]
+    own = tomli_w.dumps({"name": place.name if template.is_folder else place.stem}).strip()
+    sources = (Path(__file__).with_name(source).read_text(encoding="utf-8") for _, source in template.files)
+    texts = [re.sub(r'^name = ".*"$', lambda _: own, text, count=1, flags=re.MULTILINE) for text in sources]
     if template.is_folder:
         write_set(place, {name: (name, text) for (name, _), text in zip(template.files, texts, strict=True)})
     else:
@@ -120,10 +122,3 @@ def start(name: str, out: Path | None = None) -> list[Path]:
 def target(name: str, out: Path | None) -> Path:
     """Where a template goes."""
     return out if out is not None else Path(name if TEMPLATES[name].is_folder else f"{name}.toml")
-
-
-def named(source: str, name: str) -> str:
-    """The text of a file of this package, its first `name` replaced."""
-    text = Path(__file__).with_name(source).read_text(encoding="utf-8")
-    own = tomli_w.dumps({"name": name}).strip()
-    return re.sub(r'^name = ".*"$', lambda _: own, text, count=1, flags=re.MULTILINE)

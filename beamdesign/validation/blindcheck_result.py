@@ -121,7 +121,10 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         "A `+` marks two effects, by the one with the larger gap.",
         _matrix(confusion(large)),
         "## Probabilities, stated and true",
-        _table(("stated", "statements", "mean stated", "true"), [_bin_row(b) for b in bins]),
+        _table(
+            ("stated", "statements", "mean stated", "true"),
+            [(f"{b.low:.0%} to {b.high:.0%}", str(b.count), f"{b.stated:.1%}", f"{b.true:.1%}") for b in bins],
+        ),
     ]
     if small:
         parts += [
@@ -194,10 +197,6 @@ def _matrix(found: Mapping[str, Mapping[str, int]]) -> str:
     columns = sorted({name for row in found.values() for name in row}, key=lambda n: (n.startswith("parameter:"), n))
     rows = [(label, *(str(row[c]) if c in row else "" for c in columns)) for label, row in found.items()]
     return _table(("truth", *columns), rows)
-
-
-def _bin_row(b: Bin) -> tuple[str, ...]:
-    return f"{b.low:.0%} to {b.high:.0%}", str(b.count), f"{b.stated:.1%}", f"{b.true:.1%}"
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

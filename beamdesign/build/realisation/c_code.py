@@ -229,14 +229,9 @@ def c_lines(realisation: Realisation) -> list[str]:
     lines = _FloatLines() if realisation.word_length is None else _FixedLines(realisation)
     titles = {f"x{k}": f"section {k}: {section.words}" for k, section in enumerate(realisation.sections, 1)}
     lines.titles = titles
-    names = [channel.name for channel in realisation.channels]
-    one_period(realisation.channels, [lines.signal(_short(name), name) for name in names], lines)
+    limited = {name: "e" if name == "error" else f"{name}_read" for name in (c.name for c in realisation.channels)}
+    one_period(realisation.channels, [lines.signal(short, name) for name, short in limited.items()], lines)
     return lines.written
-
-
-def _short(name: str) -> str:
-    """Of a reading, once it is limited."""
-    return "e" if name == "error" else f"{name}_read"
 
 
 class _Lines(Arithmetic[str]):

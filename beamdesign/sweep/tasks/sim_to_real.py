@@ -57,7 +57,7 @@ def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
         "gap_before": found.gap.before,
         "gap_after": found.gap.after,
         "gap_closed": found.gap.closed,
-        "redesigned_bandwidth_Hz": None if new is None else _bandwidth(new),
+        "redesigned_bandwidth_Hz": None if new is None or new.guarantee is None else new.guarantee.bandwidth_Hz,
         "redesign_runs": None if new is None else runs(case, new, masses),
         "redesign_gain_margin": gain_margin(case, new, masses) if new is not None and linear else None,
     }
@@ -67,10 +67,6 @@ def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
         "redesign": renewed.reason,
     }
     return Answer(outputs, details)
-
-
-def _bandwidth(prototype: Prototype) -> float | None:
-    return None if prototype.guarantee is None else prototype.guarantee.bandwidth_Hz
 
 
 _GAIN_SHARE = 0.6

@@ -169,23 +169,15 @@ def filtered_smaller_side(prototype: Prototype, _: float = 0.0) -> Prototype:
 
 def valve_damping(ratio: float) -> Variation:
     """With another damping ratio of the servovalve."""
-
-    def change(prototype: Prototype, _: float) -> Prototype:
-        return prototype.but(servovalve=prototype.servovalve.but(damping_ratio=ratio))
-
-    return change
+    return lambda prototype, _: prototype.but(servovalve=prototype.servovalve.but(damping_ratio=ratio))
 
 
 def beam_damping(ratio: float) -> Variation:
     """With another damping ratio of both bare beams, the dashpots fixed."""
-
-    def change(prototype: Prototype, _: float) -> Prototype:
-        return prototype.but(
-            outer_beam=prototype.outer_beam.but(damping_ratio=ratio),
-            inner_beam=prototype.inner_beam.but(damping_ratio=ratio),
-        )
-
-    return change
+    return lambda prototype, _: prototype.but(
+        outer_beam=prototype.outer_beam.but(damping_ratio=ratio),
+        inner_beam=prototype.inner_beam.but(damping_ratio=ratio),
+    )
 
 
 def held_ratio(prototype: Prototype, outer_end_mass_kg: float) -> Prototype:

@@ -235,7 +235,8 @@ def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
     without = noise_free(case, _probe(case))
     if not all(motion.bounded for motion in without.values()):
         return None
-    tolerances = _tolerance_gap(case, without)
+    believed = replace(case, factors=dict.fromkeys(case.factors, 1.0))
+    tolerances = relative_gap(without, noise_free(believed, without[case.runs[0].name].duration))  # change them alone
     if tolerances > _LARGEST_TOLERANCE_GAP:
         return None
     floor = relative_floor(case, without)
@@ -252,11 +253,8 @@ def _with_background(case: Case, rng: np.random.Generator) -> Case | None:
             drawn.append(replace(departure, severity=departure.severity * factor))
     trial = replace(case, background=tuple(drawn))
     gap = relative_gap(noise_free(trial, _probe(case)), without)
-    return (
-        replace(trial, gaps={"background": gap, "floor": floor, "tolerances": tolerances})
-        if gap < _BACKGROUND_AT_MOST * floor
-        else None
-    )
+    gaps = {"background": gap, "floor": floor, "tolerances": tolerances}
+    return replace(trial, gaps=gaps) if gap < _BACKGROUND_AT_MOST * floor else None
 
 
 def _with_effects(
@@ -294,29 +292,20 @@ def _with_effects(
     return replace(whole, gaps=gaps)
 
 
-def _tolerance_gap(case: Case, without: dict[str, Motion]) -> float:
-    """What the tolerances alone change, over as much of the records as is given."""
-    believed = replace(case, factors=dict.fromkeys(case.factors, 1.0))
-    return relative_gap(without, noise_free(believed, without[case.runs[0].name].duration))
-
-
 def _sized(case: Case, name: str, probe: dict[str, Motion], aim: float, rng: np.random.Generator) -> Departure | None:
     """The effect at the severity that gives a gap, by secants in logarithms on the first part of the records."""
+    figure, sign, shape = "", 1.0, Shape()
     if name.startswith("parameter:"):
         figures, _ = PARAMETERS[name.removeprefix("parameter:")]
-        figure = str(rng.choice(figures))
-        sign = float(rng.choice([-1, 1]))
+        figure, sign = str(rng.choice(figures)), float(rng.choice([-1, 1]))
         least = 3.5 * tolerance_of(case.believed, figure)
         low, high = max(least, 0.03), max(1.0, 1.5 * least)
-
-        def at(severity: float) -> Departure:
-            return Departure(name, sign * severity, {}, figure)
     else:
         shape = KINDS[name].shape(rng)
         low, high = KINDS[name].range
 
-        def at(severity: float) -> Departure:
-            return Departure(name, severity, shape)
+    def at(severity: float) -> Departure:
+        return Departure(name, sign * severity, shape, figure)
 
     floor = relative_floor(case, probe)
     aim *= floor

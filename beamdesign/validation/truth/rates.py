@@ -131,12 +131,18 @@ def measured_volts(x, f, time_share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def demanded(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
-    """Current the controller asks for, A."""
+def heard(f, fed_back, command, time):  # type: ignore[no-untyped-def]
+    """Error that the controller hears, V."""
     error = command - fed_back
     if f.hum > 0.0:
         error += f.hum * sin(f.hum_rate * time + f.hum_phase)
-    return f.gain * (x[_C] + (error - x[_C]) * f.pole / f.zero)
+    return error
+
+
+@njit(cache=True, error_model="numpy")
+def demanded(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
+    """Current the controller asks for, A."""
+    return f.gain * (x[_C] + (heard(f, fed_back, command, time) - x[_C]) * f.pole / f.zero)
 
 
 @njit(cache=True, error_model="numpy")
@@ -154,10 +160,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
 
     # controller and amplifier
     demand = held if held == held else demanded(x, f, fed_back, command, time)
-    error = command - fed_back
-    if f.hum > 0.0:
-        error += f.hum * sin(f.hum_rate * time + f.hum_phase)
-    d[_C] = f.pole * (error - x[_C])
+    d[_C] = f.pole * (heard(f, fed_back, command, time) - x[_C])
     current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
     if f.coil_rate > 0.0:
         d[_I] = f.coil_rate * (current - x[_I])
@@ -298,27 +301,22 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
         d[_BD] = f.bracket_rate**2 * (tip - x[_B]) + 2.0 * f.bracket_damping_ratio * f.bracket_rate * (
             tip_speed - x[_BD]
         )
+    volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, share)
     if f.lag_rate > 0.0:
-        volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, share)
         if f.lag_order > 1.5:
             d[_L1] = x[_L2]
             d[_L2] = f.lag_rate**2 * (volts - x[_L1]) - 2.0 * f.lag_damping_ratio * f.lag_rate * x[_L2]
         else:
             d[_L1] = f.lag_rate * (volts - x[_L1])
     if f.filter_rate > 0.0:
-        volts = plays[PLAYS] if f.sensor_play > 0.0 else sensor_volts(x, f, share)
         d[_F] = f.filter_rate * ((x[_L1] if f.lag_rate > 0.0 else volts) - x[_F])
     return current
 
 
 @njit(cache=True, error_model="numpy")
-def _rates_at(x, figures, modes):  # type: ignore[no-untyped-def]
+def rates_at(x, figures, modes):  # type: ignore[no-untyped-def]
+    """(36,) time derivative of a state with nothing driving the rig and no dead time."""
     f = figures[0]
     d, plays = np.zeros(STATES), np.zeros(PLAYS + 1)
     rates_into(x, d, f, modes, np.nan, plays, measured_volts(x, f, 0.0), 0.0, 0.0, 0.0, 0.0)
     return d
-
-
-def rates_at(state: np.ndarray, figures: np.ndarray, modes: np.ndarray) -> np.ndarray:
-    """(36,) time derivative of a state with nothing driving the rig and no dead time."""
-    return np.asarray(_rates_at(state, figures, modes))
