@@ -5,9 +5,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -28,6 +30,7 @@ from beamdesign.validation.blind.scoring import (
     split,
 )
 
+_KINDS = ("null", "single", "parameter", "pair", "outside")
 TARGET_COLUMNS = ("", "found", "95 % bounds", "of", "target", "reached")
 BASELINE_COLUMNS = ("", "diagnosis", *NAMES)
 
@@ -94,65 +97,37 @@ def _rounded(value: Any) -> Any:
 
 
 def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
-    """The same as a page for people."""
+    """The same as a page for people, from the template beside this module."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "md": lambda cell: in_markdown(str(cell)),
+        "ruled": lambda column: "---",
+        "flowed": lambda text: " ".join(text.split()),
+    }
     large, small = split(outcomes)
-    bins, _ = calibration(large)
-    kinds = {kind: sum(o.kind == kind for o in outcomes) for kind in ("null", "single", "parameter", "pair", "outside")}
-    parts = [
-        "# Blind check of the diagnosis",
-        f"{len(outcomes)} cases of {setting['planned']} planned: {kinds['null']} nulls, {kinds['single']} single "
-        f"effects, {kinds['parameter']} wrong figures, {kinds['pair']} pairs, {kinds['outside']} effects outside the "
-        f"library. {setting['records']} The cases come from a truth model that shares no effect code with the "
-        "diagnosis; each was diagnosed from its data alone, in a process that could not read the answers, which had "
-        "been sealed by their digests before.",
-        "\n".join(
-            f"- {words}: {in_markdown(str(setting[key]))}" for key, words in _SETTING.items() if setting.get(key)
-        ),
-        "## Against the targets",
-        f"Nulls, and cases whose gap is at least {SMALL:g} times the noise floor. Bounds are 95 %: Clopper and Pearson "
-        "for rates, bootstrap for means and medians.",
-        _table(TARGET_COLUMNS, target_rows(scores(large))),
-        _COUNTED,
-        "## Baselines on the same cases",
-        _table(BASELINE_COLUMNS, baseline_rows(large)),
-        "Baselines see all records, as the fits that choose. They start from its null fit, and greedy BIC chooses "
-        "among its fitted models. They name causes without a probability, so they cannot say that a cause is unknown.",
-        "## Named first (columns) against the truth (rows)",
-        "A `+` marks two effects, by the one with the larger gap.",
-        _matrix(confusion(large)),
-        "## Probabilities, stated and true",
-        _table(
-            ("stated", "statements", "mean stated", "true"),
-            [(f"{b.low:.0%} to {b.high:.0%}", str(b.count), f"{b.stated:.1%}", f"{b.true:.1%}") for b in bins],
-        ),
-    ]
-    if small:
-        parts += [
-            f"## Gaps below {SMALL:g} times the noise floor",
-            f"{len(small)} cases.",
-            _table(TARGET_COLUMNS[:4], [row[:4] for row in target_rows([s for s in scores(small) if s.of])]),
-            _matrix(confusion(small)),
-        ]
-    return "\n\n".join(parts) + "\n"
-
-
-_COUNTED = """A false alarm is any verdict but `no_gap` on a null, `unknown` and `ambiguous` included. Named first is \
-the first of the chosen causes. In the class: named first, or among the causes that were stated to be \
-indistinguishable. Subsystem: that of the effect with the largest gap. Calibration error: mean distance of stated from \
-true in ten bins, over all listed causes, over `no gap` and over `unknown`. True `closed`: errors of the written \
-prototype against the displacement of the noise-free rig on held-out records; verdicts `unknown` have none. A \
-parameter is compared where the effect was rightly named first and both models mean the same by it. Times are of one \
-process per case."""
-
-_SETTING = {
-    "seed": "seed of the plan",
-    "seal": "SHA-256 of the seal",
-    "truth": "program that drew the cases",
-    "fitted_by": "program that made the fits",
-    "judged_by": "program that judged",
-    "not_drawn": "cases without a stable rig",
-    "command": "command",
-}
+    given = {
+        "outcomes": outcomes,
+        "setting": setting,
+        "kinds": {kind: sum(o.kind == kind for o in outcomes) for kind in _KINDS},
+        "least": SMALL,
+        "large": large,
+        "small": small,
+        "small_rows": [row[:4] for row in target_rows([score for score in scores(small) if score.of])],
+        "bins": calibration(large)[0],
+        "scores": scores,
+        "confusion": confusion,
+        "columns_of": _columns_of,
+        "target_columns": TARGET_COLUMNS,
+        "target_rows": target_rows,
+        "baseline_columns": BASELINE_COLUMNS,
+        "baseline_rows": baseline_rows,
+    }
+    return environment.get_template("blindcheck.md.j2").render(given).rstrip() + "\n"
 
 
 def target_rows(found: Sequence[Score]) -> list[tuple[str, ...]]:
@@ -193,16 +168,9 @@ def _target(score: Score) -> str:
     return f"{score.sense} {' and '.join(shown)}"
 
 
-def _matrix(found: Mapping[str, Mapping[str, int]]) -> str:
-    columns = sorted({name for row in found.values() for name in row}, key=lambda n: (n.startswith("parameter:"), n))
-    rows = [(label, *(str(row[c]) if c in row else "" for c in columns)) for label, row in found.items()]
-    return _table(("truth", *columns), rows)
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    written = [[in_markdown(cell) for cell in line] for line in (columns, *rows)]
-    lines = [written[0], ["---"] * len(columns), *written[1:]]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+def _columns_of(found: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Of a matrix of confusion: wrong figures stand last."""
+    return sorted({name for row in found.values() for name in row}, key=lambda n: (n.startswith("parameter:"), n))
 
 
 def blindcheck_picture(outcomes: Sequence[Outcome]) -> Figure:
