@@ -266,15 +266,13 @@ def draw_believed(rng: np.random.Generator, name: str) -> Table:
     size = exp(rng.uniform(np.log(0.6), np.log(1.4)))
     table: Table = {
         "name": name,
-        "outer_beam": {
-            "stiffness_N_per_m": about(486800 * size, 1.25),
-            "effective_mass_kg": about(3.9 * size, 1.25),
-            "damping_ratio": damping,
-        },
-        "inner_beam": {
-            "stiffness_N_per_m": about(157500 * size, 1.25),
-            "effective_mass_kg": about(1.6 * size, 1.25),
-            "damping_ratio": damping,
+        **{
+            f"{beam}_beam": {
+                "stiffness_N_per_m": about(stiffness * size, 1.25),
+                "effective_mass_kg": about(mass * size, 1.25),
+                "damping_ratio": damping,
+            }
+            for beam, stiffness, mass in (("outer", 486800, 3.9), ("inner", 157500, 1.6))
         },
         "actuator": {
             "piston_area_m2": about(1.13e-4 * size, 1.2),

@@ -29,7 +29,7 @@ from beamdesign.validation.truth.case import (
     relative_gap,
     take,
 )  # fmt: skip
-from beamdesign.validation.truth.effects import KINDS, LISTED, OUTSIDE, PARAMETERS, Scales, Shape
+from beamdesign.validation.truth.effects import KINDS, PARAMETERS, Scales, Shape
 from beamdesign.validation.truth.rates import PRESSURE_A, PRESSURE_B, STATES, SUPPLY, rates_at
 from beamdesign.validation.truth.rig import Motion
 
@@ -125,7 +125,7 @@ def draw_case(
         kind: null (tolerances and background only), single, pair, outside (an effect the contract does not name) or
             parameter (a plain wrong figure).
         short: five records of 1.75 s instead of eight of 4 s.
-        names: effects to put in, instead of drawn ones; `parameter:NAME` for a wrong figure.
+        names: effects to put in, none into a null; `parameter:NAME` for a wrong figure.
         target: gap over the floor to aim for, instead of a drawn one; of each effect of a pair.
 
     Raises:
@@ -145,21 +145,10 @@ def draw_case(
         if case is None:
             notes.append(f"attempt {attempt + 1}: the rig was not stable, or too lively, with its tolerances")
             continue
-        chosen = names or _draw_names(kind, rng)
-        found = _with_effects(case, chosen, rng, target, notes)
+        found = _with_effects(case, names, rng, target, notes)
         if found is not None:
             return replace(found, notes=tuple(notes))
     raise ValueError(f"no stable case after 20 attempts: {'; '.join(notes)}")
-
-
-def _draw_names(kind: str, rng: np.random.Generator) -> tuple[str, ...]:
-    if kind == "null":
-        return ()
-    if kind == "outside":
-        return (str(rng.choice(OUTSIDE)),)
-    if kind == "parameter":
-        return ("parameter:" + str(rng.choice(list(PARAMETERS))),)
-    return tuple(str(name) for name in rng.choice(LISTED, 2 if kind == "pair" else 1, replace=False))
 
 
 def _bare_case(seed: int, kind: str, believed: Table, rng: np.random.Generator, short: bool) -> Case:
