@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Mapping
 from math import pi
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field, FiniteFloat
 
 from beamdesign import quantities as q
 from beamdesign import records
-from beamdesign.files import write_whole
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem, Record, numbers
 
@@ -20,28 +19,21 @@ AREA_ROUNDING = 0.05
 class BenchActuator(Record):
     """A cylinder with a rod on one side, its load and its end stops."""
 
-    bore_m: Annotated[q.Bore, Field(description="bore of the cylinder")]
-    rod_m: Annotated[
-        q.RodDiameter,
-        Field(description="diameter of the rod, on the side of chamber b"),
-    ]
-    piston_area_m2: Annotated[q.PistonArea, Field(description="A, average of the two sides")]
-    stroke_m: Annotated[q.Stroke, Field(description="from one end stop to the other")]
-    supply_pressure_Pa: Annotated[q.SupplyPressure, Field(description="of the supply that draws no flow")]
-    tank_pressure_Pa: Annotated[q.TankPressure, Field(description="of the return")] = 0.0
-    line_loss_Pa_s2_per_m6: Annotated[
-        q.LineLoss, Field(description="pressure lost over flow squared in each of the lines to and from the valve")
-    ] = 0.0
-    piston_leakage_m3_per_s_per_Pa: Annotated[
-        q.Leakage, Field(description="from chamber to chamber past the piston")
-    ] = 0.0
-    constant_load_N: Annotated[q.SignedForce, Field(description="constant force against extension")] = 0.0
-    moving_mass_kg: Annotated[q.Mass, Field(description="piston, rod and what they carry")] = 0.5
-    dead_volume_m3: Annotated[
-        q.Volume, Field(description="oil of each chamber with the piston against it, lines included")
-    ] = 1e-5
-    oil_bulk_modulus_Pa: Annotated[q.BulkModulus, Field(description="of the oil with its lines")] = 1.4e9
-    stop_stiffness_N_per_m: Annotated[q.Stiffness, Field(description="of either end stop")] = 2e7
+    bore_m: q.Bore = Field(description="bore of the cylinder")
+    rod_m: q.RodDiameter = Field(description="diameter of the rod, on the side of chamber b")
+    piston_area_m2: q.PistonArea = Field(description="A, average of the two sides")
+    stroke_m: q.Stroke = Field(description="from one end stop to the other")
+    supply_pressure_Pa: q.SupplyPressure = Field(description="of the supply that draws no flow")
+    tank_pressure_Pa: q.TankPressure = Field(0.0, description="of the return")
+    line_loss_Pa_s2_per_m6: q.LineLoss = Field(
+        0.0, description="pressure lost over flow squared in each of the lines to and from the valve"
+    )
+    piston_leakage_m3_per_s_per_Pa: q.Leakage = Field(0.0, description="from chamber to chamber past the piston")
+    constant_load_N: q.SignedForce = Field(0.0, description="constant force against extension")
+    moving_mass_kg: q.Mass = Field(0.5, description="piston, rod and what they carry")
+    dead_volume_m3: q.Volume = Field(1e-5, description="oil of each chamber with the piston against it, lines included")
+    oil_bulk_modulus_Pa: q.BulkModulus = Field(1.4e9, description="of the oil with its lines")
+    stop_stiffness_N_per_m: q.Stiffness = Field(2e7, description="of either end stop")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -67,52 +59,45 @@ class BenchActuator(Record):
 class BenchServovalve(Record):
     """A servovalve with its amplifier, whose flow is known per volt of command."""
 
-    flow_gain_m3_per_s_per_V: Annotated[
-        q.FlowPerVolt, Field(description="no-load flow per command, half the supply pressure across each edge")
-    ]
-    amplifier_A_per_V: Annotated[
-        q.LawGain, Field(description="current per command; sets the scale of effects that are stated in amperes")
-    ] = 1e-3
-    null_V: Annotated[q.SignedVoltage, Field(description="command at which the valve is shut")] = 0.0
-    edge_b_ratio: Annotated[
-        q.EdgeRatio,
-        Field(description="flow of the edge from the supply to chamber b over that of the other edges"),
-    ] = 1.0
-    leakage_m3_per_s_per_Pa: Annotated[q.Leakage, Field(description="K_pq, of the closed valve")] = 0.0
-    natural_frequency_Hz: Annotated[q.ComponentFrequency, Field(description="f_n of the spool")] = 100.0
-    damping_ratio: Annotated[q.SpoolDamping, Field(description="xi of the spool")] = 0.7
+    flow_gain_m3_per_s_per_V: q.FlowPerVolt = Field(
+        description="no-load flow per command, half the supply pressure across each edge"
+    )
+    amplifier_A_per_V: q.LawGain = Field(
+        1e-3, description="current per command; sets the scale of effects that are stated in amperes"
+    )
+    null_V: q.SignedVoltage = Field(0.0, description="command at which the valve is shut")
+    edge_b_ratio: q.EdgeRatio = Field(
+        1.0, description="flow of the edge from the supply to chamber b over that of the other edges"
+    )
+    leakage_m3_per_s_per_Pa: q.Leakage = Field(0.0, description="K_pq, of the closed valve")
+    natural_frequency_Hz: q.ComponentFrequency = Field(100.0, description="f_n of the spool")
+    damping_ratio: q.SpoolDamping = Field(0.7, description="xi of the spool")
 
 
 class BenchSensors(Record):
     """Filters of the recorded channels, first order; none: nothing between the quantity and its record."""
 
-    displacement_zero_m: Annotated[q.Position, Field(description="reading at the retracted stop")] = 0.0
-    displacement_most_m: Annotated[q.Position | None, Field(description="reading beyond which it does not go")] = None
-    displacement_filter_Hz: Annotated[q.ComponentFrequency | None, Field(description="break frequency")] = None
-    pressure_filter_Hz: Annotated[
-        q.ComponentFrequency, Field(description="break frequency, of the gauges at least")
-    ] = 1000.0
+    displacement_zero_m: q.Position = Field(0.0, description="reading at the retracted stop")
+    displacement_most_m: q.Position | None = Field(None, description="reading beyond which it does not go")
+    displacement_filter_Hz: q.ComponentFrequency | None = Field(None, description="break frequency")
+    pressure_filter_Hz: q.ComponentFrequency = Field(1000.0, description="break frequency, of the gauges at least")
 
 
 class BenchTolerance(Record):
     """One relative standard deviation per figure: what the builder can vouch for."""
 
-    flow_gain: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the flow gain of the valve")
-    ] = 0.0
-    piston_area: Annotated[q.RelativeStd, Field(description="relative standard deviation of the piston area")] = 0.0
-    supply_pressure: Annotated[
-        q.RelativeStd, Field(description="relative standard deviation of the supply pressure")
-    ] = 0.0
+    flow_gain: q.RelativeStd = Field(0.0, description="relative standard deviation of the flow gain of the valve")
+    piston_area: q.RelativeStd = Field(0.0, description="relative standard deviation of the piston area")
+    supply_pressure: q.RelativeStd = Field(0.0, description="relative standard deviation of the supply pressure")
 
 
 class BenchPrototype(Record):
     """An actuator on a test bench, in SI: what is built, measured and diagnosed without the beams."""
 
-    name: Annotated[str, Field(min_length=1, description="what the bench is called in tables and reports")]
-    kind: Annotated[
-        Literal["actuator_bench"], Field(description="kind of rig: a servovalve and its cylinder alone, in open loop")
-    ]
+    name: str = Field(min_length=1, description="what the bench is called in tables and reports")
+    kind: Literal["actuator_bench"] = Field(
+        description="kind of rig: a servovalve and its cylinder alone, in open loop"
+    )
     actuator: BenchActuator
     servovalve: BenchServovalve
     sensors: BenchSensors = BenchSensors()
@@ -150,8 +135,3 @@ def read_bench_prototype(path: str | Path) -> BenchPrototype:
     if not isinstance(found, BenchPrototype):
         raise InputError(path, [("kind", f"{found.kind!r} is not a bench; expected 'actuator_bench'")])
     return found
-
-
-def write_any_prototype(prototype: AnyPrototype, path: str | Path) -> None:
-    """Write a prototype.toml from which `read_any_prototype` gives back an equal record."""
-    write_whole(Path(path), records.to_toml(prototype))

@@ -1,15 +1,16 @@
-"""CSV files of numbers: read fast, and when something is wrong say where."""
+"""CSV files: those of numbers read fast, and when something is wrong say where; tables written."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.records import InputError, Problem
-from beamdesign.spelling import fault
+from beamdesign.spelling import fault, in_csv
 
 LARGEST = {
     "s": (1e10, 1e6), "N": (1e7, 1.0), "V": (1e3, 1e3), "A": (100.0, 1e6), "m": (10.0, 1e6), "Pa": (1e9, 1.0),
@@ -174,41 +175,50 @@ def _why(cells: list[str], names: list[str]) -> str:
     return ""
 
 
+def csv_text(rows: Sequence[Mapping[str, Any]], end: str = "\r\n") -> str:
+    """Rows as CSV with a line of column names, in order of first appearance; absent cells are empty."""
+    text = StringIO(newline="")
+    writer = csv.DictWriter(text, list(dict.fromkeys(key for row in rows for key in row)), lineterminator=end)
+    writer.writeheader()
+    writer.writerows({key: in_csv(value) for key, value in row.items()} for row in rows)
+    return text.getvalue()
+
+
 def uniform_times(path: Path, times: np.ndarray) -> None:
     """Refuse times that do not rise in equal steps, or whose steps are none of a recorder's.
 
     Raises:
         InputError: naming the first row at which they do not, or the unit they seem to be in.
     """
+    if reason := _uneven(times):
+        raise InputError(path, [("t_s", reason)])
+
+
+def _uneven(times: np.ndarray) -> str:
+    """What keeps times from being those of a recorder; empty where nothing does."""
     if len(times) < _FEWEST:
-        raise InputError(path, [("t_s", f"too short: {len(times)} samples")])
+        return f"too short: {len(times)} samples"
     steps = np.diff(times)
     typical = float(np.median(steps))
     back = np.nonzero(steps <= 0)[0]
     if len(back):
         row = int(back[0]) + 3
         held = "repeats" if steps[back[0]] == 0 else "goes back from"
-        raise InputError(path, [("t_s", f"does not rise: row {row} {held} the time of row {row - 1}")])
+        return f"does not rise: row {row} {held} the time of row {row - 1}"
     low, high = INTERVALS_S
     if not low <= typical <= high:
         meant = [unit for unit, seconds in _TIMES.items() if 10 * low <= typical * seconds <= high]
         question = f": are these {meant[0]}?" if meant else ":"
-        reason = f"steps of {typical:.3g} s{question} From {low:g} to {high:g} s is plausible"
-        raise InputError(path, [("t_s", reason)])
+        return f"steps of {typical:.3g} s{question} From {low:g} to {high:g} s is plausible"
     gap = np.nonzero(steps > 1.5 * typical)[0]
     if len(gap) and len(gap) < 0.1 * len(steps):
         row, lost = int(gap[0]) + 3, round(float(steps[gap[0]]) / typical) - 1
         more = f", and {len(gap) - 1} more gaps" if len(gap) > 1 else ""
         word = "sample is" if lost == 1 else "samples are"
-        reason = f"not uniform: {lost} {word} missing before row {row} ({times[row - 2]:g} s){more}"
-        raise InputError(path, [("t_s", reason)])
-    # What counts is how far a sample is from where it should be.
-    should = np.linspace(times[0], times[-1], len(times))
-    interval = float(should[1] - should[0])
-    off = np.abs(times - should)
-    bad = np.nonzero(off > _OFF_PLACE * interval)[0]
+        return f"not uniform: {lost} {word} missing before row {row} ({times[row - 2]:g} s){more}"
+    should = np.linspace(times[0], times[-1], len(times))  # what counts is how far a sample is from where it should be
+    off = np.abs(times - should) / float(should[1] - should[0])
+    bad = np.nonzero(off > _OFF_PLACE)[0]
     if len(bad):
-        row = int(bad[0]) + 2
-        raise InputError(
-            path, [("t_s", f"not uniform: row {row} is {off[bad[0]] / interval:.2g} samples off its place")]
-        )
+        return f"not uniform: row {int(bad[0]) + 2} is {off[bad[0]]:.2g} samples off its place"
+    return ""

@@ -1,19 +1,23 @@
-"""Files and folders of results: read within limits, and written whole or not at all.
+"""Files and folders of results: read within limits, and written whole or not at all; what to do about a bad one.
 
 Temporary names are unpredictable and opened exclusively, so that no link laid beforehand is followed; what takes the
 place of something older is on the disk before it does.
 """
 
 import ctypes
+import difflib
 import errno
+import glob
 import os
+import re
 import secrets
 import shutil
 import stat
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 try:
     import fcntl
@@ -98,16 +102,19 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             raise
 
 
-P = TypeVar("P", Path, list[Path], dict[str, Path])
+P = TypeVar("P")
 
 
 def settled(paths: P, fresh: Path, folder: Path) -> P:
-    """Paths written in a fresh folder as they are once it has taken its place."""
+    """Paths (one, several, or by name) written in a fresh folder as they are once it has taken its place."""
+    found: Any = paths
     if isinstance(paths, Path):
-        return folder / paths.relative_to(fresh)
-    if isinstance(paths, dict):
-        return {name: folder / path.relative_to(fresh) for name, path in paths.items()}
-    return [folder / path.relative_to(fresh) for path in paths]
+        found = folder / paths.relative_to(fresh)
+    elif isinstance(paths, dict):
+        found = {name: settled(path, fresh, folder) for name, path in paths.items()}
+    elif isinstance(paths, list | tuple):
+        found = type(paths)(settled(path, fresh, folder) for path in paths)
+    return found
 
 
 @contextmanager
@@ -129,7 +136,10 @@ def fresh_folder(folder: str | Path, retiring: Sequence[str] = ()) -> Iterator[P
     final = Path(folder).resolve()
     if final.exists() and not final.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "is a file, not a folder", str(folder))
-    inside = final.is_dir() and not _can_be_exchanged(final)
+    here = Path.cwd()
+    worked_in = final == here or final in here.parents
+    beside_it = os.access(final.parent, os.W_OK | os.X_OK)
+    inside = final.is_dir() and (worked_in or final.is_mount() or not beside_it)  # else it can be exchanged
     beside = final if inside else final.parent
     beside.mkdir(parents=True, exist_ok=True)
     _clear_leftovers(beside, final.name)
@@ -139,7 +149,8 @@ def fresh_folder(folder: str | Path, retiring: Sequence[str] = ()) -> Iterator[P
     try:
         known: set[Path] = _link_tree(final, fresh, retiring) if final.is_dir() else set()
         yield fresh
-        _sync_folders(fresh)
+        for where, _, _ in os.walk(fresh):
+            _sync(Path(where))
         if inside or not _take_place(fresh, final, known):
             _move_in(fresh, final, retiring)
         _sync(final)
@@ -167,13 +178,6 @@ def write_set(
         for name, content in files.values():
             write_whole(fresh / name, content)
     return {kind: Path(folder) / name for kind, (name, _) in files.items()}
-
-
-def _can_be_exchanged(folder: Path) -> bool:
-    """Not where someone works in it, where it is a mount, or where nothing can be put beside it."""
-    here = Path.cwd()
-    worked_in = folder == here or folder in here.parents
-    return not (worked_in or folder.is_mount() or not os.access(folder.parent, os.W_OK | os.X_OK))
 
 
 def _take_place(fresh: Path, final: Path, known: set[Path]) -> bool:
@@ -208,17 +212,13 @@ def _exchange(one: Path, other: Path) -> bool:
 def _move_in(fresh: Path, final: Path, retiring: Sequence[str]) -> None:
     """Older files of the set go, then the fresh ones come: a kill between leaves some missing, none beside another."""
     own = [path.relative_to(fresh) for path in _files(fresh)]
-    new = [name for name in own if not _same(fresh / name, final / name)]
+    new = [name for name in own if not ((final / name).exists() and os.path.samefile(fresh / name, final / name))]
     gone = [path for pattern in retiring for path in final.glob(pattern) if fresh not in path.parents]
     for path in [*gone, *(final / name for name in new)]:
         path.unlink(missing_ok=True)
     for name in new:
         (final / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(fresh / name, final / name)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return other.exists() and os.path.samefile(one, other)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -264,11 +264,6 @@ def _sync(folder: Path) -> None:
         os.close(descriptor)
 
 
-def _sync_folders(folder: Path) -> None:
-    for where, _, _ in os.walk(folder):
-        _sync(Path(where))
-
-
 def _hold(folder: Path) -> int | None:
     """Hold a folder as in use for as long as this process lives."""
     if fcntl is None:
@@ -280,7 +275,7 @@ def _hold(folder: Path) -> int | None:
 
 def _clear_leftovers(beside: Path, name: str) -> None:
     """Remove what runs left that were killed; what a living one holds stays."""
-    for left in beside.glob(f".{_escaped(name[:100])}.*{_FRESH}"):
+    for left in beside.glob(f".{glob.escape(name[:100])}.*{_FRESH}"):
         if fcntl is None or left.is_symlink() or not left.is_dir():
             continue
         try:
@@ -296,5 +291,107 @@ def _clear_leftovers(beside: Path, name: str) -> None:
             os.close(descriptor)
 
 
-def _escaped(name: str) -> str:
-    return "".join(f"[{c}]" if c in "*?[" else c for c in name)
+_RECORDS = {
+    "DesignProblem": "study", "Prototype": "prototype", "BenchPrototype": "prototype", "Scenario": "scenario",
+    "Index": "data set", "Sweep": "sweep",
+}  # fmt: skip
+
+_INSTEAD = {
+    ("prototype", "study"): "`beamdesign run {source} --out DIR` makes a prototype of it",
+    ("study", "prototype"): "`beamdesign new study` starts a study",
+    ("study", "sweep"): "`beamdesign study run` takes it",
+    ("sweep", "study"): "`beamdesign run` takes it",
+    ("prototype", "scenario"): "it goes with `beamdesign simulate PROTOTYPE --scenario {source}`",
+    ("prototype", "certificate"): "`beamdesign certify --replay {source}` proves it again",
+    ("scenario", "prototype"): "`beamdesign new scenario` starts a scenario",
+}
+
+
+def unreadable(path: Path, error: OSError) -> str:
+    """The system's reason, and what to do."""
+    reason = error.strerror or str(error)
+    if isinstance(error, FileNotFoundError):
+        return f"{reason}; {_similar(path)}"
+    if isinstance(error, IsADirectoryError) or path.is_dir():
+        inside = sorted(found.name for found in path.glob("*.toml"))
+        return f"{reason}; name a file" + (f" in it: {', '.join(inside[:5])}" if inside else "")
+    if isinstance(error, PermissionError):
+        return f"{reason}; its permissions must let you read it"
+    return reason
+
+
+def _similar(path: Path) -> str:
+    folder = path.parent
+    if not folder.is_dir():
+        return f"there is no folder {folder}"
+    if path.is_symlink():
+        return "it is a link to what is not there"
+    names = [found.name for found in folder.iterdir() if found.suffix == path.suffix and found.name != path.name]
+    close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
+    if close:
+        return f"did you mean {folder / close[0]}?"
+    if path.suffix != ".toml":
+        return "look for it with ls, or mend the name"
+    return f"`beamdesign new{' dataset' if path.name == 'dataset.toml' else ''}` starts one"
+
+
+def not_toml(raw: bytes, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:
+    """The reader's reason, with the line it means and what it may lack."""
+    if isinstance(error, UnicodeDecodeError):
+        line = raw[: error.start].count(b"\n") + 1
+        return f"not valid TOML: {error}, in line {line}; save the file as UTF-8"
+    lines = raw.decode().splitlines()
+    at = re.search(r"at line (\d+)", str(error))
+    number = int(at[1]) if at else len(lines)
+    shown = lines[number - 1].strip() if 0 < number <= len(lines) else ""
+    told = f"not valid TOML: {error}"
+    if not shown:
+        return told
+    return f"{told}; the line is: {shown[:80]}{_lack(shown)}"
+
+
+def _lack(line: str) -> str:
+    key, equals, value = line.partition("=")
+    value = value.split("#")[0].strip()
+    if line.startswith("["):
+        return "" if line.rstrip().endswith("]") else " (a bracket is missing)"
+    if not equals:
+        return " (expected KEY = VALUE)"
+    if not value:
+        return " (the value is missing)"
+    if value.count('"') % 2 or value.count("'") % 2:
+        return " (a quotation mark is missing)"
+    if re.fullmatch(r"[+-]?\d+,\d+", value):
+        return " (write decimals with a point)"
+    if re.fullmatch(r"[A-Za-z][\w -]*", value) and value not in ("true", "false", "inf", "nan"):
+        return f' (text stands in quotes: {key.strip()} = "{value}")'
+    return ""
+
+
+def wrong_kind(table: Mapping[str, Any], record: str, source: str) -> str:
+    """In words that a file is of another kind than the record it was to be read as; empty where it is not."""
+    wanted = _RECORDS.get(record)
+    if wanted is None:
+        return ""
+    found = kind_of(table)
+    if found in ("", wanted):
+        return ""
+    remedy = _INSTEAD.get((wanted, found))
+    told = f"is a {found}, where a {wanted} is expected"
+    return told + (f"; {remedy.format(source=source)}" if remedy else "")
+
+
+def kind_of(table: Mapping[str, Any]) -> str:
+    """What kind of file a table is from, by the keys at its top; empty where they do not tell."""
+    has = set(table).intersection
+    if str(table.get("kind", "")).startswith("beamdesign."):
+        return "certificate"
+    if has({"load"}) or len(has({"sections", "clearance", "safety"})) > 1:
+        return "study"
+    if has({"vary"}) or isinstance(table.get("study"), Mapping):
+        return "sweep"
+    if has({"critical_gain", "frequency_response"}) or (has({"record"}) and has({"rig", "prototype"})):
+        return "data set"
+    if has({"record"}) and has({"duration_s", "sample_s"}):
+        return "scenario"
+    return "prototype" if has({"servovalve", "actuator"}) else ""

@@ -19,38 +19,26 @@ def picked(found: Any, names: str) -> dict[str, Any]:
     return {name: attrgetter(path or name)(found) for name, _, path in words}
 
 
-def plain(value: Any) -> Any:
-    """Records, arrays, rationals and their figures as dictionaries, lists and numbers of Python; else as text."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if hasattr(value, "model_dump"):
-        return value.model_dump(mode="json", exclude_none=True)
-    if isinstance(value, Mapping):
-        return {str(name): plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, str | int | float | bool) or value is None:
-        return value
-    if hasattr(value, "q"):  # a rational of python-flint: the float nearest to it
-        return int(value.p) / int(value.q)
-    return plain(value.tolist()) if hasattr(value, "tolist") else str(value)
-
-
 def json_text(fields: Mapping[str, Any]) -> str:
     """Fields as the text of a JSON file."""
     return json.dumps(finite(fields), indent=2, allow_nan=False) + "\n"
 
 
 def finite(value: Any) -> Any:
-    """As `plain`; JSON has no infinity, so that figures that are not finite become null."""
-    return _finite(plain(value))
+    """Records, arrays and their figures as dictionaries, lists and numbers of Python; anything else as its text.
 
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
+    JSON has no infinity, so that figures that are not finite become None.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: finite(getattr(value, field.name)) for field in fields(value)}
+    if hasattr(value, "model_dump"):
+        return finite(value.model_dump(mode="json", exclude_none=True))
+    if isinstance(value, Mapping):
+        return {str(name): finite(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
     if isinstance(value, float):
         return float(value) if isfinite(value) else None
-    return value
+    if isinstance(value, str | int) or value is None:
+        return value
+    return finite(value.tolist()) if hasattr(value, "tolist") else str(value)

@@ -71,17 +71,14 @@ def with_unit(name: str, unit: str) -> str:
 
 
 def _beam(which: str, letter: str) -> tuple[Parameter, ...]:
-    table = f"{which}_beam"
-    return (
-        Parameter(
-            f"{which}_stiffness", f"K_{letter}", "N/m", f"{table}.stiffness_N_per_m", "stiffness", "structure", 0.03
-        ),
-        Parameter(
-            f"{which}_mass", f"M_{letter}", "kg", f"{table}.effective_mass_kg", "effective_mass", "structure", 0.02
-        ),
-        Parameter(
-            f"{which}_damping", f"b_{letter}", "N s/m", f"{table}.damping_ratio", "beam_damping_ratio", "structure", 0.3
-        ),
+    rows = (
+        ("stiffness", "K", "N/m", "stiffness_N_per_m", "stiffness", 0.03),
+        ("mass", "M", "kg", "effective_mass_kg", "effective_mass", 0.02),
+        ("damping", "b", "N s/m", "damping_ratio", "beam_damping_ratio", 0.3),
+    )
+    return tuple(
+        Parameter(f"{which}_{name}", f"{symbol}_{letter}", unit, f"{which}_beam.{key}", tolerance, "structure", typical)
+        for name, symbol, unit, key, tolerance, typical in rows
     )
 
 

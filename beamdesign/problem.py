@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -27,19 +27,19 @@ from beamdesign.structure.section import SquareTube, impossible_tube
 class Load(Record):
     """What the link has to carry."""
 
-    tip_force_N: Annotated[q.Force, Field(description="transverse force at the tip")]
+    tip_force_N: q.Force = Field(description="transverse force at the tip")
 
 
 class BeamProblem(Record):
     """A beam whose section is still open; a given section is the fixed choice, or the one to compare with."""
 
-    length_m: Annotated[q.Length, Field(description="full length of the tube, clamp included")]
-    free_length_m: Annotated[q.Length, Field(description="length from the clamp to the tip")]
-    material: Annotated[str, Field(description="name of an alloy in beamdesign.structure.materials")]
-    end_mass_kg: Annotated[q.MassOrNone, Field(description="M_end of equation (5), always fixed to the tip")] = 0.0
-    damping_ratio: Annotated[q.StructuralDamping, Field(description="zeta of the bare beam")] = 0.05
-    width_m: Annotated[q.Width | None, Field(description="outside width of a given section")] = None
-    wall_m: Annotated[q.Wall | None, Field(description="wall of a given section")] = None
+    length_m: q.Length = Field(description="full length of the tube, clamp included")
+    free_length_m: q.Length = Field(description="length from the clamp to the tip")
+    material: str = Field(description="name of an alloy in beamdesign.structure.materials")
+    end_mass_kg: q.MassOrNone = Field(0.0, description="M_end of equation (5), always fixed to the tip")
+    damping_ratio: q.StructuralDamping = Field(0.05, description="zeta of the bare beam")
+    width_m: q.Width | None = Field(None, description="outside width of a given section")
+    wall_m: q.Wall | None = Field(None, description="wall of a given section")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -55,14 +55,14 @@ _SIZES = {"least_wall_m": 0.002, "largest_width_m": 0.2}
 class Sections(Record):
     """How the square tubes are chosen, and what limits them."""
 
-    choose: Annotated[
-        Literal["free", "stock", "fixed"], Field(description="free sizes, stock sizes, or the sections given")
-    ] = "stock"
-    least_wall_m: Annotated[q.Wall, Field(description="thinnest wall that may be used")] = _SIZES["least_wall_m"]
-    largest_width_m: Annotated[q.Width, Field(description="widest tube that may be used")] = _SIZES["largest_width_m"]
-    width_to_wall_at_most: Annotated[
-        q.Slenderness | None, Field(description="limit of b / t, beside the check of local buckling")
-    ] = None
+    choose: Literal["free", "stock", "fixed"] = Field(
+        "stock", description="free sizes, stock sizes, or the sections given"
+    )
+    least_wall_m: q.Wall = Field(_SIZES["least_wall_m"], description="thinnest wall that may be used")
+    largest_width_m: q.Width = Field(_SIZES["largest_width_m"], description="widest tube that may be used")
+    width_to_wall_at_most: q.Slenderness | None = Field(
+        None, description="limit of b / t, beside the check of local buckling"
+    )
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -74,17 +74,15 @@ class Sections(Record):
 class Clearance(Record):
     """Gap between the inner beam and the outer one's inside, per side."""
 
-    assembly_m: Annotated[q.Gap, Field(description="least gap before any load")] = 0.005
-    under_load_m: Annotated[q.Gap, Field(description="least gap left when the inner beam carries the load")] = 0.003
+    assembly_m: q.Gap = Field(0.005, description="least gap before any load")
+    under_load_m: q.Gap = Field(0.003, description="least gap left when the inner beam carries the load")
 
 
 class Safety(Record):
     """Factors on the load against each failure."""
 
-    strength: Annotated[q.SafetyFactor, Field(description="factor against yield in bending")] = 2.0
-    local_buckling: Annotated[q.SafetyFactor, Field(description="factor against bending resistance of thin walls")] = (
-        1.5
-    )
+    strength: q.SafetyFactor = Field(2.0, description="factor against yield in bending")
+    local_buckling: q.SafetyFactor = Field(1.5, description="factor against bending resistance of thin walls")
 
 
 Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf", "scheduled"]
@@ -94,13 +92,12 @@ Tuned = Literal["lag", "proportional", "structured", "lqg", "hinf", "scheduled"]
 class Sought(Record):
     """What the tuner may use, whatever it is called where the kind of controller stands."""
 
-    largest_inner_end_mass_kg: Annotated[q.MassOrNone, Field(description="most mass the tuner may add inside")] = 6.0
-    sections: Annotated[int, Field(ge=1, le=3, description="second-order sections of a structured controller")] = 3
-    stages: Annotated[int, Field(ge=2, le=12, description="laws of a scheduled controller")] = 3
-    added_sensors: Annotated[
-        tuple[Literal["inner_displacement_m", "load_pressure_Pa"], ...],
-        Field(description="what lqg and hinf read beside the displacement"),
-    ] = ()
+    largest_inner_end_mass_kg: q.MassOrNone = Field(6.0, description="most mass the tuner may add inside")
+    sections: int = Field(3, ge=1, le=3, description="second-order sections of a structured controller")
+    stages: int = Field(3, ge=2, le=12, description="laws of a scheduled controller")
+    added_sensors: tuple[Literal["inner_displacement_m", "load_pressure_Pa"], ...] = Field(
+        (), description="what lqg and hinf read beside the displacement"
+    )
 
     @property
     def sought(self) -> dict[str, Any]:
@@ -128,13 +125,13 @@ class Sought(Record):
 class ControllerKind(Sought):
     """Which controller the tuner is to find."""
 
-    kind: Annotated[Tuned, Field(description="law that the tuner works with")] = "lag"
+    kind: Tuned = Field("lag", description="law that the tuner works with")
 
 
 class DesignProblem(Record):
     """A study file: load, beams to size, hydraulics, and the guarantees asked for."""
 
-    name: Annotated[str, Field(min_length=1, description="what the design is called in tables and reports")]
+    name: str = Field(min_length=1, description="what the design is called in tables and reports")
     load: Load
     sections: Sections = Sections()
     outer_beam: BeamProblem

@@ -1,6 +1,10 @@
-"""What long work says while it lasts."""
+"""What long work says while it lasts; and Ctrl-C, which is remembered where some library swallows it."""
 
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 Progress = Callable[[float, str], None]
 """Called with the share of the work that is done, 0 to 1, and what is being done."""
@@ -8,3 +12,41 @@ Progress = Callable[[float, str], None]
 
 def silent(share: float, text: str) -> None:
     """Progress that nobody asked for."""
+
+
+_came = threading.Event()
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """For as long as the block runs, remember that Ctrl-C came; who ignores it or has a way of their own keeps that."""
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        if signal.getsignal(signal.SIGINT) is not _remember:
+            _came.clear()  # what came before is no word on this run
+        yield
+        return
+    _came.clear()
+    signal.signal(signal.SIGINT, _remember)
+    try:
+        yield
+    finally:
+        _came.clear()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _remember(number: int, frame: FrameType | None) -> None:
+    _came.set()
+    raise KeyboardInterrupt
+
+
+def pass_on() -> None:
+    """Say again what was swallowed.
+
+    Raises:
+        KeyboardInterrupt: where Ctrl-C has come.
+    """
+    if _came.is_set():
+        raise KeyboardInterrupt

@@ -145,12 +145,7 @@ class Arm(Record):
     """
 
     offset_m: Point = Field(
-        (
-            0.0,
-            0.0,
-            0.0,
-        ),
-        description="payload's centre from the tip: along the beam, sideways, upwards",
+        (0.0, 0.0, 0.0), description="payload's centre from the tip: along the beam, sideways, upwards"
     )
     tool_m: Point | None = Field(
         None, description="where the error counts, likewise; the payload's centre where absent"
@@ -384,8 +379,8 @@ def _changed(guarantee: Guarantee, folder: Path) -> str:
     )
 
 
-def write_prototype(prototype: Prototype, path: str | Path) -> None:
-    """Write a prototype.toml from which `read_prototype` gives back an equal record."""
+def write_prototype(prototype: Record, path: str | Path) -> None:
+    """Write a prototype.toml, of any kind of rig, from which its reader gives back an equal record."""
     write_whole(Path(path), records.to_toml(prototype))
 
 

@@ -3,36 +3,29 @@
 from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-
-class _Shown(NamedTuple):
-    """How values of an SI unit are shown."""
-
-    unit: str
-    factor: float
-
-
 _UNITS = {
-    "m": _Shown("mm", 1e3),
-    "m2": _Shown("mm²", 1e6),
-    "Pa": _Shown("MPa", 1e-6),
-    "N": _Shown("N", 1.0),
-    "N m": _Shown("N m", 1.0),
-    "N/m": _Shown("kN/m", 1e-3),
-    "N s/m": _Shown("N s/m", 1.0),
-    "m/N": _Shown("nm/N", 1e9),
-    "kg": _Shown("kg", 1.0),
-    "kg/m3": _Shown("kg/m³", 1.0),
-    "Hz": _Shown("Hz", 1.0),
-    "A/V": _Shown("mA/V", 1e3),
-    "V/m": _Shown("V/mm", 1e-3),
-    "m3/s/A": _Shown("cm³/s/mA", 1e3),
-    "m3/s/Pa": _Shown("cm³/s/MPa", 1e12),
-    "1": _Shown("", 1.0),
+    "m": ("mm", 1e3),
+    "m2": ("mm²", 1e6),
+    "Pa": ("MPa", 1e-6),
+    "N": ("N", 1.0),
+    "N m": ("N m", 1.0),
+    "N/m": ("kN/m", 1e-3),
+    "N s/m": ("N s/m", 1.0),
+    "m/N": ("nm/N", 1e9),
+    "kg": ("kg", 1.0),
+    "kg/m3": ("kg/m³", 1.0),
+    "Hz": ("Hz", 1.0),
+    "A/V": ("mA/V", 1e3),
+    "V/m": ("V/mm", 1e-3),
+    "m3/s/A": ("cm³/s/mA", 1e3),
+    "m3/s/Pa": ("cm³/s/MPa", 1e12),
+    "1": ("", 1.0),
 }
+"""By SI unit: the one in which it is read, and how many of these it is."""
 
 
 def decimal(value: float, digits: int = 4, rounding: str = ROUND_HALF_EVEN) -> str:
@@ -70,8 +63,8 @@ def quantity(value: float, unit: str, digits: int = 4, rounding: str = ROUND_HAL
     Raises:
         KeyError: for a unit that has no everyday form here.
     """
-    shown = _UNITS[unit]
-    return f"{decimal(value * shown.factor, digits, rounding)} {shown.unit}".rstrip()
+    shown, factor = _UNITS[unit]
+    return f"{decimal(value * factor, digits, rounding)} {shown}".rstrip()
 
 
 def at_least(value: float, unit: str, digits: int = 4) -> str:

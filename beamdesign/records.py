@@ -21,8 +21,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from beamdesign import file_remedy, spelling
-from beamdesign.files import read_bytes
+from beamdesign import files, spelling
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -306,7 +305,7 @@ def parse(record: type[R], table: dict[str, Any], source: str | Path) -> R:
     try:
         return record.model_validate(_as_tuples(table))
     except ValidationError as error:
-        if told := file_remedy.wrong_kind(table, record.__name__, str(source)):
+        if told := files.wrong_kind(table, record.__name__, str(source)):
             raise InputError(source, [Problem("(whole file)", told)]) from error
         raise InputError(source, _problems(error, record)) from error
 
@@ -319,13 +318,13 @@ def read_table(path: str | Path) -> dict[str, Any]:
             are of a size that none of our files has.
     """
     try:
-        raw = read_bytes(path)
+        raw = files.read_bytes(path)
     except OSError as error:
-        raise InputError(path, [Problem("(file)", file_remedy.unreadable(Path(path), error))]) from error
+        raise InputError(path, [Problem("(file)", files.unreadable(Path(path), error))]) from error
     try:
         table = tomllib.loads(raw.removeprefix(codecs.BOM_UTF8).decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, [Problem("(file)", file_remedy.not_toml(raw, error))]) from error
+        raise InputError(path, [Problem("(file)", files.not_toml(raw, error))]) from error
     except RecursionError as error:
         raise InputError(path, [Problem("(file)", f"nested more than {_DEEPEST} levels deep")]) from error
     except ValueError as error:  # an integer of thousands of digits, which Python does not convert

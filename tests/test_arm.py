@@ -715,7 +715,7 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
         path, "--offset-m", "0,0.1,0", "--force-N", "500", "--allowed-mm", "0.02", "--out", tmp_path, "--json", answer
     )
     assert done.exit_code == 0, done.output
-    assert "stable for every payload from 0 to 6.8 kg" in done.output
+    assert "stable for every outer end mass from 0 to 6.8 kg" in done.output
     fields = json.loads(answer.read_text())
     assert fields["with_servo"]["shares_m"]["twist"] == pytest.approx(
         500 * 0.1**2 / arm_figures(link).torsional_stiffness
@@ -745,8 +745,8 @@ def test_the_command_proves_writes_and_says_no(link: Prototype, tmp_path: Path):
 
 
 def test_a_sweep_tells_what_the_command_tells(link: Prototype):
+    from beamdesign.sweep.answers import arm as compute
     from beamdesign.sweep.tasks import ArmOptions
-    from beamdesign.sweep.tasks.of_prototypes import arm as compute
 
     rig = at(link, 0.0, 0.1, 0.0)
     answer = compute(rig, ArmOptions(force_N=500.0))

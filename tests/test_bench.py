@@ -12,7 +12,6 @@ from beamdesign.bench_prototype import (
     BenchPrototype,
     read_any_prototype,
     read_bench_prototype,
-    write_any_prototype,
 )
 from beamdesign.cli import app
 from beamdesign.plant.assembly import assemble
@@ -210,7 +209,7 @@ def test_a_stroke_is_that_of_an_independent_simulation(bench: BenchPrototype):
 
 def test_record_is_written_and_read_again(tmp_path: Path, bench: BenchPrototype, paper: Prototype):
     path = tmp_path / "bench.toml"
-    write_any_prototype(bench.but(effects=JOINT), path)
+    write_prototype(bench.but(effects=JOINT), path)
     assert read_any_prototype(path) == bench.but(effects=JOINT)
     with pytest.raises(InputError, match="kind: 'actuator_bench' is not a rig this command can work on"):
         read_prototype(path)
@@ -278,7 +277,7 @@ input = [{ kind = "csv", file = "command.csv" }]
 
 
 def test_command_writes_records(tmp_path: Path, bench: BenchPrototype):
-    write_any_prototype(bench, tmp_path / "bench.toml")
+    write_prototype(bench, tmp_path / "bench.toml")
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     times = np.arange(401) * 1e-3
     np.savetxt(

@@ -13,8 +13,7 @@ from beamdesign.docs import page, topics
 from beamdesign.prototype import read_prototype
 from beamdesign.quantities import unit_of
 from beamdesign.records import InputError
-from beamdesign.report.reference import FILES, effects, find, keys
-from beamdesign.report.reference_words import reference_markdown
+from beamdesign.report.reference import FILES, effects, find, keys, reference_markdown
 from beamdesign.templates import TEMPLATES
 
 

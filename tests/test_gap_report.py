@@ -38,8 +38,7 @@ from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
 from beamdesign.prototype import Payload, Prototype
-from beamdesign.report.gap_folder import gap_report_html, write_gap_folder
-from beamdesign.report.gap_pictures import bands, diverged, zoom
+from beamdesign.report.gap_folder import bands, diverged, gap_report_html, write_gap_folder, zoom
 from beamdesign.report.gap_tables import (
     HeatMap,
     chosen_fit,

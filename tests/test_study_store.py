@@ -12,8 +12,7 @@ import tomli_w
 from beamdesign.records import InputError
 from beamdesign.sweep import store
 from beamdesign.sweep.case import address_of, case, inputs_hold
-from beamdesign.sweep.governing import case_of
-from beamdesign.sweep.store import difference
+from beamdesign.sweep.store import case_of, difference
 from beamdesign.sweep.sweep_run import plan, run_sweep, sweep_status
 
 ROOT = Path(__file__).parents[1]

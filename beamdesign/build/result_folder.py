@@ -19,6 +19,7 @@ from beamdesign.prototype import InStage, Prototype
 from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, per_cent, quantity, tube_text
 from beamdesign.records import to_toml
 from beamdesign.report.canvas import inline_svg, readings_json
+from beamdesign.report.figures import TradePoint, read_trade
 from beamdesign.report.page import (
     Block,
     Code,
@@ -34,7 +35,6 @@ from beamdesign.report.page import (
 )
 from beamdesign.report.pictures import CaptionedFigure, loop_pictures, prototype_picture, trade_picture
 from beamdesign.report.statements import price_words, statements
-from beamdesign.report.trade import TradePoint, read_trade
 from beamdesign.structure.lumped import lumped_beam, notes
 from beamdesign.synthesis.checks import Check, CheckedPair
 from beamdesign.synthesis.design_run import CERTIFICATE_NAME, DesignRun

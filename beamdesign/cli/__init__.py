@@ -21,12 +21,13 @@ from beamdesign.cli.certify_variations import certify_box, certify_switching
 from beamdesign.cli.command import INTERRUPTED
 from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap
-from beamdesign.cli.output import echo, hush, remembered, reporting, shown, speak
+from beamdesign.cli.output import echo, hush, reporting, shown, speak
 from beamdesign.cli.paper import paper
 from beamdesign.cli.simulate import limits, simulate
 from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study
 from beamdesign.cli.tune import tune
+from beamdesign.progress import remembered
 
 HEADINGS = ("Begin", "Design", "Prove", "Build", "Simulate", "Compare with a rig", "Source")
 """Of the help, in the order of a newcomer's way."""
@@ -182,17 +183,17 @@ def main() -> None:
     except KeyboardInterrupt:  # outside of any command
         echo_interrupted("beamdesign")
         sys.exit(INTERRUPTED)
-    except OSError as error:  # a full disk, a folder taken away: nothing that a traceback would explain
-        print(shown(f"{error.filename or 'beamdesign'}: {error.strerror or error}"), file=sys.stderr)
-        sys.exit(2)
-    except MemoryError as error:
-        print(f"beamdesign: more memory is needed than there is: {error}".rstrip(": "), file=sys.stderr)
-        sys.exit(2)
     except Exception as error:
         from beamdesign.records import InputError
 
-        if isinstance(error, InputError):
-            print(shown(str(error)), file=sys.stderr)
-            sys.exit(2)
-        print(shown(traceback.format_exc()), end="", file=sys.stderr)
-        sys.exit(FAULT)  # not 1: a fault of the program is no answer
+        status = 2
+        if isinstance(error, OSError):  # a full disk, a folder taken away: nothing that a traceback would explain
+            words = f"{error.filename or 'beamdesign'}: {error.strerror or error}"
+        elif isinstance(error, MemoryError):
+            words = f"beamdesign: more memory is needed than there is: {error}".rstrip(": ")
+        elif isinstance(error, InputError):
+            words = str(error)
+        else:
+            words, status = traceback.format_exc().rstrip(), FAULT  # not 1: a fault of the program is no answer
+        print(shown(words), file=sys.stderr)
+        sys.exit(status)

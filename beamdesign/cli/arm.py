@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from beamdesign.cli.certify import echo_against_goal, echo_stability
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
@@ -17,12 +18,12 @@ from beamdesign.cli.command import (
     figures_of,
     mass_range,
 )
-from beamdesign.cli.output import echo, echo_table, write_csv
+from beamdesign.cli.output import echo, echo_table
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.proofs.arm.remaining import InnerTravel, Remaining, TwistRemedy, Vector
+    from beamdesign.proofs.arm.remaining import TwistRemedy, Vector
     from beamdesign.proofs.arm.result import ArmResult
     from beamdesign.proofs.box import BoxVerdict
     from beamdesign.prototype import InStage, Prototype
@@ -91,16 +92,22 @@ def _worked_out(
 
     record, masses, _ = stage
     found = work_out(record, masses, force)
-    echo_figures(record, found)
-    echo_proof(record, found)
+    _echo_figures(record, found)
+    _echo_proof(record, found)
     places = {} if within is None else prove_anywhere(record, masses, within)
     for name, verdict in places.items():
-        echo_place(name, verdict)
-    echo_compliance(found)
-    echo_remaining(found, force)
+        planes = "both planes" if name == "both" else f"plane {name}"
+        echo(f"{planes}, for every payload and every place of its centre asked for: {_VERDICTS[verdict.stable]}")
+        if verdict.reason:
+            echo(f"  {verdict.reason}")
+    _echo_compliance(found)
+    _echo_remaining(found, force)
     travel = None if found.with_servo is None else inner_travel(record, found.with_servo)
     if travel is not None:
-        echo_travel(travel)
+        gap = "" if travel.gap_m is None else f", of a gap of {1e3 * travel.gap_m:.4g} mm"
+        y, z = (1e3 * value + 0.0 for value in travel.travel_m)
+        touches = ": the tubes TOUCH" if travel.touches else ""
+        echo(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z{gap}{touches}")
     most = offset_for_goal_m(record)
     goal = record.goal.compliance_m_per_N
     if any(sensor_of(record)):
@@ -113,12 +120,17 @@ def _worked_out(
     remedy = None
     if allowed_mm is not None:
         remedy = twist_remedy(record, force, allowed_mm * 1e-3, masses[1])
-        echo_remedy(remedy)
+        _echo_remedy(remedy)
     files: dict[str, Any] = {}
     if out is not None:
-        files = write_folder(record, found, force, places, out)
+        with fresh_folder(out, ("certificate_*.toml",)) as fresh:
+            written = _written(record, found, force, places, fresh)
+        files = settled(written, fresh, out)
         echo(f"folder: {out}")
-    fields = _fields(found, force, most, remedy) | {
+    fields = found.to_dict() | {
+        "force_N": force,
+        "offset_for_goal_m": most,
+        "twist_remedy": remedy,
         "inner_travel": travel,
         "within_m": within,
         "anywhere": {name: picked(verdict, "stable reason") for name, verdict in places.items()},
@@ -149,50 +161,21 @@ def _force(record: "Prototype", text: str | None, payload: float, source: Path) 
     return 0.0, 0.0, -down
 
 
-_COMPLIANCE = """payload_without_servo=passive payload_with_servo=active tip_without_servo=tip_passive
-    tip_with_servo=tip_active"""
+_NO_YES = ("no", "yes")
+_VERDICTS = {True: "stable", False: "NOT stable", None: "UNDECIDED"}
 
 
-def _fields(found: "ArmResult", force: "Vector", most: float, remedy: "TwistRemedy | None") -> dict[str, Any]:
-    both = found.both
-    return {
-        **picked(found, "stable reason outer_end_mass_kg figures sampled_stable sampled_load_Hz frequencies"),
-        "planes": [
-            {
-                **picked(plane, "plane=name coupled_with_torsion=coupled stable guaranteed"),
-                "stable_ranges_kg": plane.stability.stable_ranges,
-                "crossings": [
-                    {"outer_end_mass_kg": c.value, "frequency_Hz": c.frequency_Hz if c.finite else None}
-                    for c in plane.crossings
-                ],
-            }
-            for plane in found.planes
-        ],
-        "both_planes": None if both is None else picked(both, "stable reason pieces"),
-        "compliance": picked(found, _COMPLIANCE),
-        "force_N": force,
-        "without_servo": _case(found.without),
-        "with_servo": None if found.with_servo is None else _case(found.with_servo),
-        "offset_for_goal_m": most,
-        "twist_remedy": remedy,
-    }
-
-
-def _case(case: "Remaining") -> dict[str, Any]:
-    names = type(case).__dataclass_fields__
-    return {name: getattr(case, name) for name in names} | {"size_m": case.size_m, "shares_m": case.shares_m}
-
-
-def echo_figures(record: "Prototype", found: "ArmResult") -> None:
+def _echo_figures(record: "Prototype", found: "ArmResult") -> None:
     """Where the payload is, what stands for what, natural frequencies."""
     from beamdesign.proofs.arm.plane import arm_of, sensor_of
 
-    offset = arm_of(record).offset_m
-    place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", offset, strict=True))
-    echo(f"{record.name}: payload's centre at {place} m from the tip (x along the beam, y sideways, z upwards)")
+    def place(point: "Vector") -> str:
+        return ", ".join(f"{name} {value:g}" for name, value in zip("xyz", point, strict=True))
+
+    centre = place(arm_of(record).offset_m)
+    echo(f"{record.name}: payload's centre at {centre} m from the tip (x along the beam, y sideways, z upwards)")
     if any(sensor := sensor_of(record)):
-        place = ", ".join(f"{name} {value:g}" for name, value in zip("xyz", sensor, strict=True))
-        echo(f"  servos measure at {place} m from the tip")
+        echo(f"  servos measure at {place(sensor)} m from the tip")
     for note in found.figures.notes:
         echo(f"  {note}")
     rows = [
@@ -202,82 +185,50 @@ def echo_figures(record: "Prototype", found: "ArmResult") -> None:
     echo_table("Natural frequencies of the outer beam, Hz", columns, rows)
 
 
-def echo_proof(record: "Prototype", found: "ArmResult") -> None:
+def _echo_proof(record: "Prototype", found: "ArmResult") -> None:
     """What is proved of the planes."""
     low, high = found.outer_end_mass_kg
+    goal = record.goal
+    limit = f"{goal.compliance_m_per_N:.4g} m/N"
     if found.both is not None:
-        verdict = {True: "stable", False: "NOT stable", None: "UNDECIDED"}[found.both.stable]
         reason = f": {found.both.reason}" if found.both.reason else ""
-        echo(f"both planes, coupled by the payload: {verdict} from {low:g} to {high:g} kg{reason}")
+        echo(f"both planes, coupled by the payload: {_VERDICTS[found.both.stable]} from {low:g} to {high:g} kg{reason}")
         echo("  method: zero exclusion in ball arithmetic over the payload; bandwidth and peaks are not proved")
         if found.sampled_load_Hz is not None:
             in_y, in_z = found.sampled_load_Hz
-            limit = record.goal.compliance_m_per_N
-            echo(f"  sampled: a force on the payload moves it by at most {limit:.4g} m/N up to")
+            echo(f"  sampled: a force on the payload moves it by at most {limit} up to")
             echo(f"    {in_y:.4g} Hz in y and {in_z:.4g} Hz in z")
         for mass, stable in found.sampled_stable:
             echo(f"  at {mass:g} kg: {'stable' if stable else 'not stable'} (poles, sampled)")
-        return
     for plane in found.planes:
         with_what = "with torsion" if plane.coupled else "without torsion, which the payload does not bring in"
-        if not plane.stable:
-            echo(f"plane {plane.name}, {with_what}: NOT stable from {low:g} to {high:g} kg: {plane.reason}")
-            for least, most in plane.stability.stable_ranges:
-                echo(f"  stable from {least:.7g} to {most:.7g} kg")
-            for crossing in plane.crossings:
-                echo(f"  a root pair lies on the axis at {crossing.value:.7g} kg, {crossing.frequency_Hz:.6g} Hz")
-            continue
-        echo(f"plane {plane.name}, {with_what}: stable for every payload from {low:g} to {high:g} kg")
+        echo_stability(f"plane {plane.name}, {with_what}", plane)
         if (sure := plane.guaranteed) is None:
             continue
-        goal = record.goal
-        echo(f"  guaranteed at the tip: at most {goal.compliance_m_per_N:.4g} m/N up to {sure.tip_bandwidth_Hz:.6g} Hz")
+        echo(f"  guaranteed at the tip: at most {limit} up to {sure.tip_bandwidth_Hz:.6g} Hz")
         if sure.load_bandwidth_Hz > 0:
             echo(f"  guaranteed at the payload: the same up to {sure.load_bandwidth_Hz:.6g} Hz")
         else:
-            echo(
-                f"  at the payload even a steady force moves it by {sure.load_static_m_per_N:.4g} m/N, beyond the goal"
-            )
-        met = "within" if sure.peak_sensitivity <= goal.peak_sensitivity else "beyond"
-        echo(f"  guaranteed: peak sensitivity at most {sure.peak_sensitivity:.6g}, {met} the goal")
-        if sure.loop_gain is not None and goal.loop_gain is not None:
-            met = "within" if sure.loop_gain <= goal.loop_gain else "beyond"
-            echo(
-                f"  guaranteed: |L| at most {sure.loop_gain:.6g} from {goal.loop_gain_from_Hz:g} Hz up, {met} the goal"
-            )
-        if sure.controller_effort_A_per_V is not None and goal.controller_effort_A_per_V is not None:
-            met = "within" if sure.controller_effort_A_per_V <= goal.controller_effort_A_per_V else "beyond"
-            echo(f"  guaranteed: |C/(1+L)| at most {sure.controller_effort_A_per_V:.6g} A/V, {met} the goal")
+            static = f"{sure.load_static_m_per_N:.4g} m/N"
+            echo(f"  at the payload even a steady force moves it by {static}, beyond the goal")
+        echo_against_goal(sure, goal)
 
 
-def echo_place(name: str, verdict: "BoxVerdict") -> None:
-    """What is proved over the places of the payload's centre."""
-    planes = "both planes" if name == "both" else f"plane {name}"
-    words = {True: "stable", False: "NOT stable", None: "UNDECIDED"}[verdict.stable]
-    reason = f": {verdict.reason}" if verdict.reason else ""
-    echo(f"{planes}, for every payload and every place of its centre asked for: {words}{reason}")
-
-
-def echo_compliance(found: "ArmResult") -> None:
+def _echo_compliance(found: "ArmResult") -> None:
     """Steady compliance at the tip and at the payload."""
     rows = []
-    for place, passive, active in (
-        ("tip", found.tip_passive, found.tip_active),
-        ("payload", found.passive, found.active),
-    ):
+    for place in ("tip", "payload"):
+        passive, active = found.compliances[place, False], found.compliances[place, True]
+        assert passive is not None
         for direction, i, turn in (("y", 1, 5), ("z", 2, 4)):
-            cells = [1e9 * passive[i, i], 1e9 * passive[turn, i], 1e9 * passive[3, i]]
-            cells += ["-"] * 3 if active is None else [1e9 * active[k, i] for k in (i, turn, 3)]
-            rows.append((f"{place}, {direction}", *map(_cell, cells)))
+            cells = [1e9 * float(passive[k, i]) + 0.0 for k in (i, turn, 3)]  # no negative zero
+            driven: list[Any] = ["-"] * 3 if active is None else [1e9 * float(active[k, i]) + 0.0 for k in (i, turn, 3)]
+            rows.append((f"{place}, {direction}", *cells, *driven))
     columns = ("at", "moves", "turns", "twists", "servo: moves", "turns", "twists")
     echo_table("Under 1 N, steady, the outer beam alone and with both servos: nm, nrad", columns, rows)
 
 
-def _cell(value: Any) -> Any:
-    return value if isinstance(value, str) else float(value) + 0.0  # no negative zero
-
-
-def echo_remaining(found: "ArmResult", force: "Vector") -> None:
+def _echo_remaining(found: "ArmResult", force: "Vector") -> None:
     """What a load leaves, by cause."""
     rows = []
     for words, case in (("alone", found.without), ("servos", found.with_servo)):
@@ -295,7 +246,7 @@ def echo_remaining(found: "ArmResult", force: "Vector") -> None:
         echo(f"actuators: {y + 0.0:.4g} N in y, {z + 0.0:.4g} N in z")
 
 
-def echo_remedy(remedy: "TwistRemedy") -> None:
+def _echo_remedy(remedy: "TwistRemedy") -> None:
     """What would keep twist small."""
     echo(f"to keep twist at {1e3 * remedy.allowed_m:g} mm: G J / L of {remedy.needed_N_m_per_rad:.6g} N m/rad")
     if remedy.width_m is not None:
@@ -309,26 +260,10 @@ def echo_remedy(remedy: "TwistRemedy") -> None:
         echo(f"  or, against weight alone, {remedy.counterweight_kg_m:.4g} kg m on the other side of the axis")
 
 
-def echo_travel(travel: "InnerTravel") -> None:
-    """How far the inner tip gives way."""
-    gap = "" if travel.gap_m is None else f", of a gap of {1e3 * travel.gap_m:.4g} mm"
-    touches = ": the tubes TOUCH" if travel.touches else ""
-    y, z = (1e3 * value + 0.0 for value in travel.travel_m)
-    echo(f"the inner tip gives way by {y:.4g} mm in y, {z:.4g} mm in z{gap}{touches}")
-
-
-def write_folder(
-    record: "Prototype", found: "ArmResult", force: "Vector", places: Mapping[str, "BoxVerdict"], folder: Path
-) -> dict[str, Any]:
-    """Write them as one set, and say which file is which; `places` are the verdicts on any place of the payload."""
-    with fresh_folder(folder, ("certificate_*.toml",)) as fresh:
-        files = _written(record, found, force, places, fresh)
-    return {name: settled(paths, fresh, folder) for name, paths in files.items()}
-
-
 def _written(
     record: "Prototype", found: "ArmResult", force: "Vector", places: Mapping[str, "BoxVerdict"], out: Path
 ) -> dict[str, Any]:
+    from beamdesign.columns import csv_text
     from beamdesign.proofs.arm.both_planes import both_planes
     from beamdesign.prototype import write_prototype
     from beamdesign.report.arm_plot import compliance_curves, draw_arm
@@ -338,43 +273,26 @@ def _written(
     if found.both is not None and found.both.certificate:
         texts["certificate_both"] = found.both.certificate
     texts |= {f"certificate_anywhere_{name}": one.certificate for name, one in places.items() if one.certificate}
-    files: dict[str, Any] = {}
-    for name, text in texts.items():
-        files[name] = out / f"{name}.toml"
-        write_whole(files[name], text)
-    files |= {name: out / f"{name}.csv" for name in ("compliance", "remaining", "response")}
     motions = ("x_m", "y_m", "z_m", "about_x_rad", "about_y_rad", "about_z_rad")
     loads = ("force_x_N", "force_y_N", "force_z_N", "moment_x_N_m", "moment_y_N_m", "moment_z_N_m")
-    matrices = {
-        ("tip", "no"): found.tip_passive, ("tip", "yes"): found.tip_active,
-        ("payload", "no"): found.passive, ("payload", "yes"): found.active,
-    }  # fmt: skip
-    write_csv(
-        files["compliance"],
-        [
-            {"at": at, "servo": servo, "motion": motion} | dict(zip(loads, map(float, row), strict=True))
-            for (at, servo), matrix in matrices.items()
-            if matrix is not None
-            for motion, row in zip(motions, matrix, strict=True)
-        ],
-    )
-    cases = {"no": found.without} | ({"yes": found.with_servo} if found.with_servo is not None else {})
-    write_csv(
-        files["remaining"],
-        [
-            {"servo": servo, "cause": cause} | dict(zip(("x_m", "y_m", "z_m"), vector, strict=True))
-            for servo, case in cases.items()
-            for cause, vector in (
-                ("tip", case.tip_m),
-                ("turning", case.from_turning_m),
-                ("twist", case.from_twist_m),
-                ("all", case.error_m),
-            )
-        ],
-    )
+    compliance = [
+        {"at": at, "servo": _NO_YES[servo], "motion": motion} | dict(zip(loads, map(float, row), strict=True))
+        for (at, servo), matrix in found.compliances.items()
+        if matrix is not None
+        for motion, row in zip(motions, matrix, strict=True)
+    ]
+    remaining = [
+        {"servo": servo, "cause": cause} | dict(zip(("x_m", "y_m", "z_m"), vector, strict=True))
+        for servo, case in zip(_NO_YES, (found.without, found.with_servo), strict=True)
+        if case is not None
+        for cause, vector in (*case.causes_m.items(), ("all", case.error_m))
+    ]
     curves = compliance_curves(both_planes(record), found)
-    write_csv(files["response"], curves.rows())
-    files["figures"] = save(draw_arm(record, found, force, curves), out / "arm")
-    files["prototype"] = out / "prototype.toml"
+    tables: dict[str, Any] = {"compliance": compliance, "remaining": remaining, "response": curves.rows()}
+    kinds = dict.fromkeys(texts, "toml") | dict.fromkeys(tables, "csv")
+    files: dict[str, Any] = {name: out / f"{name}.{kind}" for name, kind in kinds.items()}
+    for name, text in (texts | {name: csv_text(rows) for name, rows in tables.items()}).items():
+        write_whole(files[name], text)
+    files |= {"figures": save(draw_arm(record, found, force, curves), out / "arm"), "prototype": out / "prototype.toml"}
     write_prototype(record, files["prototype"])
     return files

@@ -84,7 +84,7 @@ def explain(
 
     from beamdesign.docs import page, topics
     from beamdesign.records import InputError
-    from beamdesign.report import reference_words as told
+    from beamdesign.report import reference as told
     from beamdesign.report.reference import effect_named, effects, find, keys, nearest
 
     if key is None:

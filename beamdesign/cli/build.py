@@ -15,7 +15,7 @@ from beamdesign.cli.command import (
     TomlFile,
     command,
     mass_range,
-    ready_to_run,
+    with_controller,
 )
 from beamdesign.cli.output import default_folder, echo, echo_table, progress
 
@@ -64,7 +64,7 @@ def code(
     """
     from beamdesign.records import InputError
 
-    record = ready_to_run(prototype)
+    record = with_controller(prototype)
     assert record.controller is not None
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
@@ -89,9 +89,7 @@ def code(
     _echo(found)
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
         echo("the prototype states no payload: proved without any; --outer-end-mass LO:HI asks for a range")
-    for path in paths:
-        echo(str(path))
-    return CommandResult(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder))
+    return CommandResult(found.to_dict() | {"files": paths}, not compile_here or _compiles(folder), paths)
 
 
 def _compiles(folder: Path) -> bool:
@@ -158,7 +156,7 @@ def spec(
         load_N: load for the ratings; else the prototype's largest force or payload's weight.
         noise_share: share of the motion that the goal allows, which sensor noise may cause.
     """
-    record = ready_to_run(prototype)
+    record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.payload.outer_end_mass_kg or (0.0, 0.0), prototype)
 
     from beamdesign.build.folder import write_specification
@@ -169,13 +167,11 @@ def spec(
         found = specify(record, masses, sampling_rate_Hz, load_N, noise_share, progress=update)
         update(1.0, "writing")
         paths = write_specification(found, folder)
-    answer = CommandResult(found.to_dict() | {"files": paths}, not found.reason)
+    fields = found.to_dict() | {"files": paths}
     if found.reason:
         echo(f"{record.name}: {found.reason}")
-        return answer
+        return CommandResult(fields, yes=False)
     echo_table(f"{record.name}: specification", ("figure", "value", "basis"), found.rows())
     if record.payload.outer_end_mass_kg is None and outer_end_mass is None:
         echo("the prototype states no payload: specified without any; --outer-end-mass LO:HI asks for a range")
-    for path in paths.values():
-        echo(str(path))
-    return answer
+    return CommandResult(fields, files=paths.values())

@@ -26,7 +26,8 @@ from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.polynomial import Crossing
-    from beamdesign.proofs.certificate import Asked, Certificate, Guaranteed
+    from beamdesign.proofs.arm.result import PlaneGuaranteed
+    from beamdesign.proofs.certificate import Asked, Certificate, Decided, Guaranteed
     from beamdesign.prototype import Goal, InStage, Prototype
     from beamdesign.synthesis.rig_spread import Shape
 
@@ -92,32 +93,25 @@ def certify(
     shape: Shape = "box" if robust_box else "ball"
     stem = prototype.stem
 
-    def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
-        path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
-        return _proved(stage, _asked(stage.prototype, claims), (robust, shape), path)
-
-    return by_stage(record, masses, proved)
-
-
-def _proved(
-    stage: "InStage", asked: list["Asked"], sought: tuple[float, "Shape"], path: Path
-) -> tuple[dict[str, Any], bool]:
-    """Prove, say and write of one law; what is known of it, and whether all of it holds."""
     from beamdesign.proofs.certifying import certify as prove
 
-    record, (robust, shape) = stage.prototype, sought
-    certificate = prove(record, *stage.outer_end_mass_kg, asked)
-    write_certificate(path, certificate.text)
-    _echo(record, certificate)
-    echo(f"certificate: {path}")
-    fields = certificate.to_dict() | (_between(record, certificate, path) if record.effects else {})
-    holds = certificate.holds
-    if robust > 0:
-        from beamdesign.cli.tune import certified_rigs
+    def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        path = certificate_file(beside(out, stage), f"{stem}{stage.suffix}.certificate.toml")
+        rig, asked = stage.prototype, _asked(stage.prototype, claims)
+        certificate = prove(rig, *stage.outer_end_mass_kg, asked)
+        write_certificate(path, certificate.text)
+        _echo(rig, certificate)
+        echo(f"certificate: {path}")
+        fields = certificate.to_dict() | (_between(rig, certificate, path) if rig.effects else {})
+        holds = certificate.holds
+        if robust > 0:
+            from beamdesign.cli.tune import certified_rigs
 
-        every, words = certified_rigs(record, stage.outer_end_mass_kg, asked, robust, shape, path)
-        holds, fields = holds and every, fields | words
-    return fields | {"certificate": path}, holds
+            every, words = certified_rigs(rig, stage.outer_end_mass_kg, asked, robust, shape, path)
+            holds, fields = holds and every, fields | words
+        return fields | {"certificate": path}, holds
+
+    return by_stage(record, masses, proved)
 
 
 def _between(record: "Prototype", certificate: "Certificate", path: Path) -> dict[str, Any]:
@@ -155,29 +149,14 @@ def _asked(record: "Prototype", claims: dict[str, float | None]) -> list["Asked"
 def _echo(record: "Prototype", certificate: "Certificate") -> None:
     from beamdesign.proofs.certificate import describe
 
-    low, high = certificate.outer_end_mass_kg
-    if certificate.stable:
-        echo(f"{record.name}: stable for every outer end mass from {low:g} to {high:g} kg")
-    else:
-        echo(f"{record.name}: NOT stable from {low:g} to {high:g} kg: {certificate.stability.reason}")
-        for least, most in certificate.stable_ranges_kg:
-            echo(f"  stable from {least:.7g} to {most:.7g} kg")
-    if certificate.crossings:
-        rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in certificate.crossings]
-        echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
+    echo_stability(record.name, certificate)
     for side, crossing in certificate.next_crossings.items():
         if crossing is not None:
             echo(f"  the next crossing {side} the range is at {crossing.value:.7g} kg, {_hertz(crossing)} Hz")
     if certificate.guaranteed is not None:
         found, goal = certificate.guaranteed, record.goal
         echo(f"  guaranteed: |x/F_d| at most {goal.compliance_m_per_N:.4g} m/N up to {found.bandwidth_Hz:.6g} Hz")
-        met = "within" if found.peak_sensitivity <= goal.peak_sensitivity else "beyond"
-        echo(
-            f"  guaranteed: peak sensitivity at most {found.peak_sensitivity:.6g}, {met} the goal of"
-            f" {goal.peak_sensitivity:g}"
-        )
-        for words in _beyond_peak(found, goal):
-            echo(f"  guaranteed: {words}")
+        echo_against_goal(found, goal)
     for claim in certificate.claims:
         echo(f"  {'proved' if claim.holds else 'REFUTED'}: {describe(claim)}")
         if not claim.holds:
@@ -191,22 +170,31 @@ def _echo(record: "Prototype", certificate: "Certificate") -> None:
         )
 
 
-def _beyond_peak(found: "Guaranteed", goal: "Goal") -> list[str]:
-    """Loop gain and effort beside the goal's limits, as far as it sets any."""
-    lines = []
-    if found.loop_gain is not None and goal.loop_gain is not None:
-        met = "within" if found.loop_gain <= goal.loop_gain else "beyond"
-        lines.append(
-            f"loop gain |L| at most {found.loop_gain:.6g} from {goal.loop_gain_from_Hz:g} Hz up, {met} the goal of"
-            f" {goal.loop_gain:g}"
-        )
-    if found.controller_effort_A_per_V is not None and goal.controller_effort_A_per_V is not None:
-        met = "within" if found.controller_effort_A_per_V <= goal.controller_effort_A_per_V else "beyond"
-        lines.append(
-            f"controller effort |C/(1+L)| at most {found.controller_effort_A_per_V:.6g} A/V, {met} the goal of"
-            f" {goal.controller_effort_A_per_V:g} A/V"
-        )
-    return lines
+def echo_stability(name: str, found: "Decided") -> None:
+    """Whether a loop is stable over a range of payloads, where else it is, and where that changes."""
+    low, high = found.outer_end_mass_kg
+    if found.stable:
+        echo(f"{name}: stable for every outer end mass from {low:g} to {high:g} kg")
+    else:
+        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.reason}")
+        for least, most in found.stability.stable_ranges:
+            echo(f"  stable from {least:.7g} to {most:.7g} kg")
+    if found.crossings:
+        rows = [(f"{crossing.value:.7g}", _hertz(crossing)) for crossing in found.crossings]
+        echo_table("a root pair lies on the imaginary axis at", ("outer_end_mass_kg", "frequency_Hz"), rows)
+
+
+def echo_against_goal(found: "Guaranteed | PlaneGuaranteed", goal: "Goal") -> None:
+    """What is guaranteed beside the goal's limits, as far as it sets any."""
+    for name, words, more in (
+        ("peak_sensitivity", "peak sensitivity", ""),
+        ("loop_gain", "loop gain |L|", f" from {goal.loop_gain_from_Hz:g} Hz up"),
+        ("controller_effort_A_per_V", "controller effort |C/(1+L)|", " A/V"),
+    ):
+        value, limit = getattr(found, name), getattr(goal, name)
+        if value is not None and limit is not None:
+            met = "within" if value <= limit else "beyond"
+            echo(f"  guaranteed: {words} at most {value:.6g}{more}, {met} the goal of {limit:g}")
 
 
 def _hertz(crossing: "Crossing") -> str:

@@ -1,7 +1,6 @@
 """`beamdesign certify-box` and `certify-switching`: proofs over tolerances, and while the payload changes."""
 
 from math import inf
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -61,38 +60,29 @@ def certify_box(
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
 
-    from beamdesign.proofs.tolerance_box import tolerance_box
+    from beamdesign.proofs.box import certify_box as prove
+    from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
 
     def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
         path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
         asked = None if outer_end_mass is None else stage.outer_end_mass_kg
         delays = (0.0, delay_s) if delay_s else None
-        box = tolerance_box(stage.prototype, sigmas, only or None, asked, delay_s=delays)
-        return _proved_box(stage.prototype, box, budget, seconds, sigmas if scaling else None, path)
+        rig, box = stage.prototype, tolerance_box(stage.prototype, sigmas, only or None, asked, delay_s=delays)
+        with progress("branch and bound") as update:
+            update(0.1, f"{len(box.names)} figures")
+            verdict = prove(rig, box, budget, seconds)
+            update(0.5, "scaling the tolerances" if scaling else "")
+            found = largest_scaling(rig, box, budget=budget) if scaling else None
+        _echo_box(rig, box, verdict)
+        if found is not None:
+            echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
+        if verdict.certificate:
+            write_certificate(path, verdict.certificate)
+            echo(f"certificate: {path}")
+        fields = _box_fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
+        return fields, verdict.stable is True
 
     return by_stage(record, masses, proved)
-
-
-def _proved_box(
-    record: "Prototype", box: "Box", budget: int, seconds: float, scaled_sigmas: float | None, path: Path
-) -> tuple[dict[str, Any], bool]:
-    """Prove, say and write of one law; what is known of it, and whether the whole box is stable."""
-    from beamdesign.proofs.box import certify_box as prove
-    from beamdesign.proofs.tolerance_box import largest_scaling
-
-    with progress("branch and bound") as update:
-        update(0.1, f"{len(box.names)} figures")
-        verdict = prove(record, box, budget, seconds)
-        update(0.5, "" if scaled_sigmas is None else "scaling the tolerances")
-        found = None if scaled_sigmas is None else largest_scaling(record, box, budget=budget)
-    _echo_box(record, box, verdict)
-    if found is not None:
-        echo(f"scaling of the tolerances ({scaled_sigmas:g} standard deviations are 1): {found.reason}")
-    if verdict.certificate:
-        write_certificate(path, verdict.certificate)
-        echo(f"certificate: {path}")
-    fields = _box_fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
-    return fields, verdict.stable is True
 
 
 def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
-from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, write_csv, write_json
-from beamdesign.files import fresh_folder, settled
+from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, write_json
+from beamdesign.files import fresh_folder, settled, write_whole
 
 if TYPE_CHECKING:
     from beamdesign.prototype import InStage, Prototype
@@ -32,10 +32,12 @@ class CommandResult:
     Attributes:
         fields: of the JSON file.
         yes: whether the answer is yes; the exit status is 1 where it is no.
+        files: that were written, to be told last.
     """
 
     fields: Mapping[str, Any]
     yes: bool = True
+    files: Iterable[Path] = ()
 
 
 class Figure(OptionInfo):
@@ -85,6 +87,8 @@ def command(
 
             raise InputError(work.__name__.replace("_", "-"), wrong)
         result = work(**given)
+        for path in result.files:
+            echo(str(path))
         write_json(json, result.fields)
         if not result.yes:
             raise typer.Exit(1)
@@ -243,35 +247,21 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
 
 
 def with_controller(path: Path) -> "Prototype":
-    """Read a prototype that has a controller.
-
-    Raises:
-        InputError: where it has none.
-    """
-    from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
-
-    record = read_prototype(path)
-    if record.controller is None:
-        raise InputError(path, [("controller", "missing; write it there, or let `beamdesign tune` find one")])
-    return record
-
-
-def ready_to_run(path: Path) -> "Prototype":
-    """Read a prototype that has a controller and effects of the library alone.
+    """Read a prototype that has a controller, and effects of the library alone.
 
     Raises:
         InputError: with everything that is in the way.
     """
-    from beamdesign.plant.assembly import problem_without_controller
-    from beamdesign.plant.effects import problems
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
+    from beamdesign.records import InputError, Problem
 
-    record = read_prototype(path)
-    wrong = problems(record.effects)
+    record, wrong = read_prototype(path), []
+    if record.effects:
+        from beamdesign.plant.effects import problems
+
+        wrong = problems(record.effects)
     if record.controller is None:
-        wrong.append(problem_without_controller())
+        wrong.append(Problem("controller", "missing; write it there, or let `beamdesign tune` find one"))
     if wrong:
         raise InputError(path, wrong)
     return record
@@ -279,12 +269,13 @@ def ready_to_run(path: Path) -> "Prototype":
 
 def write_drawn(out: Path, name: str, figure: Any, rows: Sequence[dict[str, Any]] = ()) -> list[Path]:
     """Write a figure, and the table that it is drawn from, as NAME in a folder, and say which files there are."""
+    from beamdesign.columns import csv_text
     from beamdesign.report.canvas import save
 
     with fresh_folder(out) as fresh:
         files = [fresh / f"{name}.csv"] if rows else []
         for path in files:
-            write_csv(path, rows)
+            write_whole(path, csv_text(rows))
         files += save(figure, fresh / name)
     files = settled(files, fresh, out)
     for path in files:

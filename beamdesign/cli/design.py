@@ -63,8 +63,6 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
         *(row for one in reached for row in guaranteed_rows(one, one.outer_end_mass_kg)),
     ]
     echo_table(f"{problem.name}: designed and certified", ("", ""), rows)
-    for path in folder.values():
-        echo(str(path))
     return CommandResult(
         {
             "prototype": folder["prototype"],
@@ -77,6 +75,7 @@ def run(study: TomlFile, out: OutFolder) -> CommandResult:
             "guaranteed": reached[0].model_dump(),
             **({"stages": [one.model_dump() for one in reached]} if result.laws else {}),
         },
+        files=folder.values(),
     )
 
 
@@ -131,7 +130,6 @@ def codesign(
         *guaranteed_rows(point.proved, masses),
     ]
     echo_table(f"{problem.name}: lightest proved design for {bandwidth_Hz:g} Hz", ("figure", "value"), rows)
-    echo(f"prototype: {paths['prototype']}")
     return CommandResult(
         {
             **paths,
@@ -142,7 +140,8 @@ def codesign(
             "checks": [picked(check, "name value limit utilisation") for check in point.checks],
             "guaranteed": picked(point.proved, "bandwidth_Hz peak_sensitivity") | {"outer_end_mass_kg": masses},
             "attempts": found.attempts,
-        }
+        },
+        files=paths.values(),
     )
 
 
@@ -164,6 +163,9 @@ def _front_row(design: "Codesign") -> dict[str, Any]:
     return row
 
 
+_FRONT = ("bandwidth_asked_Hz", "outer_end_mass_high_kg", "moving_mass_kg", "inner_end_mass_kg", "reason")
+
+
 @command
 def front(
     study: TomlFile, out: OutFolder, bandwidths_Hz: str = "3,4,5,6,8", payloads_kg: str | None = None
@@ -181,7 +183,7 @@ def front(
     """
     from beamdesign.problem import read_problem
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.trade import plot_front
+    from beamdesign.report.figures import plot_front
     from beamdesign.synthesis.codesign import pareto_front
 
     problem = read_problem(study)
@@ -200,16 +202,7 @@ def front(
     echo_table(
         f"{problem.name}: lightest proved designs",
         ("bandwidth, Hz", "payload to, kg", "moving mass, kg", "inner end mass, kg", "reason"),
-        [
-            (
-                row["bandwidth_asked_Hz"],
-                row["outer_end_mass_high_kg"],
-                row.get("moving_mass_kg", "-"),
-                row.get("inner_end_mass_kg", "-"),
-                row["reason"],
-            )
-            for row in rows
-        ],
+        [[row.get(name, "-") for name in _FRONT] for row in rows],
     )
     write_drawn(out, "front", figure, rows)
     efficient = [_front_row(design) for design in found.efficient]
@@ -237,7 +230,7 @@ def remedies(
     from beamdesign.problem import read_problem
     from beamdesign.records import InputError
     from beamdesign.report.canvas import new_figure
-    from beamdesign.report.trade import plot_remedies
+    from beamdesign.report.figures import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
     from beamdesign.synthesis import remedies as room
 
@@ -265,14 +258,14 @@ def remedies(
     echo_table(
         f"{problem.name}: remedies for {masses[0]:g} to {masses[1]:g} kg at the tip, each proved",
         ("remedy", "bandwidth, Hz", "added mass, kg", "lag", "reason"),
-        [(row["remedy"], row["bandwidth_Hz"], row["added_mass_kg"], row["controllers"], row["reason"]) for row in rows],
+        [[row[name] for name in ("remedy", "bandwidth_Hz", "added_mass_kg", "controllers", "reason")] for row in rows],
     )
     write_drawn(out, "remedies", figure, rows)
     return CommandResult({"remedies": rows, "outer_end_mass_kg": masses, "added_mass_kg": added_mass_kg})
 
 
 DEFAULT_TIP_FORCE_N = 2000.0
-_STUDY_TABLES = ("load", "sections", "clearance", "safety")
+_STUDY_TABLES = {"load", "sections", "clearance", "safety"}
 
 
 @command
@@ -289,25 +282,18 @@ def size(
         study: a study file or a prototype.toml.
         tip_force_N: load to check a prototype for; 2000 by default.
     """
-    from beamdesign.records import read_table
+    from beamdesign.records import InputError, read_table
 
-    table = read_table(study)
-    if any(name in table for name in _STUDY_TABLES):
-        fields = _of_study(study, tip_force_N)
-    else:
-        fields = _of_prototype(study, tip_force_N)
-    return CommandResult(fields, fields["feasible"])
+    if not read_table(study).keys() & _STUDY_TABLES:
+        return _checked(study, tip_force_N)
 
-
-def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
     from beamdesign.problem import read_problem
-    from beamdesign.records import InputError
-    from beamdesign.sweep.tasks.of_problems import check_fields
+    from beamdesign.sweep.answers import check_fields
     from beamdesign.synthesis.sizing import size as find_sections
 
-    problem = read_problem(path)
+    problem = read_problem(study)
     if tip_force_N is not None:
-        raise InputError("--tip-force-N", [(f"{tip_force_N:g}", f"{path} states its own load; change it there")])
+        raise InputError("--tip-force-N", [(f"{tip_force_N:g}", f"{study} states its own load; change it there")])
     with progress("sizing") as update:
         found = find_sections(problem, update)
     echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")
@@ -320,13 +306,13 @@ def _of_study(path: Path, tip_force_N: float | None) -> dict[str, Any]:
         echo(f"free sizes: KKT residual {free.kkt_residual:.1e}; active: {'; '.join(free.active)}")
         prices = [(name, price) for name, price in free.shadow_prices.items() if price]
         echo_table("shadow prices: what the least mass gains per unit of each requirement", ("per unit", "kg"), prices)
-    return found.to_dict()
+    return CommandResult(found.to_dict(), found.feasible)
 
 
-def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
+def _checked(path: Path, tip_force_N: float | None) -> CommandResult:
     from beamdesign.problem import Clearance, Safety, Sections
     from beamdesign.prototype import read_prototype
-    from beamdesign.sweep.tasks.of_problems import check_fields
+    from beamdesign.sweep.answers import check_fields
     from beamdesign.synthesis.sizing import check_prototype
 
     prototype = read_prototype(path)
@@ -349,7 +335,7 @@ def _of_prototype(path: Path, tip_force_N: float | None) -> dict[str, Any]:
         "safety": Safety().model_dump(),
         "sections": Sections().model_dump(exclude={"choose"}),
     }
-    return pair.to_dict() | {"governing": pair.governing, "feasible": pair.feasible, "assumed": assumed}
+    return CommandResult(pair.to_dict() | picked(pair, "governing feasible") | {"assumed": assumed}, pair.feasible)
 
 
 def echo_checks(title: str, checks: Iterable[Mapping[str, Any]]) -> None:

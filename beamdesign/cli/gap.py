@@ -20,7 +20,6 @@ from beamdesign.cli.output import default_folder, echo, echo_table, progress
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
-    from beamdesign.diagnosis.designer_terms import LoopTerms
     from beamdesign.diagnosis.diagnosis import Diagnosis
     from beamdesign.validation.blind.blindcheck import Check
     from beamdesign.validation.blind.case_plan import Seal
@@ -58,11 +57,24 @@ def diagnose(
         workers: processes that fit at the same time.
     """
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
+    from beamdesign.records import InputError
 
     folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
-    if kind_of(dataset) == "actuator_bench":
-        return _diagnose_bench(dataset, folder, redesign)
-    return _diagnose(dataset, folder, redesign, workers)
+    if kind_of(dataset) != "actuator_bench":
+        return _diagnose(dataset, folder, redesign, workers)
+
+    from beamdesign.diagnosis.bench.data import read_bench_set
+    from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set
+    from beamdesign.report.gap_folder import write_gap_folder
+
+    if redesign:
+        raise InputError("--redesign", [(str(dataset), "a bench has no controller to design")])
+    data = read_bench_set(dataset)
+    with progress("diagnosing"):
+        found = diagnose_bench_set(data)
+    echo_diagnosis(found)
+    paths, fields = write_gap_folder(folder, found)
+    return CommandResult(fields, files=paths.values())
 
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> CommandResult:
@@ -72,6 +84,7 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Command
     from beamdesign.diagnosis.fitting.fit import fit_cache
     from beamdesign.diagnosis.redesign import redesign
     from beamdesign.report.gap_folder import write_gap_folder
+    from beamdesign.report.gap_tables import controller_text, terms_rows
 
     data = read_dataset(dataset)
     kept = fit_cache(folder / "fits", data)
@@ -87,44 +100,15 @@ def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> Command
         terms = designer_terms(data, found.prototype, new)
         with progress("drawing"):
             paths, fields = write_gap_folder(folder, found, data, terms, renewed)
-    _echo_terms(terms)
-    if renewed is not None and renewed.reason:
-        echo(f"no new controller: {renewed.reason}")
-    _echo_written(paths)
-    if renewed is None:
-        low, high = payload_range(data)
-        echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
-    return CommandResult(fields)
-
-
-def _diagnose_bench(dataset: Path, folder: Path, renew: bool) -> CommandResult:
-    from beamdesign.diagnosis.bench.data import read_bench_set
-    from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set
-    from beamdesign.records import InputError
-    from beamdesign.report.gap_folder import write_gap_folder
-
-    if renew:
-        raise InputError("--redesign", [(str(dataset), "a bench has no controller to design")])
-    data = read_bench_set(dataset)
-    with progress("diagnosing"):
-        found = diagnose_bench_set(data)
-    echo_diagnosis(found)
-    paths, fields = write_gap_folder(folder, found)
-    _echo_written(paths)
-    return CommandResult(fields)
-
-
-def _echo_written(paths: dict[str, Path]) -> None:
-    for path in paths.values():
-        echo(str(path))
-
-
-def _echo_terms(terms: Sequence["LoopTerms"]) -> None:
-    from beamdesign.report.gap_tables import controller_text, terms_rows
-
     for loop in terms:
         title = ("new: " if loop.new else "") + controller_text(loop.controller, loop.inner_end_mass_kg)
         echo_table(title, ("", "as believed", "as diagnosed"), terms_rows(loop))
+    if renewed is not None and renewed.reason:
+        echo(f"no new controller: {renewed.reason}")
+    if renewed is None:
+        low, high = payload_range(data)
+        echo(f"to tune on what was found: beamdesign tune {paths['prototype']} --outer-end-mass {low:g}:{high:g}")
+    return CommandResult(fields, files=paths.values())
 
 
 def echo_diagnosis(found: "Diagnosis") -> None:
@@ -135,7 +119,13 @@ def echo_diagnosis(found: "Diagnosis") -> None:
         echo(f"warning: {words}")
     echo("")
     if found.causes:
-        _echo_causes(found)
+        echo_table("causes", ("cause", "subsystem", "probability", "share of the gap"), found.rows())
+    for cause in found.causes:
+        if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
+            for key, q in cause.parameters.items():
+                echo(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
+            for flag in cause.flags:
+                echo(f"{cause.name}: {flag}")
     where = found.where
     if where.subsystem:
         low, high = where.band_Hz
@@ -158,40 +148,24 @@ def echo_diagnosis(found: "Diagnosis") -> None:
         echo(f"measure next: {found.next_experiment.text}")
 
 
-def _echo_causes(found: "Diagnosis") -> None:
-    echo_table("causes", ("cause", "subsystem", "probability", "share of the gap"), found.rows())
-    for cause in found.causes:
-        if cause.name in found.chosen or cause.probability > _WORTH_FIGURES:
-            for key, q in cause.parameters.items():
-                echo(f"{cause.name}: {key} = {q.value:.4g} ± {q.std:.2g}")
-            for flag in cause.flags:
-                echo(f"{cause.name}: {flag}")
-
-
 def _echo_gap(found: "Diagnosis") -> None:
     from beamdesign.report.gap_tables import closed_text
 
     gap = found.gap
     if not gap.records:
         return
-    rows: list[tuple[Any, ...]] = [
-        (record.record, "held out" if record.held_out else "fitted", *map(_share, _errors(record)))
-        for record in gap.records
-    ]
     of_all = "held out" if any(record.held_out for record in gap.records) else "all"
-    rows.append((f"{of_all} together", "", *map(_share, _errors(gap))))
+    named: list[tuple[str, str, Any]] = [
+        (one.record, "held out" if one.held_out else "fitted", one) for one in gap.records
+    ]
+    rows = []
+    for name, how, one in (*named, (f"{of_all} together", "", gap)):
+        shares = (100 * error for error in (one.before, one.tuned, one.after, one.noise_floor))
+        rows.append((name, how, *(f"{share:.3g}" if isfinite(share) else "" for share in shares)))
     columns = ("record", "", "believed", "re-tuned", "with cause", "noise")
     echo_table("prediction error, per cent", columns, rows)
     low, high = (closed_text(value) for value in gap.closed_interval)
     echo(f"closed: {closed_text(gap.closed)} of the explainable gap, 90 % interval {low} to {high}")
-
-
-def _errors(of: Any) -> tuple[float, float, float, float]:
-    return of.before, of.tuned, of.after, of.noise_floor
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.3g}" if isfinite(value) else ""
 
 
 @gap.command()
@@ -302,9 +276,7 @@ def _score(check: "Check", seal: "Seal", unfinished: bool) -> CommandResult:
     write_whole(paths[1], markdown(found, setting))
     drawn = save(blindcheck_picture(found), check.folder / "result", ("svg",))
     echo_result(found)
-    for path in (*paths, *drawn):
-        echo(str(path))
-    return CommandResult(fields)
+    return CommandResult(fields, files=(*paths, *drawn))
 
 
 def _all(digests: Iterable[Any]) -> str:

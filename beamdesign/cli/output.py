@@ -1,15 +1,12 @@
 """What every command prints and writes: tables for people unless hushed, JSON for programs, how far long work has got.
 
 Tables with long column names lose no name: in a terminal they have as many columns as its width holds. Progress goes
-to stderr: a bar on a terminal, a line every half minute elsewhere. Ctrl-C is remembered: where some library swallows
-it, the next word on progress passes it on.
+to stderr: a bar on a terminal, a line every half minute elsewhere; a word on it passes on a Ctrl-C that a library has
+swallowed.
 """
 
-import csv
-import io
 import os
 import shutil
-import signal
 import sys
 import threading
 import time
@@ -17,15 +14,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import typer
 
 from beamdesign.files import write_whole
 from beamdesign.json_text import json_text
-from beamdesign.progress import Progress
-from beamdesign.spelling import in_csv, one_line
+from beamdesign.progress import Progress, pass_on
+from beamdesign.spelling import one_line
+
+STANDARD_OUTPUT = Path("-")
 
 
 def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -36,7 +34,7 @@ def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None
     """
     if path is not None and path.is_dir():
         _refuse(option.opts[0], path, "is a folder; name a file")
-    return path if path is None else _need_folder(option.opts[0], path, path.absolute().parent)
+    return path_to_write(option, path)
 
 
 def json_target(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -47,25 +45,14 @@ def json_target(option: typer.CallbackParam, path: Path | None) -> Path | None:
     return file_to_write(option, path)
 
 
-STANDARD_OUTPUT = Path("-")
-
-
 def path_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
-    """Callback of an option: refuse a path whose folder cannot be made, be it that of a file or of a folder.
-
-    Raises:
-        InputError: naming the option, the path and what is in its way.
-    """
-    return path if path is None else _need_folder(option.opts[0], path, path.absolute().parent)
+    """Callback of an option: as `file_to_write`, of a path that may be that of a file or of a folder."""
+    return path and _need_folder(option.opts[0], path, path.absolute().parent)
 
 
 def folder_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None:
-    """Callback of an option: refuse a path at which no folder is or can be made, before any work is done for it.
-
-    Raises:
-        InputError: naming the option, the path and what is in its way.
-    """
-    return path if path is None else _need_folder(option.opts[0], path, path.absolute())
+    """Callback of an option: as `file_to_write`, of a path at which a folder is or can be made."""
+    return path and _need_folder(option.opts[0], path, path.absolute())
 
 
 def default_file(name: str) -> Path:
@@ -156,16 +143,6 @@ def write_json(path: Path | None, fields: Mapping[str, Any]) -> None:
         write_whole(path, json_text(fields))
 
 
-def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows as CSV, whole or not at all; columns in order of first appearance, absent cells empty."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, columns)
-    writer.writeheader()
-    writer.writerows({key: in_csv(value) for key, value in row.items()} for row in rows)
-    write_whole(path, text.getvalue())
-
-
 _GAP = "  "
 
 
@@ -198,44 +175,6 @@ def echo_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]],
 
 def _text(value: Any) -> str:
     return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-_came = threading.Event()
-
-
-@contextmanager
-def remembered() -> Iterator[None]:
-    """For as long as the block runs, remember that Ctrl-C came; who ignores it or has a way of their own keeps that."""
-    if (
-        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-        or threading.current_thread() is not threading.main_thread()
-    ):
-        if signal.getsignal(signal.SIGINT) is not _remember:
-            _came.clear()  # what came before is no word on this run
-        yield
-        return
-    _came.clear()
-    signal.signal(signal.SIGINT, _remember)
-    try:
-        yield
-    finally:
-        _came.clear()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _remember(number: int, frame: FrameType | None) -> None:
-    _came.set()
-    raise KeyboardInterrupt
-
-
-def pass_on() -> None:
-    """Say again what was swallowed.
-
-    Raises:
-        KeyboardInterrupt: where Ctrl-C has come.
-    """
-    if _came.is_set():
-        raise KeyboardInterrupt
 
 
 EVERY_S = 30.0

@@ -81,9 +81,8 @@ def _one_figure(number: int, out: Path) -> CommandResult:
     echo(f"paper: {drawing.claim}")
     echo(f"model: {drawing.caption}")
     _echo_checks(drawing.checks)
-    for path in files:
-        echo(str(path))
-    return CommandResult({"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks})
+    fields = {"figure": number, "title": drawing.title, "figures": files, "claims": drawing.checks}
+    return CommandResult(fields, files=files)
 
 
 def _echo_checks(checks: Sequence[Any]) -> None:

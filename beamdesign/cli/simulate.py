@@ -15,8 +15,8 @@ from beamdesign.cli.command import (
     TomlFile,
     by_stage,
     command,
-    ready_to_run,
     toml_files,
+    with_controller,
     write_drawn,
 )
 from beamdesign.cli.output import echo, echo_table, progress
@@ -24,7 +24,7 @@ from beamdesign.files import fresh_folder, settled
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
-    from beamdesign.prototype import InStage, Prototype
+    from beamdesign.prototype import InStage
     from beamdesign.synthesis.limits import Limits
 
 
@@ -147,19 +147,19 @@ def write_folder(
     """Write records, and where there are `pictures` of them these and their page, as one set; files for the answer."""
     from beamdesign.simulation import write_tables
 
-    drawn: dict[str, Any] = {}
     with fresh_folder(out) as fresh:
-        files = write_tables(tables, fresh)
+        files: dict[str, Any] = {"records": write_tables(tables, fresh)}
         if pictures:
             from beamdesign.report.record_plot import write_record_page
 
             with progress("drawing"):
                 page, figures = write_record_page(rig.name, plan.name, rig.effects, pictures, fresh)
-            drawn = {"report": settled(page, fresh, out), "figures": settled(figures, fresh, out)}
-    echo(f"records: {len(files)} files in {out}")
+            files |= {"report": page, "figures": figures}
+    files = settled(files, fresh, out)
+    echo(f"records: {len(files['records'])} files in {out}")
     if pictures:
-        echo(f"pictures: {drawn['report']}")
-    return {"records": settled(files, fresh, out), **drawn}
+        echo(f"pictures: {files['report']}")
+    return files
 
 
 @command
@@ -181,27 +181,32 @@ def limits(
         preload: constant force on the outer tip.
         out: folder for the envelope as a figure.
     """
-    rig = ready_to_run(prototype)
+    rig = with_controller(prototype)
     mass = payload if payload is not None else (rig.outer_end_mass_kg or (0.0, 0.0))[1]
 
-    def stated(stage: "InStage") -> tuple[dict[str, Any], bool]:
-        return _stated(stage.prototype, mass, preload, out and out / stage.suffix[1:])
-
-    return by_stage(rig, (mass, mass), stated)
-
-
-def _stated(rig: "Prototype", mass: float, preload: float, out: Path | None) -> tuple[dict[str, Any], bool]:
-    """Work out, say and draw of one law; what is known of it, and whether its loop is stable."""
     from beamdesign.synthesis.limits import limits as worked_out
 
-    with progress("limits") as update:
-        found = worked_out(rig, mass, preload, update)
-    if found.reason:
-        echo(f"{rig.name}: {found.reason}; a loop that is not stable has no operating limits")
-        return found.to_dict(), False
-    _echo(found)
-    figures = [] if out is None else _draw(found.envelope, rig.payload.largest_force_N, preload, out)
-    return found.to_dict() | {"figures": figures}, True
+    def stated(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        own = stage.prototype
+        with progress("limits") as update:
+            found = worked_out(own, mass, preload, update)
+        if found.reason:
+            echo(f"{own.name}: {found.reason}; a loop that is not stable has no operating limits")
+            return found.to_dict(), False
+        _echo(found)
+        if out is None:
+            return found.to_dict() | {"figures": []}, True
+
+        from beamdesign.report.canvas import new_figure
+        from beamdesign.report.figures import plot_envelope
+
+        figure = new_figure(170.0, 105.0)
+        axes = plot_envelope(figure.add_subplot(), found.envelope, own.payload.largest_force_N)
+        if preload:
+            axes.set_title(f"on top of {preload:g} N", fontsize=9)
+        return found.to_dict() | {"figures": write_drawn(out / stage.suffix[1:], "envelope", figure)}, True
+
+    return by_stage(rig, (mass, mass), stated)
 
 
 def _echo(found: "Limits") -> None:
@@ -247,14 +252,3 @@ def _echo_sensor(reach: Any) -> None:
     ]
     if missing:
         echo(f"  not looked at: {', '.join(f'sensor.{key}' for key in missing)} not given")
-
-
-def _draw(found: Any, asked: float | None, preload: float, out: Path) -> list[Path]:
-    from beamdesign.report.canvas import new_figure
-    from beamdesign.report.figures import plot_envelope
-
-    figure = new_figure(170.0, 105.0)
-    axes = plot_envelope(figure.add_subplot(), found, asked)
-    if preload:
-        axes.set_title(f"on top of {preload:g} N", fontsize=9)
-    return write_drawn(out, "envelope", figure)

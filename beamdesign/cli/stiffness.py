@@ -163,10 +163,8 @@ def give_stiffness(
         "certificate_contact": (CONTACT_NAME, done.contact),
     }
     paths = {} if out is None else write_set(out, texts)
-    for kind, path in paths.items():
-        echo(f"{kind}: {path}")
     fields = _fields(best, wall) | picked(found, "met reason")
-    return CommandResult(fields | {"drawn": others, **robust, **paths})
+    return CommandResult(fields | {"drawn": others, **robust, **paths}, files=paths.values())
 
 
 def _judged(
@@ -235,8 +233,8 @@ _STATED = """end_stiffness_N_per_m static_stiffness_N_per_m=static_N_per_m servo
 
 def _fields(best: "EndStiffness", wall: "Wall") -> dict[str, Any]:
     def environment(found: Any) -> dict[str, float] | None:
-        names = {"mass_kg": "mass", "stiffness_N_per_m": "stiffness", "damping_N_s_per_m": "damping"}
-        return None if found is None else {name: float(getattr(found, key)) for name, key in names.items()}
+        names = "mass_kg=mass stiffness_N_per_m=stiffness damping_N_s_per_m=damping"
+        return None if found is None else {name: float(value) for name, value in picked(found, names).items()}
 
     return {
         "servo": None if best.law is None else best.law.servo.model_dump(),

@@ -1,8 +1,7 @@
 """`beamdesign study`: sweeps over a study file, kept, resumed, shown and compared."""
 
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -10,12 +9,6 @@ from beamdesign.cli.command import CommandResult, OutFolderOrNone, TomlFile, com
 from beamdesign.cli.design import echo_checks
 from beamdesign.cli.output import echo, echo_table, echo_wide, progress
 from beamdesign.json_text import picked
-
-if TYPE_CHECKING:
-    from beamdesign.sweep.methods import Plan
-    from beamdesign.sweep.sweep_run import SweepRun
-    from beamdesign.sweep.workers import Workers
-
 
 CASE_SECONDS = 3600
 """After which a case is given up, if nothing else is said."""
@@ -53,7 +46,8 @@ def run(
     from beamdesign.sweep.conclusion import in_words
     from beamdesign.sweep.plot import draw
     from beamdesign.sweep.store import in_words as unsound_words
-    from beamdesign.sweep.sweep_run import default_folder, plan, run_sweep
+    from beamdesign.sweep.sweep_run import default_folder, finished, plan, run_sweep
+    from beamdesign.sweep.workers import cluster, processes
 
     if scheduler is not None and workers != 1:
         raise InputError("study run", [("--workers", "has no meaning with --scheduler")])
@@ -62,50 +56,27 @@ def run(
         raise InputError("study run", [("--case-seconds", reason)])
     laid = plan(file, cases)
     folder = out or default_folder(file)
+    going_on = "the same command goes on from there"
     with (
-        resumed(lambda: _kept(folder, laid)),
+        resumed(lambda: f"; {finished(laid, folder)} of {laid.budget} cases are kept in {folder}: {going_on}"),
         progress(laid.sweep.name) as update,
-        _where(workers, scheduler, case_seconds) as compute,
+        processes(workers, case_seconds) if scheduler is None else cluster(scheduler) as compute,
     ):
         found = run_sweep(laid, folder, compute, update, again, draw)
     unsound = unsound_words(found.unsound, "computed again")
-    _echo_run(found, laid)
-    for line in (*unsound, *in_words(found.conclusion, laid.sweep), *map(str, found.files)):
-        echo(line)
-    fields = {"name": laid.sweep.name, "cases": len(found.records), "unsound": unsound}
-    return CommandResult(
-        fields | picked(found, "counts computed folder tables files conclusion"), bool(found.counts.get("done"))
-    )
-
-
-def _where(workers: int, scheduler: str | None, case_seconds: int) -> "AbstractContextManager[Workers]":
-    from beamdesign.sweep import workers as room
-
-    return room.processes(workers, case_seconds) if scheduler is None else room.cluster(scheduler)
-
-
-def _kept(folder: Path, laid: "Plan") -> str:
-    from beamdesign.sweep.sweep_run import finished
-
-    done = finished(laid, folder)
-    return f"; {done} of {laid.budget} cases are kept in {folder}: the same command goes on from there"
-
-
-def _echo_run(found: "SweepRun", laid: "Plan") -> None:
     counts = ", ".join(f"{count} {status}" for status, count in found.counts.items())
     kept = len(found.records) - found.computed
     echo(f"{laid.sweep.name}: {len(found.records)} cases: {counts}; {found.computed} computed, {kept} kept from before")
     amiss = [record for record in found.records if record["status"] in ("refused", "failed")]
-    rows = [(_varied(record), record["status"], record["reason"]) for record in amiss[:_SHOWN_REASONS]]
+    rows = [(_varied(record["varied"]), record["status"], record["reason"]) for record in amiss[:_SHOWN_REASONS]]
     if rows:
         more = f", the first {_SHOWN_REASONS} of {len(amiss)}" if len(amiss) > _SHOWN_REASONS else ""
         echo_table(f"without a result{more}", ("case", "status", "reason"), rows)
-
-
-def _varied(record: dict[str, Any]) -> str:
-    from beamdesign.sweep.conclusion import cell
-
-    return ", ".join(f"{key} = {cell(value)}" for key, value in record["varied"].items()) or "base"
+    for line in (*unsound, *in_words(found.conclusion, laid.sweep)):
+        echo(line)
+    fields = {"name": laid.sweep.name, "cases": len(found.records), "unsound": unsound}
+    fields |= picked(found, "counts computed folder tables files conclusion")
+    return CommandResult(fields, bool(found.counts.get("done")), found.files)
 
 
 @command
@@ -211,7 +182,7 @@ def diff(
         _echo_cases(found, first, second)
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
-                echo(f"only in {name}: {len(only)} cases, such as {_varied_keys(only[0])}")
+                echo(f"only in {name}: {len(only)} cases, such as {_varied(only[0])}")
     return CommandResult({**found.__dict__, "same": found.same}, found.same)
 
 
@@ -229,7 +200,7 @@ def _echo_cases(found: Any, first: Path, second: Path) -> None:
             share = relative(change)
             rows.append(
                 (
-                    _varied_keys(case.varied),
+                    _varied(case.varied),
                     f"input {key}" if key in own else key,
                     _shown(change[0]),
                     _shown(change[1]),
@@ -241,8 +212,8 @@ def _echo_cases(found: Any, first: Path, second: Path) -> None:
         echo_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
 
 
-def _varied_keys(varied: dict[str, Any]) -> str:
-    return ", ".join(f"{key.rpartition('.')[2]} = {_shown(value)}" for key, value in varied.items()) or "base"
+def _varied(varied: dict[str, Any]) -> str:
+    return ", ".join(f"{key} = {_shown(value)}" for key, value in varied.items()) or "base"
 
 
 def _shown(value: Any) -> str:
@@ -263,20 +234,21 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         case: DIR/NUMBER as `study show` numbers the rows, or DIR/ADDRESS.
     """
     from beamdesign.report.statements import price_words
-    from beamdesign.sweep.governing import case_of, governing
+    from beamdesign.sweep.conclusion import governing
+    from beamdesign.sweep.store import case_of
 
-    found = governing(case_of(case))
-    record, details = found.record, found.record["details"]
-    varied = ", ".join(f"{key} = {value}" for key, value in record["varied"].items()) or "base"
-    echo(f"{record['task']} of {varied}: {record['status']}{': ' + record['reason'] if record['reason'] else ''}")
-    if found.checks:
-        echo_checks("structural checks, the most used first", found.checks)
-        echo(f"binding: {'; '.join(found.binding) or 'none'}")
-    if found.requirements:
-        echo(f"active at the lightest free sizes: {'; '.join(found.requirements)}")
-    for sentence in price_words(found.shadow_prices) if found.shadow_prices else ():
+    found = governing(record := case_of(case))
+    details = record["details"]
+    reason = f": {record['reason']}" if record["reason"] else ""
+    echo(f"{record['task']} of {_varied(record['varied'])}: {record['status']}{reason}")
+    if found["checks"]:
+        echo_checks("structural checks, the most used first", found["checks"])
+        echo(f"binding: {'; '.join(found['binding']) or 'none'}")
+    if found["requirements"]:
+        echo(f"active at the lightest free sizes: {'; '.join(found['requirements'])}")
+    for sentence in price_words(found["shadow_prices"]) if found["shadow_prices"] else ():
         echo(f"  {sentence}")
-    for item in found.relaxations:
+    for item in found["relaxations"]:
         echo(f"  enough alone: {item['key']} from {item['asked']:g} to {item['enough']:.6g}")
     for name in ("scope", "failures", "attempts"):
         for line in details.get(name, ()):
@@ -289,7 +261,7 @@ def why(case: Annotated[str, typer.Argument()]) -> CommandResult:
         echo("  the task keeps no more than its outputs:")
         for name, value in record["outputs"].items():
             echo(f"  {name}: {value}")
-    return CommandResult({**found.__dict__, "outputs": record["outputs"]}, record["status"] == "done")
+    return CommandResult(found | {"outputs": record["outputs"]}, record["status"] == "done")
 
 
 study = typer.Typer(

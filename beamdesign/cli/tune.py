@@ -18,6 +18,7 @@ from beamdesign.cli.command import (
     of_all,
 )
 from beamdesign.cli.output import echo, echo_table, progress
+from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -109,7 +110,12 @@ def tune(
         record = with_stated_tolerances(record)
         spread = rig_spread(record.but(controller=None, guarantee=None), masses[1], *shape)
     if controller == "compliance" or end_stiffness_N_per_m is not None:
-        return _compliant(record, controller, end_stiffness_N_per_m, masses, spread, out)
+        if controller != "compliance":
+            reason = "is for --controller compliance"
+            raise InputError("--end-stiffness-N-per-m", [(f"{end_stiffness_N_per_m:g}", reason)])
+        if end_stiffness_N_per_m is None:
+            raise InputError("--controller", [("compliance", "needs --end-stiffness-N-per-m")])
+        return give_stiffness(record, end_stiffness_N_per_m, masses, out=out, spread=spread)
     with progress("tuning") as update:
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
         found = tuning.tune(*asked)
@@ -142,10 +148,8 @@ def tune(
         answer |= {"alone_bandwidth_Hz": found.alone_Hz, "switching": switching_fields(changes)}
     elif found.laws:
         echo("  changes between the laws are not covered by any proof: the prototype has effects")
-    paths = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
-    for name, path in paths.items():
-        echo(f"{name}: {path}")
-    return CommandResult(answer | paths, changes is None or bool(changes.stable))
+    paths: dict[str, Path] = {} if out is None else write_set(out, texts, ("certificate.*.toml", CHANGES_NAME))
+    return CommandResult(answer | paths, changes is None or bool(changes.stable), paths.values())
 
 
 def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict[str, Any]:
@@ -175,25 +179,6 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
         "starts_bandwidth_Hz": law.starts,
         "stability_certificates": law.certificates,
     }
-
-
-def _compliant(
-    record: "Prototype",
-    kind: str,
-    end_stiffness: float | None,
-    masses: tuple[float, float],
-    spread: "RigSpread | None",
-    out: Path | None,
-) -> CommandResult:
-    """The controller that gives the end a stiffness, with the inner end mass as it is."""
-    from beamdesign.cli.stiffness import give_stiffness
-    from beamdesign.records import InputError
-
-    if kind != "compliance":
-        raise InputError("--end-stiffness-N-per-m", [(f"{end_stiffness:g}", "is for --controller compliance")])
-    if end_stiffness is None:
-        raise InputError("--controller", [("compliance", "needs --end-stiffness-N-per-m")])
-    return give_stiffness(record, end_stiffness, masses, out=out, spread=spread)
 
 
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
@@ -303,16 +288,10 @@ def certified_rigs(
         certificate = certify(rig, *masses, asked)
         write_certificate(path.with_suffix(f".rig-{k}.toml"), certificate.text)
         every = every and certificate.holds
-        reached = certificate.guaranteed
-        rows.append(
-            (
-                str(k),
-                "no" if reached is None else "yes",
-                "" if reached is None else f"{reached.bandwidth_Hz:.4g}",
-                "" if reached is None else f"{reached.peak_sensitivity:.4g}",
-                certificate.reason,
-            )
-        )
+        cells = ("no", "", "")
+        if (reached := certificate.guaranteed) is not None:
+            cells = ("yes", f"{reached.bandwidth_Hz:.4g}", f"{reached.peak_sensitivity:.4g}")
+        rows.append((str(k), *cells, certificate.reason))
     echo_table("proved of each", ("rig", "stable", "bandwidth, Hz", "peak sensitivity", "refuted"), rows)
     echo(f"{reach_in_words(spread)}; the rigs between are not proved")
     return every, {"robust": {"sigmas": sigmas, "shape": shape, "rigs": factors, "holds": every}}
@@ -320,8 +299,7 @@ def certified_rigs(
 
 def reach_in_words(spread: "RigSpread") -> str:
     """How far the rigs are off that the design was tuned for."""
-    if spread.shape == "box":
-        return (
-            f"the worst rigs of a box of {spread.sigmas:g} standard deviations of every figure were sought on samples"
-        )
-    return f"the worst rigs {spread.sigmas:g} standard deviations off in all were sought on samples"
+    which = "of a box of {:g} standard deviations of every figure"
+    if spread.shape != "box":
+        which = "{:g} standard deviations off in all"
+    return f"the worst rigs {which.format(spread.sigmas)} were sought on samples"

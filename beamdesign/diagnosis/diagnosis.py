@@ -10,7 +10,7 @@ import numpy as np
 from beamdesign.bench_prototype import AnyPrototype
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
-from beamdesign.json_text import finite, plain
+from beamdesign.json_text import finite
 from beamdesign.result import Result
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
@@ -260,7 +260,7 @@ class Diagnosis(Generic[Rig], Result):
 
     def to_dict(self) -> dict[str, Any]:
         """See `diagnosis_fields`."""
-        return finite(diagnosis_fields(self))
+        return diagnosis_fields(self)
 
     def rows(self) -> list[tuple[Any, ...]]:
         """The causes, the most probable first: name, subsystem, probability, share of the gap."""
@@ -312,4 +312,4 @@ def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
             "nearly_alike": separability.close,
             "not_visible": separability.invisible,
         }
-    return {name: plain(value) for name, value in (fields | found.own_fields).items()}
+    return dict(finite(fields | found.own_fields))

@@ -99,8 +99,7 @@ def draw_side(axes: Axes, prototype: Prototype, found: ArmResult) -> Axes:
         axes.plot(*there, marker="o", color=colour, markersize=5)
     axes.axvline(0.0, color="black", linewidth=3)
     axes.set_title(f"from the side, deflections {factor:g} times", fontsize=9)
-    axes.set_xlabel("x, m")
-    axes.set_ylabel("z, m")
+    axes.set(xlabel="x, m", ylabel="z, m")
     axes.margins(y=0.3)
     axes.legend(fontsize=8, loc="lower left")
     return axes
@@ -127,8 +126,7 @@ def draw_end(axes: Axes, prototype: Prototype, found: ArmResult) -> Axes:
         axes.plot(*there, marker="o", color=colour, markersize=5)
     axes.set_aspect("equal")
     axes.set_title(f"the end seen from outside, {factor:g} times", fontsize=9)
-    axes.set_xlabel("y, m")
-    axes.set_ylabel("z, m")
+    axes.set(xlabel="y, m", ylabel="z, m")
     axes.margins(0.15)
     axes.legend(fontsize=8, loc="best")
     return axes

@@ -164,11 +164,13 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
     """
     found = []
     for axes in figure.axes:
+        shared = [other.get_xlabel() for other in axes.get_shared_x_axes().get_siblings(axes)]
+        x = axes.get_xlabel() or next((label for label in shared if label), "")  # left to the lowest that shares it
         for line in axes.lines:
             if points := _points(axes, line, _SVG_DPI / figure.dpi, figure.bbox.height):
                 label = str(line.get_label())
                 name = "" if label.startswith("_") else label
-                found.append({"name": name, "x": _horizontal(axes), "y": axes.get_ylabel(), "points": points})
+                found.append({"name": name, "x": x, "y": axes.get_ylabel(), "points": points})
     return found
 
 
@@ -176,13 +178,6 @@ def readings_json(figure: Figure) -> str:
     """The same as JSON that may stand inside a script element; empty where there is no curve."""
     found = readings(figure)
     return json.dumps(found, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c") if found else ""
-
-
-def _horizontal(axes: Axes) -> str:
-    """Label of the horizontal axis, which axes that share it leave to the lowest."""
-    own = axes.get_xlabel()
-    shared = [other.get_xlabel() for other in axes.get_shared_x_axes().get_siblings(axes)]
-    return own or next((label for label in shared if label), "")
 
 
 def _points(axes: Axes, line: Line2D, scale: float, height: float) -> list[list[float]]:

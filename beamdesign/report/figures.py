@@ -1,25 +1,41 @@
-"""Drawings of a loop and of what limits it: each function draws on the axes it is given and gives them back.
+"""Drawings of a loop, of what limits it and of trade curves: each function draws on the axes it is given.
 
-A loop comes as `LoopAtMass`, several of them under the labels of the legend. Frequencies in Hz, roots in 1/s.
+A loop comes as `LoopAtMass`, several of them under the labels of the legend. Frequencies in Hz, roots in 1/s. Trade
+curves are moving mass against guaranteed bandwidth against payload, and the four remedies side by side.
 """
 
+import csv
 from collections.abc import Mapping, Sequence
+from io import StringIO
 from itertools import cycle
 from math import inf, isfinite, log10
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
 
+from beamdesign.files import LARGEST_TABLE, read_bytes
 from beamdesign.loop import LoopAtMass
 from beamdesign.polynomial import exact
 from beamdesign.prototype import COMPLIANCE_LIMIT_M_PER_N
 from beamdesign.quantity_text import decibels
 from beamdesign.report.canvas import LIMIT, STYLES, finish, note, plain_numbers
-from beamdesign.synthesis.operating_limits import Envelope
+
+if TYPE_CHECKING:
+    from beamdesign.synthesis.codesign import Front
+    from beamdesign.synthesis.operating_limits import Envelope
+    from beamdesign.synthesis.remedies import Remedy
 
 Curves = Mapping[str, LoopAtMass]
 """Loops by the label each gets in the legend."""
+
+T = TypeVar("T")
+FRONT_NAME = "front.csv"
+"""Of the table that `beamdesign front` writes."""
 
 
 def frequency_grid(loops: Sequence[LoopAtMass], lowest_Hz: float = 0.1, highest_Hz: float = 1000.0) -> np.ndarray:
@@ -48,7 +64,7 @@ def plot_compliance(
     bandwidth, or says that a loop is unstable.
     """
     frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
-    for (label, loop), style in zip(curves.items(), _styles(len(curves)), strict=True):
+    for label, loop, style in _styled(curves):
         bandwidth = loop.bandwidth_Hz(limit_m_per_N) if limit_m_per_N else 0.0
         name = f"{label} (unstable)" if not loop.stable else f"{label}: {bandwidth:.2f} Hz" if limit_m_per_N else label
         magnitudes = np.abs(loop.compliance_response(frequencies))
@@ -59,16 +75,17 @@ def plot_compliance(
         level = f"limit {limit_m_per_N:.3g} m/N = {limit_m_per_N * 1e5:.2g} cm/kN = {decibels(limit_m_per_N):.0f} dB"
         axes.axhline(limit_m_per_N, label=level, **LIMIT)
     _frequency_axis(axes, lowest_Hz, highest_Hz)
-    _powers_of_ten(axes)
+    # 10⁻⁷ and the like in plain text, which is drawn far quicker than mathtext.
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: "10" + str(round(log10(value))).translate(raised)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     _decibel_axis(axes)
     return finish(axes, y="compliance |x / F_d|, m/N")
 
 
-def shade_compliance(
-    axes: Axes, loops: Sequence[LoopAtMass], label: str, lowest_Hz: float = 0.1, highest_Hz: float = 1000.0
-) -> Axes:
-    """Shade between the least and the largest compliance of several loops at each of 700 frequencies."""
-    frequencies = np.geomspace(lowest_Hz, highest_Hz, 700)
+def shade_compliance(axes: Axes, loops: Sequence[LoopAtMass], label: str) -> Axes:
+    """Shade between the least and the largest compliance of several loops at 700 frequencies from 0.1 to 1000 Hz."""
+    frequencies = np.geomspace(0.1, 1000.0, 700)
     magnitudes = np.array([np.abs(loop.compliance_response(frequencies)) for loop in loops])
     axes.fill_between(
         frequencies, magnitudes.min(axis=0), magnitudes.max(axis=0), color="0.88", linewidth=0, label=label, zorder=0
@@ -108,7 +125,7 @@ def plot_loop_bode(
         Both axes.
     """
     frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
-    for (label, loop), style in zip(curves.items(), _styles(len(curves)), strict=True):
+    for label, loop, style in _styled(curves):
         response = loop.loop_response(frequencies)
         angle = np.degrees(np.unwrap(np.angle(response)))
         magnitude.semilogx(frequencies, 20 * np.log10(np.abs(response)), label=label, linewidth=1.3, **style)
@@ -169,7 +186,7 @@ def plot_sensitivity(
 ) -> Axes:
     """Sensitivity |S| = |1 / (1 + L)| over frequency, with the limit on its peak."""
     frequencies = frequency_grid(list(curves.values()), lowest_Hz, highest_Hz)
-    for (label, loop), style in zip(curves.items(), _styles(len(curves)), strict=True):
+    for label, loop, style in _styled(curves):
         peak = loop.peak_sensitivity()
         shown = f"{label}, peak {peak:.2f}" if isfinite(peak) else f"{label}, unstable"
         axes.loglog(frequencies, np.abs(loop.sensitivity_response(frequencies)), label=shown, linewidth=1.3, **style)
@@ -188,7 +205,7 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
         masses_kg: outer end masses, ascending.
         curves: critical gains in A/V, one per mass, by label.
     """
-    for (label, gains), style in zip(curves.items(), _styles(len(curves)), strict=True):
+    for label, gains, style in _styled(curves):
         x, y = [masses_kg[0]], [1e3 * gains[0]]
         for mass, before, after in zip(masses_kg[1:], gains[:-1], gains[1:], strict=True):
             if not 0.5 < after / before < 2:
@@ -208,21 +225,15 @@ def _frequency_axis(axes: Axes, lowest_Hz: float, highest_Hz: float) -> None:
     plain_numbers(axes.xaxis)
 
 
-def _powers_of_ten(axes: Axes) -> None:
-    """Label a logarithmic vertical axis 10⁻⁷ and the like in plain text, which is drawn far quicker than mathtext."""
-    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: "10" + str(round(log10(value))).translate(raised)))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _styles(count: int) -> list[dict[str, str]]:
-    return [STYLES[i % len(STYLES)] for i in range(count)]
+def _styled(curves: Mapping[str, T]) -> list[tuple[str, T, dict[str, Any]]]:
+    """Curves with their labels and the line style of each."""
+    return [(label, curve, STYLES[k % len(STYLES)]) for k, (label, curve) in enumerate(curves.items())]
 
 
 _STYLES = (*STYLES, {"color": "0.45", "linestyle": "--"})
 
 
-def plot_envelope(axes: Axes, envelope: Envelope, asked_N: float | None = None) -> Axes:
+def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None) -> Axes:
     """Largest amplitude of a force on the tip over its frequency: every limit, and the least of them shaded below.
 
     Args:
@@ -249,7 +260,7 @@ def plot_envelope(axes: Axes, envelope: Envelope, asked_N: float | None = None) 
     return axes
 
 
-def _name_stretches(axes: Axes, envelope: Envelope, bottom: float) -> None:
+def _name_stretches(axes: Axes, envelope: "Envelope", bottom: float) -> None:
     """Write at the foot which limit governs, between lines where that changes; short stretches go without a name."""
     names, frequency = envelope.governing, envelope.frequency_Hz
     whole = np.log(frequency[-1] / frequency[0])
@@ -265,3 +276,92 @@ def _name_stretches(axes: Axes, envelope: Envelope, bottom: float) -> None:
             middle = float(np.sqrt(frequency[start] * end))
             note(axes, words, (middle, bottom), (0, 5), va="bottom", style="italic")
         start = k
+
+
+class TradePoint(NamedTuple):
+    """A proved design of a front."""
+
+    outer_end_mass_high_kg: float
+    bandwidth_Hz: float
+    moving_mass_kg: float
+
+
+def read_trade(folder: Path) -> tuple[TradePoint, ...]:
+    """The proved points of a folder's front; none where there is no such file, or none that can be read."""
+    try:
+        text = read_bytes(folder / FRONT_NAME, LARGEST_TABLE).decode()
+        rows = [row for row in csv.DictReader(StringIO(text, newline="")) if row.get("proved") == "True"]
+        points = tuple(TradePoint(*(float(row[key]) for key in TradePoint._fields)) for row in rows)
+    except (OSError, KeyError, ValueError, TypeError, csv.Error):  # TypeError: a row that ends early
+        return ()
+    return points if all(isfinite(figure) for point in points for figure in point) else ()
+
+
+def plot_trade(axes: Axes, points: tuple[TradePoint, ...], own: tuple[float, float]) -> Axes:
+    """Moving mass over guaranteed bandwidth, one curve per payload, and this design as a square.
+
+    Args:
+        axes: drawn on: Hz and kg.
+        points: proved designs.
+        own: bandwidth (Hz) and moving mass (kg) of the design that is reported.
+    """
+    curves = {
+        f"up to {payload:g} kg at the tip": [p[1:] for p in points if p.outer_end_mass_high_kg == payload]
+        for payload in sorted({point.outer_end_mass_high_kg for point in points})
+    }
+    _draw_curves(axes, curves)
+    axes.plot([own[0]], [own[1]], "s", color="black", markersize=8, fillstyle="none", label="this design")
+    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
+
+
+def plot_front(axes: Axes, front: "Front") -> Axes:
+    """Draw proved designs, one curve per payload range; a cross on the upper edge marks each that failed."""
+    curves = {
+        f"{masses[0]:g} to {masses[1]:g} kg at the tip": [
+            (design.point.proved.bandwidth_Hz, design.point.moving_mass_kg)
+            for design in front.designs
+            if design.point is not None and design.outer_end_mass_kg == masses
+        ]
+        for masses in dict.fromkeys(design.outer_end_mass_kg for design in front.designs)
+    }
+    _draw_curves(axes, curves)
+    for design in front.failed:
+        axes.plot(
+            design.bandwidth_Hz, 0.97, marker="x", color="black", linestyle="none", transform=axes.get_xaxis_transform()
+        )
+    axes.set_title("Lightest proved designs; x: no proved design found")
+    return finish(axes, "guaranteed bandwidth, Hz", "moving mass, kg")
+
+
+def _draw_curves(axes: Axes, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
+    """Bandwidth and moving mass of proved designs, joined by lines; a curve per label."""
+    for label, points, style in _styled(curves):
+        axes.plot(*zip(*sorted(points), strict=True) if points else ((), ()), marker="o", label=label, **style)
+
+
+def plot_remedies(axes: Axes, remedies: Sequence["Remedy"]) -> Axes:
+    """Draw the guaranteed bandwidth of each remedy as a bar, with the mass it adds."""
+    heights = [remedy.bandwidth_Hz for remedy in remedies]
+    bars = axes.barh([remedy.name for remedy in remedies], heights, color="0.7", edgecolor="black")
+    labels = [
+        f"{remedy.bandwidth_Hz:.2f} Hz, {remedy.added_mass_kg:+.2f} kg" if not remedy.reason else "nothing proved"
+        for remedy in remedies
+    ]
+    written = axes.bar_label(bars, labels, padding=4)
+    axes.set_xlim(0, max([*heights, 1.0]))
+    axes.invert_yaxis()
+    axes.set_xlabel("guaranteed bandwidth, Hz")
+    low, high = remedies[0].parts_kg[0]
+    axes.set_title(f"Remedies for {low:g} to {high:g} kg at the tip, each proved")
+    axes.set_xlim(0, _end_beyond(axes, heights, written))
+    return axes
+
+
+def _end_beyond(axes: Axes, heights: Sequence[float], written: Sequence[Text]) -> float:
+    """End of the scale at which every bar with the text behind it lies within the frame."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)  # not a part of one
+    figure.draw_without_rendering()
+    frame = axes.get_window_extent().width
+    shares = [(text.get_window_extent().width + 0.03 * frame) / frame for text in written]
+    return max(1.0, *(height / max(1.0 - share, 0.1) for height, share in zip(heights, shares, strict=True)))

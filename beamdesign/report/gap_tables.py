@@ -1,6 +1,6 @@
 """Tables and maps of a diagnosis, as rows of text and shares for a page to lay out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite, log10
@@ -78,21 +78,17 @@ def error_maps(all_errors: Sequence[Errors], conditions: Mapping[str, str]) -> t
         rows = []
         for errors in all_errors:
             values = in_bands(errors, getattr(errors, attribute), edges)
-            words = [f"{errors.name}, {name} Hz, {title}" for name in names]
-            rows.append(
+            cells = tuple(
                 (
-                    errors.name,
-                    conditions.get(errors.name, ""),
-                    tuple(_cell(float(v), w) for v, w in zip(values, words, strict=True)),
+                    decimal(100 * value, 2) if value >= 5e-5 else "0",
+                    shade(value),
+                    f"{errors.name}, {name} Hz, {title}: {share_text(value)}",
                 )
+                for name, value in zip(names, map(float, values), strict=True)
             )
+            rows.append((errors.name, conditions.get(errors.name, ""), cells))
         found.append(HeatMap(title, names, tuple(rows)))
     return tuple(found)
-
-
-def _cell(value: float, words: str) -> tuple[str, float, str]:
-    text = decimal(100 * value, 2) if value >= 5e-5 else "0"
-    return text, shade(value), f"{words}: {share_text(value)}"
 
 
 def shade(value: float) -> float:
@@ -233,34 +229,19 @@ def controller_text(controller: Controller, inner_end_mass_kg: float) -> str:
 def terms_rows(loop: LoopTerms) -> list[tuple[str, str, str]]:
     """What is promised: figure, as believed, as diagnosed."""
     masses = mass_range_text(loop.outer_end_mass_kg)
-    rows = [
-        ("proved stable outside", _ranges(loop.nominal, masses), _ranges(loop.diagnosed, masses)),
-        (f"guaranteed bandwidth, {masses}", _bandwidth(loop.nominal), _bandwidth(loop.diagnosed)),
-        (f"guaranteed peak sensitivity, {masses}", _peak(loop.nominal), _peak(loop.diagnosed)),
-    ]
-    rows += [
-        (f"critical gain at {mass:g} kg", _critical(loop.nominal, mass), _critical(loop.diagnosed, mass))
-        for mass in dict.fromkeys(loop.outer_end_mass_kg)
-    ]
-    return rows
+    ends = tuple(dict.fromkeys(loop.outer_end_mass_kg))
+    names = ["proved stable outside", *(f"guaranteed {name}, {masses}" for name in ("bandwidth", "peak sensitivity"))]
+    names += [f"critical gain at {mass:g} kg" for mass in ends]
+    nominal, diagnosed = (_promised(of, masses, ends) for of in (loop.nominal, loop.diagnosed))
+    return list(zip(names, nominal, diagnosed, strict=True))
 
 
-def _ranges(of: Terms, masses: str) -> str:
-    if of.reason:
-        return of.reason
-    if of.stable:
-        return f"all of {masses}"
-    return ", ".join(f"{low:.4g} to {high:.4g} kg" for low, high in of.stable_ranges_kg) or "nowhere"
-
-
-def _bandwidth(of: Terms) -> str:
-    return "none" if of.bandwidth_Hz is None else at_least(of.bandwidth_Hz, "Hz")
-
-
-def _peak(of: Terms) -> str:
-    return "none" if of.peak_sensitivity is None else at_most(of.peak_sensitivity, "1")
-
-
-def _critical(of: Terms, mass: float) -> str:
-    at = next((point for point in of.critical if point.outer_end_mass_kg == mass), None)
-    return "none" if at is None else f"{quantity(at.gain_A_per_V, 'A/V')} at {quantity(at.frequency_Hz, 'Hz')}"
+def _promised(of: Terms, masses: str, ends: tuple[float, ...]) -> Iterator[str]:
+    """Where a loop is stable, its bandwidth and peak sensitivity, and its critical gain at each end."""
+    ranges = ", ".join(f"{low:.4g} to {high:.4g} kg" for low, high in of.stable_ranges_kg) or "nowhere"
+    yield of.reason or (f"all of {masses}" if of.stable else ranges)
+    yield "none" if of.bandwidth_Hz is None else at_least(of.bandwidth_Hz, "Hz")
+    yield "none" if of.peak_sensitivity is None else at_most(of.peak_sensitivity, "1")
+    found = {at.outer_end_mass_kg: at for at in of.critical}
+    for at in map(found.get, ends):
+        yield "none" if at is None else f"{quantity(at.gain_A_per_V, 'A/V')} at {quantity(at.frequency_Hz, 'Hz')}"

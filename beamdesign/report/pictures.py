@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from beamdesign.loop import Loop
+from beamdesign.loop import Loop, LoopAtMass
 from beamdesign.polynomial import exact, is_hurwitz
 from beamdesign.proofs.stability import StabilityMap, stable_ranges
 from beamdesign.prototype import InStage, Prototype
@@ -22,13 +22,14 @@ from beamdesign.rational import nearest
 from beamdesign.report.canvas import LIMIT, finish, new_figure, note
 from beamdesign.report.drawing import draw_section, draw_side
 from beamdesign.report.figures import (
+    TradePoint,
     plot_compliance,
     plot_loop_bode,
     plot_root_locus,
     plot_sensitivity,
+    plot_trade,
     shade_compliance,
 )
-from beamdesign.report.trade import TradePoint, plot_trade
 
 FAMILY = 41
 """Masses of the range whose compliances are shaded."""
@@ -118,7 +119,7 @@ def loop_pictures(prototype: Prototype, loop: Loop) -> list[CaptionedFigure]:
     caption = f"Closed-loop poles as the outer end mass goes from {span}: computed at the dots."
     plot_pole_paths(framed("poles", 90, caption)[0], loop, *bounds)
 
-    reach = max(_locus_reach(loop, mass) for mass in bounds)
+    reach = max(_locus_reach(loop.at(mass)) for mass in bounds)
     caption = (
         f"Root locus: closed-loop poles as the gain goes from none to {LOCUS_GAIN:g} times this design's, with"
         f" {bounds[0]:g} kg and {bounds[1]:g} kg on the outer tip. Squares: at this design's gain of"
@@ -160,10 +161,10 @@ def trade_picture(points: tuple[TradePoint, ...], bandwidth_Hz: float, moving_ma
     )
 
 
-def _locus_reach(loop: Loop, mass_kg: float) -> float:
+def _locus_reach(loop: LoopAtMass) -> float:
     """Somewhat beyond the fastest oscillation at which the loop is lost within the gains drawn, rad/s."""
-    lost = [c.frequency_Hz for c in loop.at(mass_kg).gain_crossings() if 0 < c.value < LOCUS_GAIN]
-    slow = [abs(pole.imag) / (2 * np.pi) for pole in loop.at(mass_kg).poles()]
+    lost = [c.frequency_Hz for c in loop.gain_crossings() if 0 < c.value < LOCUS_GAIN]
+    slow = [abs(pole.imag) / (2 * np.pi) for pole in loop.poles()]
     return 1.35 * 2 * np.pi * max(lost or [1.0, *slow])
 
 
@@ -300,8 +301,7 @@ def plot_stable_gains(
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_ylim(least, most)
     axes.set_xlim(masses_kg[0], masses_kg[-1])
-    axes.set_xlabel("outer end mass, kg")
-    axes.set_ylabel("gain, mA/V")
+    axes.set(xlabel="outer end mass, kg", ylabel="gain, mA/V")
     axes.legend(fontsize=8, loc="best")  # no grid over the shading
     return axes
 

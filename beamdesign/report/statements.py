@@ -1,5 +1,6 @@
 """What a report says: claims with how well each is founded (proved, verified numerically, sampled), and prices."""
 
+from collections.abc import Iterator
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -65,58 +66,46 @@ def _of_claim(claim: Claim) -> Statement:
     return Statement(f"{words}, for every outer end mass of {masses}", "proved" if claim.holds else "refuted", how)
 
 
-def statements(run: DesignRun) -> list[Statement]:
+def statements(run: DesignRun) -> Iterator[Statement]:
     """Everything the report of a run claims, the best founded first."""
-    found = proved_statements(run.certificate, run.problem.goal.compliance_m_per_N) if run.certificate else []
+    if run.certificate:
+        yield from proved_statements(run.certificate, run.problem.goal.compliance_m_per_N)
     sizing = run.sizing
-    found.append(
-        Statement(
-            f"the chosen sections pass all {len(sizing.checks)} structural checks",
-            "verified numerically" if sizing.feasible else "refuted",
-            "closed formulas in floating point",
-        )
+    yield Statement(
+        f"the chosen sections pass all {len(sizing.checks)} structural checks",
+        "verified numerically" if sizing.feasible else "refuted",
+        "closed formulas in floating point",
     )
     if sizing.stock:
-        found.append(
-            Statement(
-                "no lighter pair of the stock list passes",
-                "verified numerically",
-                f"all {sizing.stock.pairs} pairs were checked",
-            )
+        yield Statement(
+            "no lighter pair of the stock list passes",
+            "verified numerically",
+            f"all {sizing.stock.pairs} pairs were checked",
         )
     if sizing.free:
         free = sizing.free
-        found.append(
-            Statement(
-                "the free optimum fulfils the first-order conditions",
-                "verified numerically",
-                f"residual {free.kkt_residual:.1e}, from the gradients and not from the solver",
-            )
-        )
-        found.append(
-            Statement(
-                "no lighter pair of free sizes exists",
-                "sampled",
-                f"{free.starts_agreeing} of {free.starts} local searches ended at the same mass",
-            )
-        )
-    found.append(
-        Statement(
-            "critical gains, margins and bandwidths at single masses",
+        yield Statement(
+            "the free optimum fulfils the first-order conditions",
             "verified numerically",
-            "roots of polynomials with error bounds at those masses, nothing swept in frequency",
+            f"residual {free.kkt_residual:.1e}, from the gradients and not from the solver",
         )
+        yield Statement(
+            "no lighter pair of free sizes exists",
+            "sampled",
+            f"{free.starts_agreeing} of {free.starts} local searches ended at the same mass",
+        )
+    yield Statement(
+        "critical gains, margins and bandwidths at single masses",
+        "verified numerically",
+        "roots of polynomials with error bounds at those masses, nothing swept in frequency",
     )
     if run.tuning and run.tuning.best:
-        found.append(
-            Statement(
-                "no other controller of this kind guarantees more",
-                "sampled",
-                f"best of {len(run.tuning.starts)} local searches from a coarse one; that it is the best is not proved",
-            )
+        yield Statement(
+            "no other controller of this kind guarantees more",
+            "sampled",
+            f"best of {len(run.tuning.starts)} local searches from a coarse one; that it is the best is not proved",
         )
-    found.append(Statement("the curves between the points drawn", "sampled", "grids of frequencies and masses"))
-    return found
+    yield Statement("the curves between the points drawn", "sampled", "grids of frequencies and masses")
 
 
 _REQUIREMENTS = {

@@ -13,7 +13,7 @@ from typing import Any, Literal, cast
 
 from beamdesign import records
 from beamdesign.code_digest import code_digest
-from beamdesign.json_text import finite
+from beamdesign.json_text import finite, picked
 from beamdesign.records import InputError, Problem, Record
 from beamdesign.sweep.tasks import TASKS, Answer, Task, of_all
 
@@ -165,21 +165,9 @@ def kept(
     found: Case, status: str, reason: str, outputs: dict[str, Any], details: dict[str, Any], seconds: float
 ) -> dict[str, Any]:
     """The record of a case as it is written to its file."""
-    return {
-        "address": found.address,
-        "inputs_sha256": found.inputs_sha256,
-        "code_sha256": found.code_sha256,
-        "task": found.task,
-        "varied": found.varied,
-        "status": status,
-        "reason": reason,
-        "outputs": outputs,
-        "details": details,
-        "document": found.document,
-        "options": found.options,
-        "seconds": round(seconds, 3),
-        "libraries": libraries(),
-    }
+    given = picked(found, "address inputs_sha256 code_sha256 task varied document options")
+    answer = {"status": status, "reason": reason, "outputs": outputs, "details": details}
+    return given | answer | {"seconds": round(seconds, 3), "libraries": libraries()}
 
 
 def short(address: str) -> str:

@@ -1,16 +1,14 @@
-"""What a finished sweep comes to: its table, yield of a specification, worst case, best case, sensitivities."""
+"""What a finished sweep comes to: its table, yield of a specification, worst and best case, sensitivities; and why."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from beamdesign.columns import csv_text
 from beamdesign.files import write_whole
 from beamdesign.records import InputError
-from beamdesign.spelling import in_csv
 from beamdesign.sweep.case import short
 from beamdesign.sweep.methods import NO_RESULT, Plan, cost, figures_of
 from beamdesign.sweep.sweep_file import Demand, Sweep
@@ -162,7 +160,29 @@ def write_sensitivity(folder: Path, found: Mapping[str, Any]) -> list[Path]:
     )
 
 
-TABLE = "table"
+NEARLY = 0.98
+"""Share of its limit from which a check is said to bind."""
+
+
+def governing(record: Row) -> dict[str, Any]:
+    """What governs a case, from what its task has kept.
+
+    Returns:
+        the `record` as kept; structural `checks`, the most used first; `binding`, names of those that are used to at
+        least `NEARLY`; `requirements` that are active at the optimum over free sizes; `shadow_prices`, kg per unit of
+        each requirement there; and for a no `relaxations`, requirements of which easing one alone is enough. What a
+        task does not keep is empty.
+    """
+    details = record["details"]
+    checks = sorted(details.get("checks", []), key=lambda check: -(check["utilisation"] or float("inf")))
+    return {
+        "record": record,
+        "checks": checks,
+        "binding": [one["name"] for one in checks if one["utilisation"] is None or one["utilisation"] >= NEARLY],
+        "requirements": details.get("active", []),
+        "shadow_prices": details.get("shadow_prices", {}),
+        "relaxations": details.get("relaxations", []),
+    }
 
 
 def rows(records: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -190,32 +210,18 @@ def cell(value: Any) -> Any:
     return value
 
 
-def write_tables(folder: Path, records: Sequence[dict[str, Any]], name: str = TABLE) -> list[Path]:
-    """Write NAME.csv and NAME.parquet of the records of cases into a folder."""
-    return write_columns(folder, rows(records), name)
-
-
 def write_columns(folder: Path, table: Sequence[dict[str, Any]], name: str) -> list[Path]:
     """Write flat rows, which all have the same columns, as NAME.csv and NAME.parquet."""
-    paths = [folder / f"{name}.csv", folder / f"{name}.parquet"]
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(table[0]) if table else ["case"], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: in_csv(value) for key, value in row.items()} for row in table)
-    write_whole(paths[0], text.getvalue())
-    _write_parquet(paths[1], table)
-    return paths
-
-
-def _write_parquet(path: Path, table: Sequence[dict[str, Any]]) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
-    columns = list(table[0]) if table else []
-    arrays = {name: _column([row[name] for row in table]) for name in columns}
+    paths = [folder / f"{name}.csv", folder / f"{name}.parquet"]
+    write_whole(paths[0], csv_text(table, "\n") if table else "case\n")
+    arrays = {name: _column([row[name] for row in table]) for name in (table[0] if table else ())}
     content = pa.BufferOutputStream()
     parquet.write_table(pa.table(arrays), content)
-    write_whole(path, content.getvalue().to_pybytes())
+    write_whole(paths[1], content.getvalue().to_pybytes())
+    return paths
 
 
 def _column(values: list[Any]) -> Any:

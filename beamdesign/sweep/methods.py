@@ -3,7 +3,7 @@
 What spreads are the keys of a prototype's file for which its [tolerance] has a standard deviation.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import ceil, floor, log2
@@ -52,8 +52,14 @@ def points(sweep: Sweep, cases: int | None = None) -> list[dict[str, Any]]:
         cases: take no more than so many: spread evenly over a grid, or as many samples.
     """
     if sweep.study.method in SAMPLED:
-        return list(_sampled(sweep, cases or sweep.study.cases))
-    found = [merged(parts) for parts in product(*(_axis(vary) for vary in sweep.vary))]
+        return [varied_in(sweep, row) for row in _unit(sweep, cases or sweep.study.cases)]
+    axes = (
+        [scaled(vary, k / (vary.count - 1)) for k in range(vary.count)]
+        if vary.values is None
+        else [at(vary, value, number) for number, value in enumerate(vary.values)]
+        for vary in sweep.vary
+    )
+    found = [merged(parts) for parts in product(*axes)]
     if cases is None or cases >= len(found):
         return found
     chosen = np.unique(np.round(np.linspace(0, len(found) - 1, cases)).astype(int))
@@ -92,22 +98,16 @@ def scaled(vary: Vary, share: float) -> dict[str, Any]:
     return at(vary, float(f"{value:.12g}"))
 
 
-def _axis(vary: Vary) -> list[dict[str, Any]]:
-    if vary.values is not None:
-        return [at(vary, value, number) for number, value in enumerate(vary.values)]
-    return [scaled(vary, k / (vary.count - 1)) for k in range(vary.count)]
-
-
-def _sampled(sweep: Sweep, cases: int) -> Iterator[dict[str, Any]]:
+def _unit(sweep: Sweep, cases: int) -> np.ndarray:
+    """(cases, axes) samples between 0 and 1."""
     from scipy.stats import qmc
 
     dimensions, seed = len(sweep.vary), sweep.study.seed
     if sweep.study.method == "sobol":  # balanced only as a power of two: the rest of the last one is left out
-        unit = qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(max(0, ceil(log2(cases))))[:cases]
-    else:
-        unit = qmc.LatinHypercube(dimensions, rng=seed).random(cases)
-    for row in unit:
-        yield merged([scaled(vary, float(share)) for vary, share in zip(sweep.vary, row, strict=True)])
+        return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=seed).random_base2(max(0, ceil(log2(cases)))))[
+            :cases
+        ]
+    return np.asarray(qmc.LatinHypercube(dimensions, rng=seed).random(cases))
 
 
 def case_at(sweep: Sweep, base: Mapping[str, Any], varied: Mapping[str, Any]) -> Case:
@@ -347,7 +347,10 @@ def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
         points = points[: max(0, most - spent)]
         spent += len(points)
         rows = evaluate([case_at(sweep, laid.base, varied_at(figures, point)) for point in points])
-        return np.array([_badness(row, output, sweep.spread.worst == "least") for row in rows])
+        # The worst is where the answer is no; a case that failed tells nothing, and is passed over.
+        told = [row["status"] not in ("failed", "refused") for row in rows]
+        costs = [cost(row, output, sweep.spread.worst == "least") for row in rows]
+        return np.where(told, costs, -NO_RESULT)
 
     count = len(figures)
     point, worst, best = np.zeros(count), np.zeros(count), -np.inf
@@ -369,10 +372,3 @@ def _worst_case(laid: Plan, evaluate: Evaluate) -> None:
         if not len(found) or found.max() >= NO_RESULT or found.max() <= best:
             return
         worst, best = flipped[int(found.argmax())], found.max()
-
-
-def _badness(row: Mapping[str, Any], output: str, least: bool) -> float:
-    """How bad a case is: worst where its answer is no; one that failed tells nothing, and is passed over."""
-    if row["status"] in ("failed", "refused"):
-        return -NO_RESULT
-    return cost(row, output, least)

@@ -23,9 +23,15 @@ def draw(sweep: Sweep, records: Sequence[Row], conclusion: Mapping[str, Any], fo
     """Draw every picture that a sweep asks for into a folder, as PNG and SVG; one without data says so."""
     written: list[Path] = []
     for number, asked in enumerate(sweep.picture):
-        names = _columns(asked, *PICTURES[asked.kind][0])
+        names = [str(getattr(asked, role)) for role in PICTURES[asked.kind][0]]
         lacking = [name for name in names if all(value_of(row, name) is None for row in records)]
-        figure = _empty(asked, lacking) if lacking else _KINDS[asked.kind](asked, records)
+        if lacking:
+            figure = new_figure(height_mm=60)
+            axes = figure.add_subplot(title=asked.title)
+            axes.set_axis_off()
+            axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
+        else:
+            figure = _KINDS[asked.kind](asked, records, *names)
         written += save(figure, folder / ("picture" if number == 0 else f"picture_{number + 1}"))
     if conclusion.get("sensitivity"):
         written += save(_sensitivity(conclusion["sensitivity"]), folder / "sensitivity")
@@ -39,11 +45,6 @@ def value_of(row: Row, name: str) -> Any:
     if name in row["varied"]:
         return row["varied"][name]
     return value_at({**row["document"], "options": row["options"]}, name)
-
-
-def _columns(asked: Picture, *roles: str) -> list[str]:
-    """Names of the columns of a picture, which a checked sweep has."""
-    return [getattr(asked, role) for role in roles]
 
 
 def _number(row: Row, name: str) -> Any:
@@ -61,20 +62,16 @@ def _placed(records: Sequence[Row], *names: str) -> list[Row]:
     return found
 
 
-def _empty(asked: Picture, lacking: Sequence[str]) -> Figure:
-    figure = new_figure(height_mm=60)
-    axes = figure.add_subplot()
-    axes.set_axis_off()
-    axes.set_title(asked.title)
-    axes.text(0.5, 0.5, f"no case has {', '.join(lacking)}", ha="center", transform=axes.transAxes)
-    return figure
-
-
 def _finish(axes: Axes, asked: Picture, x: str, y: str) -> None:
-    axes.set_xlabel(in_plot(asked.x_label or words(x)))
-    axes.set_ylabel(in_plot(asked.y_label or words(y)))
+    axes.set(xlabel=in_plot(asked.x_label or words(x)), ylabel=in_plot(asked.y_label or words(y)))
     axes.set_title(in_plot(asked.title))
     axes.grid(True, color="0.9")
+
+
+def _limit(line: Callable[..., Any], asked: Picture, words: str = "limit {:g}") -> None:
+    """Draw the limit of a picture that has one, in the direction of `line`."""
+    if asked.limit is not None:
+        line(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=words.format(asked.limit))
 
 
 _UNIT = re.compile(
@@ -105,30 +102,25 @@ def _groups(asked: Picture, records: Sequence[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def _lines(asked: Picture, records: Sequence[Row]) -> Figure:
-    x, y = _columns(asked, "x", "y")
+def _lines(asked: Picture, records: Sequence[Row], x: str, y: str) -> Figure:
     records = _placed(records, x)
     figure = new_figure()
     axes = figure.add_subplot()
     for k, (name, rows) in enumerate(_groups(asked, records).items()):
         there = [(value_of(row, x), _number(row, y)) for row in rows if _number(row, y) is not None]
-        style: dict[str, Any] = STYLES[k % len(STYLES)]
-        axes.plot(
-            *zip(*sorted(there), strict=True) if there else ((), ()), marker="o", ms=4, label=name or None, **style
-        )
+        style: dict[str, Any] = STYLES[k % len(STYLES)] | {"marker": "o", "ms": 4, "label": name or None}
+        axes.plot(*zip(*sorted(there), strict=True) if there else ((), ()), **style)
     missing = [value_of(row, x) for row in records if _number(row, y) is None]
     if missing:
         axes.plot(missing, [0.97] * len(missing), "kx", transform=axes.get_xaxis_transform(), label="no answer")
-    if asked.limit is not None:
-        axes.axhline(asked.limit, color="black", linestyle=(0, (1, 1)), linewidth=1.0, label=f"limit {asked.limit:g}")
+    _limit(axes.axhline, asked)
     if axes.get_legend_handles_labels()[1]:
         axes.legend()
     _finish(axes, asked, x, y)
     return figure
 
 
-def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
-    x, y = _columns(asked, "x", "y")
+def _bars(asked: Picture, records: Sequence[Row], x: str, y: str) -> Figure:
     names = [in_plot(_text(value_of(row, x))) for row in records]
     heights = [_number(row, y) or 0.0 for row in records]
     figure = new_figure(height_mm=30 + 9 * len(names))
@@ -139,33 +131,23 @@ def _bars(asked: Picture, records: Sequence[Row]) -> Figure:
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.set_xlim(0, max([*heights, 1e-12]) * 1.2)
-    if asked.limit is not None:
-        axes.axvline(asked.limit, color="black", linestyle=(0, (1, 1)))
+    _limit(axes.axvline, asked)
     _finish(axes, asked, y, x)
-    axes.set_xlabel(in_plot(asked.x_label or words(y)))
-    axes.set_ylabel("")
-    axes.set_title("")
+    axes.set(ylabel="", title="")
     figure.suptitle(in_plot(asked.title))  # over the whole figure: names of the bars may leave little room
     axes.grid(False, axis="y")
     return figure
 
 
-def _map(asked: Picture, records: Sequence[Row]) -> Figure:
+def _map(asked: Picture, records: Sequence[Row], x: str, y: str, value: str) -> Figure:
     """Value of a column over two varied keys: `series` names the value here; a cross is a no."""
-    x, y, value = _columns(asked, "x", "y", "series")
     records = _placed(records, x, y)
     there = [row for row in records if _number(row, value) is not None]
     figure = new_figure()
     axes = figure.add_subplot()
-    shown = axes.scatter(
-        [value_of(row, x) for row in there],
-        [value_of(row, y) for row in there],
-        c=[float(value_of(row, value)) for row in there],
-        cmap="gray_r",
-        edgecolor="black",
-        marker="s",
-        s=60,
-    )
+    places = [value_of(row, x) for row in there], [value_of(row, y) for row in there]
+    values = [float(value_of(row, value)) for row in there]
+    shown = axes.scatter(*places, c=values, cmap="gray_r", edgecolor="black", marker="s", s=60)
     no = [row for row in records if row not in there]
     axes.plot([value_of(row, x) for row in no], [value_of(row, y) for row in no], "x", color="0.4", label="no")
     figure.colorbar(shown, label=in_plot(words(value)))
@@ -185,61 +167,56 @@ def _stable(axes: Axes, rows: Sequence[Row], x: str, columns: tuple[str, str], n
     plot_stable_bands(axes, at, low, high, name, STYLES[number % len(STYLES)], _SHADES[number % len(_SHADES)])
 
 
-def _lag_breaks(asked: Picture, records: Sequence[Row]) -> Figure:
+def _lag_breaks(asked: Picture, records: Sequence[Row], x: str) -> Figure:
     """Stable zeros over the pole, per gain; every edge is exact at each pole, and joined by straight lines."""
-    (x,) = _columns(asked, "x")
     records = _placed(records, x)
     figure = new_figure()
     axes = figure.add_subplot()
     highest = max((v for row in records for v in row["outputs"].get("stable_zero_from_Hz", ())), default=100.0)
     for k, (name, rows) in enumerate(_groups(asked, records).items()):
         _stable(axes, rows, x, ("stable_zero_from_Hz", "stable_zero_to_Hz"), name or "stable", k)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     axes.set_ylim(top=min(1e4, max(1e3, 3 * highest)))
     axes.legend(loc="lower right")
-    _finish(axes, asked, x, "zero frequency, Hz")
-    axes.set_ylabel(in_plot(asked.y_label or "zero frequency, Hz"))
+    _finish(axes, asked, x, "zero_frequency_Hz")
     return figure
 
 
-def _end_masses(asked: Picture, records: Sequence[Row]) -> Figure:
+def _end_masses(asked: Picture, records: Sequence[Row], x: str) -> Figure:
     """Stable outer masses over the inner one, and the frequencies at which the loop oscillates at the edges."""
-    (x,) = _columns(asked, "x")
     records = _placed(records, x)
     figure = new_figure(height_mm=150)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     _stable(upper, records, x, ("stable_from_kg", "stable_to_kg"), "stable", 0)
-    for row in records:
-        masses, frequencies = row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ())
-        for mass, frequency in zip(masses, frequencies, strict=True):
-            if frequency is not None:
-                lower.plot(
-                    value_of(row, x), frequency, marker="o" if mass < 5 else "s", ms=4, color="black", mfc="white"
-                )
-    lower.plot([], [], "o", color="black", mfc="white", label="crossing below 5 kg on the outer tip")
-    lower.plot([], [], "s", color="black", mfc="white", label="crossing at 5 kg and more")
+    crossings = [
+        (value_of(row, x), frequency, mass < 5)
+        for row in records
+        for mass, frequency in zip(
+            row["outputs"].get("crossings_kg", ()), row["outputs"].get("crossing_frequencies_Hz", ()), strict=True
+        )
+        if frequency is not None
+    ]
+    for marker, light, words_of in (("o", True, "below 5 kg on the outer tip"), ("s", False, "at 5 kg and more")):
+        points = [(at, frequency) for at, frequency, below in crossings if below is light]
+        places = zip(*points, strict=True) if points else ((), ())
+        lower.plot(*places, marker, ms=4, color="black", mfc="white", label=f"crossing {words_of}")
+    _limit(upper.axhline, asked, "largest payload, {:g} kg")
+    _finish(upper, asked, "", "mass_on_the_outer_tip_kg")
+    _finish(lower, asked, x, "frequency_Hz")
+    upper.legend()
     lower.legend()
-    if asked.limit is not None:
-        upper.axhline(asked.limit, color="black", linestyle="--", label=f"largest payload, {asked.limit:g} kg")
-        upper.legend()
-    _finish(upper, asked, "", "")
+    lower.set(title="", ylabel="frequency, Hz")
     upper.set_xlabel("")
-    upper.set_ylabel(in_plot(asked.y_label or "mass on the outer tip, kg"))
-    lower.set_xlabel(in_plot(asked.x_label or words(x)))
-    lower.set_ylabel("frequency, Hz")
-    lower.grid(True, color="0.9")
     return figure
 
 
-def _histogram(asked: Picture, records: Sequence[Row]) -> Figure:
-    (x,) = _columns(asked, "x")
+def _histogram(asked: Picture, records: Sequence[Row], x: str) -> Figure:
     values = [_number(row, x) for row in records if _number(row, x) is not None]
     figure = new_figure(height_mm=90)
     axes = figure.add_subplot()
     axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color="0.75", edgecolor="black")
     if asked.limit is not None:
-        axes.axvline(asked.limit, color="black", linestyle="--", label=f"limit {asked.limit:g}")
+        _limit(axes.axvline, asked)
         axes.legend()
     _finish(axes, asked, x, "samples")
     return figure
@@ -254,15 +231,9 @@ def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
         axes = figure.add_subplot(max(1, len(outputs)), 1, number + 1)
         rows = [row for row in found if row["output"] == output]
         for shift, name, colour in ((-0.2, "first_order", "0.8"), (0.2, "total", "0.4")):
-            axes.barh(
-                [k + shift for k in range(len(rows))],
-                [row[name] for row in rows],
-                0.38,
-                xerr=[row[f"{name}_half_width"] for row in rows],
-                color=colour,
-                edgecolor="black",
-                label=name.replace("_", "-"),
-            )
+            places, shares = [k + shift for k in range(len(rows))], [row[name] for row in rows]
+            bars: dict[str, Any] = {"color": colour, "edgecolor": "black", "label": name.replace("_", "-")}
+            axes.barh(places, shares, 0.38, xerr=[row[f"{name}_half_width"] for row in rows], **bars)
         axes.set_yticks(range(len(rows)), [row["figure"] for row in rows], fontsize=7)
         axes.invert_yaxis()
         axes.set_xlabel(f"share of the variance of: {words(output)} (sampled, bars of 95 %)")
@@ -271,7 +242,7 @@ def _sensitivity(found: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-_KINDS: dict[str, Callable[[Picture, Sequence[Row]], Figure]] = {
+_KINDS: dict[str, Callable[..., Figure]] = {
     "lines": _lines,
     "bars": _bars,
     "map": _map,

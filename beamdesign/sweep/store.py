@@ -153,11 +153,9 @@ def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is no JSON")
 
 
-def _finite(number: str) -> float:
-    return float(number) if isfinite(float(number)) else _refuse(number)
-
-
-_JSON = json.JSONDecoder(parse_constant=_refuse, parse_float=_finite)
+_JSON = json.JSONDecoder(
+    parse_constant=_refuse, parse_float=lambda number: float(number) if isfinite(float(number)) else _refuse(number)
+)
 
 
 def _wrong(found: dict[str, Any], address: str, asked: Case | None) -> tuple[str, str] | None:
@@ -233,6 +231,36 @@ def rows_of(folder: Path) -> Kept:
     return gathered(folder, read_index(folder)["rows"])
 
 
+def case_of(address: str) -> dict[str, Any]:
+    """The record of a case named DIR/NUMBER, DIR/START-OF-ADDRESS, or by its file.
+
+    Raises:
+        InputError: where there is no such case, or its result does not hold.
+    """
+    path = Path(address)
+    if path.suffix == ".json" and path.is_file():
+        record = kept(path.parent.parent, path.stem)
+        if record is None:
+            raise InputError(address, [("(file)", "is no result of a case")])
+        return record
+    folder, name = path.parent, path.name
+    try:
+        rows = read_index(folder)["rows"]
+    except InputError as error:
+        raise InputError(address, [(f"{error.source}: {key}", reason) for key, reason in error.problems]) from None
+    if name.isdigit() and int(name) < len(rows):
+        record = kept(folder, rows[int(name)])
+        if record is None:
+            raise InputError(address, [(name, "this case is not finished; run the study on")])
+        return record
+    found = [one for one in addresses(folder) if one.startswith(name)]
+    record = kept(folder, found[0]) if len(found) == 1 else None
+    if record is None:
+        some = "several cases begin so; give more digits" if found else f"no such case; rows are 0 to {len(rows) - 1}"
+        raise InputError(address, [(name, some)])
+    return record
+
+
 Change = tuple[Any, Any]
 
 
@@ -290,7 +318,7 @@ def difference(first: Path, second: Path) -> Difference:
         InputError: where one of them holds no study.
     """
     kept = rows_of(first), rows_of(second)
-    before, after = (_by_varied(one.records) for one in kept)
+    before, after = ({json.dumps(row["varied"], sort_keys=True): row for row in one.records} for one in kept)
     both = [key for key in before if key in after]
     cases = tuple(_case(before[key], after[key]) for key in both)
     shared = {
@@ -306,10 +334,6 @@ def difference(first: Path, second: Path) -> Difference:
         tuple(row["varied"] for key, row in after.items() if key not in before),
         tuple(in_words([*kept[0].unsound, *kept[1].unsound])),
     )
-
-
-def _by_varied(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    return {json.dumps(row["varied"], sort_keys=True): row for row in rows}
 
 
 def _case(before: Mapping[str, Any], after: Mapping[str, Any]) -> CaseDifference:

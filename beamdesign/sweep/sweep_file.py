@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 from pydantic import Field, FiniteFloat
 
@@ -21,18 +21,18 @@ Method = Literal["grid", "latin_hypercube", "sobol", "optimise", "tolerance", "w
 class Work(Record):
     """What every case is put through."""
 
-    task: Annotated[str, Field(description="what is computed per case, one of beamdesign.sweep.tasks")]
-    base: Annotated[FileName, Field(min_length=1, description="study or prototype file, from this file's folder")]
-    method: Annotated[Method, Field(description="how the cases are chosen")] = "grid"
-    cases: Annotated[int, Field(ge=1, le=1_000_000, description="how many samples; of grids every point is taken")] = 64
-    seed: Annotated[int, Field(ge=0, description="of the samples and of the optimiser")] = 0
+    task: str = Field(description="what is computed per case, one of beamdesign.sweep.tasks")
+    base: FileName = Field(min_length=1, description="study or prototype file, from this file's folder")
+    method: Method = Field("grid", description="how the cases are chosen")
+    cases: int = Field(64, ge=1, le=1_000_000, description="how many samples; of grids every point is taken")
+    seed: int = Field(0, ge=0, description="of the samples and of the optimiser")
 
 
 class Along(Record):
     """Values of a key that goes along with the varied one."""
 
-    values: Annotated[tuple[Any, ...] | None, Field(description="as many as the varied key has")] = None
-    times: Annotated[FiniteFloat | None, Field(description="factor on the varied key's value")] = None
+    values: tuple[Any, ...] | None = Field(None, description="as many as the varied key has")
+    times: FiniteFloat | None = Field(None, description="factor on the varied key's value")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -44,15 +44,13 @@ class Along(Record):
 class Vary(Record):
     """One axis: values of a key, and of those that go along with it."""
 
-    key: Annotated[str, Field(min_length=1, description="dotted key, such as payload.outer_end_mass_kg[1]")]
-    values: Annotated[tuple[Any, ...] | None, Field(min_length=1, description="every value")] = None
-    low: Annotated[FiniteFloat | None, Field(description="least value")] = None
-    high: Annotated[FiniteFloat | None, Field(description="largest value")] = None
-    count: Annotated[int, Field(ge=2, le=100_000, description="how many from low to high, in a grid")] = 5
-    spacing: Annotated[Literal["linear", "logarithmic"], Field(description="of the values from low to high")] = "linear"
-    along: Annotated[dict[str, Along], Field(description="keys that change together with this one")] = Field(
-        default_factory=dict
-    )
+    key: str = Field(min_length=1, description="dotted key, such as payload.outer_end_mass_kg[1]")
+    values: tuple[Any, ...] | None = Field(None, min_length=1, description="every value")
+    low: FiniteFloat | None = Field(None, description="least value")
+    high: FiniteFloat | None = Field(None, description="largest value")
+    count: int = Field(5, ge=2, le=100_000, description="how many from low to high, in a grid")
+    spacing: Literal["linear", "logarithmic"] = Field("linear", description="of the values from low to high")
+    along: dict[str, Along] = Field(default_factory=dict, description="keys that change together with this one")
 
     @classmethod
     def relations(cls, table: Mapping[str, Any]) -> Iterator[Problem]:
@@ -78,32 +76,32 @@ class Vary(Record):
 class Optimise(Record):
     """What the method `optimise` is after; cases are found by differential evolution over the varied ranges."""
 
-    output: Annotated[str, Field(min_length=1, description="column of the table")]
-    goal: Annotated[Literal["minimise", "maximise"], Field(description="which way")] = "minimise"
-    generations: Annotated[int, Field(ge=1, le=10_000, description="how often the population is renewed")] = 20
-    population: Annotated[int, Field(ge=5, le=10_000, description="cases per generation")] = 16
+    output: str = Field(min_length=1, description="column of the table")
+    goal: Literal["minimise", "maximise"] = Field("minimise", description="which way")
+    generations: int = Field(20, ge=1, le=10_000, description="how often the population is renewed")
+    population: int = Field(16, ge=5, le=10_000, description="cases per generation")
 
 
 class Demand(Record):
     """A limit of an output column: together they are the specification whose yield is told."""
 
-    at_least: Annotated[FiniteFloat | None, Field(description="least value of the column that meets it")] = None
-    at_most: Annotated[FiniteFloat | None, Field(description="largest value of the column that meets it")] = None
-    equals: Annotated[bool | str | None, Field(description="value of the column that meets it")] = None
+    at_least: FiniteFloat | None = Field(None, description="least value of the column that meets it")
+    at_most: FiniteFloat | None = Field(None, description="largest value of the column that meets it")
+    equals: bool | str | None = Field(None, description="value of the column that meets it")
 
 
 class Spread(Record):
     """How figures spread about those of the base: its [tolerance], as standard deviations."""
 
-    sigmas: Annotated[Positive, Field(le=10, description="half-width of the box of a worst case")] = 3.0
-    confidence: Annotated[Positive, Field(lt=1, description="of the bounds on the yield")] = 0.95
-    output: Annotated[str | None, Field(description="column whose worst case is sought")] = None
-    worst: Annotated[Literal["least", "largest"], Field(description="which end of it is the bad one")] = "least"
-    rounds: Annotated[int, Field(ge=1, le=100, description="of the search for the worst case")] = 8
-    outputs: Annotated[tuple[str, ...], Field(description="columns whose sensitivity is told")] = ()
-    tolerance: Annotated[
-        dict[str, RelativeStd], Field(description="relative standard deviations in place of the base's")
-    ] = Field(default_factory=dict)
+    sigmas: Positive = Field(3.0, le=10, description="half-width of the box of a worst case")
+    confidence: Positive = Field(0.95, lt=1, description="of the bounds on the yield")
+    output: str | None = Field(None, description="column whose worst case is sought")
+    worst: Literal["least", "largest"] = Field("least", description="which end of it is the bad one")
+    rounds: int = Field(8, ge=1, le=100, description="of the search for the worst case")
+    outputs: tuple[str, ...] = Field((), description="columns whose sensitivity is told")
+    tolerance: dict[str, RelativeStd] = Field(
+        default_factory=dict, description="relative standard deviations in place of the base's"
+    )
 
 
 _FIGURES: tuple[Kind, ...] = ("numbers", "yes or no")
@@ -126,25 +124,21 @@ PICTURES: dict[str, tuple[dict[str, tuple[Kind, ...]], tuple[str, ...]]] = {
 class Picture(Record):
     """What is drawn of the finished table."""
 
-    kind: Annotated[
-        Literal["lines", "bars", "map", "lag_breaks", "end_masses", "histogram"], Field(description="what it shows")
-    ]
-    x: Annotated[str | None, Field(description="column along the horizontal axis")] = None
-    y: Annotated[str | None, Field(description="column along the vertical axis")] = None
-    series: Annotated[str | None, Field(description="column whose values get a curve each")] = None
-    title: Annotated[str, Field(description="above the picture")] = ""
-    x_label: Annotated[str, Field(description="of the horizontal axis; none: the column's name")] = ""
-    y_label: Annotated[str, Field(description="of the vertical axis; none: the column's name")] = ""
-    series_label: Annotated[str, Field(description="before the value in the legend")] = ""
-    limit: Annotated[FiniteFloat | None, Field(description="value of y at which a line is drawn")] = None
+    kind: Literal["lines", "bars", "map", "lag_breaks", "end_masses", "histogram"] = Field(description="what it shows")
+    x: str | None = Field(None, description="column along the horizontal axis")
+    y: str | None = Field(None, description="column along the vertical axis")
+    series: str | None = Field(None, description="column whose values get a curve each")
+    title: str = Field("", description="above the picture")
+    x_label: str = Field("", description="of the horizontal axis; none: the column's name")
+    y_label: str = Field("", description="of the vertical axis; none: the column's name")
+    series_label: str = Field("", description="before the value in the legend")
+    limit: FiniteFloat | None = Field(None, description="value of y at which a line is drawn")
 
 
 class Sweep(Record):
     """A whole sweep file."""
 
-    name: Annotated[
-        str, Field(min_length=1, pattern=r"^[^/\\]+$", description="what the sweep is called; also of its files")
-    ]
+    name: str = Field(min_length=1, pattern=r"^[^/\\]+$", description="what the sweep is called; also of its files")
     study: Work
     vary: tuple[Vary, ...] = ()
     options: dict[str, Any] = Field(default_factory=dict, description="options of the task")
@@ -164,11 +158,6 @@ def read_sweep(path: str | Path) -> Sweep:
     if problems := list(_problems(sweep)):
         raise InputError(path, problems)
     return sweep
-
-
-def task_of(sweep: Sweep) -> Task:
-    """The task that a checked sweep names."""
-    return TASKS[sweep.study.task]
 
 
 def _problems(sweep: Sweep) -> Iterator[Problem]:

@@ -17,9 +17,10 @@ from beamdesign.progress import Progress, silent
 from beamdesign.records import InputError, Problem
 from beamdesign.sweep import store, workers
 from beamdesign.sweep.case import Case, in_words
-from beamdesign.sweep.conclusion import write_tables
+from beamdesign.sweep.conclusion import conclude, rows, write_columns, write_sensitivity
 from beamdesign.sweep.methods import Plan, adapt, laid_out
-from beamdesign.sweep.sweep_file import Sweep, read_sweep, task_of
+from beamdesign.sweep.sweep_file import Sweep, read_sweep
+from beamdesign.sweep.tasks import TASKS
 
 Draw = Callable[[Sweep, Sequence[dict[str, Any]], Mapping[str, Any], Path], list[Path]]
 """Draws the pictures of a finished sweep from its rows and its conclusion into a folder; gives the files."""
@@ -41,7 +42,7 @@ class Progression:
         laid: the sweep as planned.
         folder: of the store.
         compute: the workers.
-        told: progress.
+        progress: called with the share done and what is being done.
         again: whether rows that failed are computed again.
         records: of the rows so far, by address, in order.
         counts: of these by status.
@@ -52,7 +53,7 @@ class Progression:
     laid: Plan
     folder: Path
     compute: workers.Workers
-    told: Progress
+    progress: Progress
     again: bool = False
     records: dict[str, dict[str, Any]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
@@ -71,7 +72,13 @@ class Progression:
         for found in cases:
             if found.address in self.records or found.address in missing:
                 continue
-            record = self._kept(found)
+            try:
+                record = store.kept(self.folder, found.address, found)
+            except InputError as error:
+                if not Path(error.source).is_file():  # a folder or a pipe, which no result can replace
+                    raise
+                self.unsound.append(error)
+                record = None
             if record is None or (self.again and record["status"] == "failed"):
                 missing[found.address] = found
                 continue
@@ -88,15 +95,6 @@ class Progression:
             self.records[found.address] = self.records.pop(found.address)
         return [self.records[found.address] for found in cases]
 
-    def _kept(self, found: Case) -> dict[str, Any] | None:
-        try:
-            return store.kept(self.folder, found.address, found)
-        except InputError as error:
-            if not Path(error.source).is_file():  # a folder or a pipe, which no result can replace
-                raise
-            self.unsound.append(error)
-            return None
-
     def _have(self, found: Case, record: dict[str, Any]) -> None:
         self.records[found.address] = record
         self.counts[record["status"]] += 1
@@ -104,7 +102,7 @@ class Progression:
     def _tell(self) -> None:
         words = ", ".join(f"{count} {status}" for status, count in self.counts.items() if status != "done")
         done, budget = len(self.records), self.laid.budget
-        self.told(min(1.0, done / max(1, budget)), f"{done} of {budget}{': ' + words if words else ''}")
+        self.progress(min(1.0, done / max(1, budget)), f"{done} of {budget}{': ' + words if words else ''}")
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,7 @@ def run_sweep(
     laid: Plan,
     folder: Path,
     compute: workers.Workers = workers.here,
-    told: Progress | None = None,
+    progress: Progress | None = None,
     again: bool = False,
     draw: Draw | None = None,
 ) -> SweepRun:
@@ -171,7 +169,7 @@ def run_sweep(
         laid: as planned.
         folder: of the results; made if need be.
         compute: where the cases are computed.
-        told: progress.
+        progress: called with the share done and what is being done.
         again: compute rows again that failed.
         draw: the pictures; none are drawn without.
 
@@ -183,7 +181,7 @@ def run_sweep(
     store.addresses(folder)
     for path in (found for pattern in _SET for found in folder.glob(pattern)):
         refuse_irreplaceable(path)
-    progression = Progression(laid, folder, compute, told or silent, again)
+    progression = Progression(laid, folder, compute, progress or silent, again)
     try:
         if laid.sweep.study.method in ADAPTIVE:
             adapt(laid, progression.evaluate)
@@ -201,17 +199,13 @@ def run_sweep(
 
 def _written(progression: Progression, complete: bool, draw: Draw | None) -> SweepRun:
     """Write the set of files of a run, in place of that of an earlier one."""
-    laid, rows, folder = progression.laid, progression.records, progression.folder
-    order = [one.address for one in laid.cases] or list(rows)
-    found = [rows[address] for address in order if address in rows]
-    conclusion: dict[str, Any] = {}
-    if complete:
-        from beamdesign.sweep.conclusion import conclude, write_sensitivity
-
-        conclusion = conclude(laid, found)
+    laid, kept, folder = progression.laid, progression.records, progression.folder
+    order = [one.address for one in laid.cases] or list(kept)
+    found = [kept[address] for address in order if address in kept]
+    conclusion = conclude(laid, found) if complete else {}
     with fresh_folder(folder, _SET) as fresh:
         store.write_index(fresh, laid.sweep.name, laid.sweep.study.method, order, complete)
-        tables = write_tables(fresh, found)
+        tables = write_columns(fresh, rows(found), "table")
         files = list(tables)
         if conclusion:
             files += write_sensitivity(fresh, conclusion)
@@ -225,8 +219,8 @@ def _written(progression: Progression, complete: bool, draw: Draw | None) -> Swe
         tuple(found),
         progression.computed,
         complete,
-        tuple(settled(tables, fresh, folder)),
-        tuple(settled(files, fresh, folder)),
+        settled(tuple(tables), fresh, folder),
+        settled(tuple(files), fresh, folder),
         conclusion,
         tuple(progression.unsound),
     )
@@ -285,7 +279,7 @@ def sweep_status(laid: Plan, folder: Path) -> SweepStatus:
     """
     cases = {one.address: one for one in laid.cases}
     everything = store.gathered(folder, store.addresses(folder), cases)
-    code = code_digest(task_of(laid.sweep).place)
+    code = code_digest(TASKS[laid.sweep.study.task].place)
     current = {record["address"]: record for record in everything.records if record["code_sha256"] == code}
     addresses, complete = list(cases), True
     if laid.sweep.study.method in ADAPTIVE:

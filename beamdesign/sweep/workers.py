@@ -13,10 +13,10 @@ from importlib import import_module
 from math import inf
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
-from types import FrameType
 from typing import Any
 
 from beamdesign.code_digest import code_digest, engines
+from beamdesign.progress import pass_on, remembered
 from beamdesign.sweep.case import Case, compute, kept
 from beamdesign.sweep.tasks import TASKS
 
@@ -39,31 +39,10 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 def here(cases: Sequence[Case]) -> Iterator[Outcome]:
     """Compute in this process, one after another."""
     for place, found in enumerate(cases):
-        with _heeded():
+        with remembered():  # a solver may swallow Ctrl-C, and give what it has for a result
             record = compute(found)
+            pass_on()
         yield place, record
-
-
-@contextmanager
-def _heeded() -> Iterator[None]:
-    """See to it that Ctrl-C ends the block: a solver may swallow it, and give what it has for a result."""
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    heard = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        heard.append(number)
-        signal.default_int_handler(number, frame)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if heard:
-        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -86,7 +65,8 @@ def processes(count: int, case_seconds: float = CASE_SECONDS) -> Iterator[Worker
             while waiting and len(busy) < count:
                 busy.append(free.pop() if free else _Process())
                 busy[-1].begin(waiting[0], cases[waiting.popleft()])
-            ready = _first_of(busy, case_seconds)
+            left = case_seconds - max(process.seconds for process in busy)
+            ready = wait([process.pipe for process in busy], None if left == inf else max(0.0, left))
             for process in list(busy):
                 place, record, lost = process.place, None, False
                 try:
@@ -159,12 +139,6 @@ class _Process:
         self.pipe.close()
 
 
-def _first_of(busy: Sequence[_Process], case_seconds: float) -> list[Any]:
-    """Pipes of the processes that are the first to say something; none where the time of one is over before."""
-    left = case_seconds - max(process.seconds for process in busy)
-    return wait([process.pipe for process in busy], None if left == inf else max(0.0, left))
-
-
 @contextmanager
 def _deaf() -> Iterator[None]:
     """Begin a process that never hears of Ctrl-C, not even before its own code runs; this one hears a little later."""
@@ -193,7 +167,7 @@ def endless(found: Case, case_seconds: float) -> dict[str, Any]:
 def _serve(pipe: Connection) -> None:
     """In a process of its own: compute cases, each begun with a word, until the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with, args=(parent_process(),), daemon=True).start()
     if sys.platform == "linux":  # the thread above waits for a solver that lets nothing else run
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     while True:
@@ -205,10 +179,9 @@ def _serve(pipe: Connection) -> None:
         pipe.send(compute(found))
 
 
-def _end_with_parent() -> None:
-    if (parent := parent_process()) is not None:
-        parent.join()
-        os._exit(1)
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
 
 
 def _compute_there(found: Case) -> dict[str, Any]:

@@ -7,6 +7,7 @@ turns a point at the lever a by theta x a.
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot
+from typing import Any
 
 import numpy as np
 
@@ -122,10 +123,18 @@ class Remaining:
         return float(np.linalg.norm(self.error_m))
 
     @property
+    def causes_m(self) -> dict[str, Vector]:
+        """What each cause alone moves the point by."""
+        return {"tip": self.tip_m, "turning": self.from_turning_m, "twist": self.from_twist_m}
+
+    @property
     def shares_m(self) -> dict[str, float]:
         """How far each cause alone moves the point; they are vectors, so that these need not add up."""
-        causes = {"tip": self.tip_m, "turning": self.from_turning_m, "twist": self.from_twist_m}
-        return {name: float(np.linalg.norm(vector)) for name, vector in causes.items()}
+        return {name: float(np.linalg.norm(vector)) for name, vector in self.causes_m.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        return vars(self) | {"size_m": self.size_m, "shares_m": self.shares_m}
 
 
 def remaining(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh
 
+from beamdesign.json_text import picked
 from beamdesign.polynomial import exact
 from beamdesign.proofs.arm.both_planes import BothPlanes, both_planes, couples_both
 from beamdesign.proofs.arm.plane import (
@@ -215,6 +216,35 @@ class ArmResult:
         if self.both is not None:
             return self.both.reason
         return "; ".join(f"plane {plane.name}: {plane.reason}" for plane in self.planes if not plane.stable)
+
+    @property
+    def compliances(self) -> dict[tuple[str, bool], np.ndarray | None]:
+        """(6, 6) compliance by place, and whether with servos; None with them where not stable."""
+        return {
+            ("tip", False): self.tip_passive,
+            ("tip", True): self.tip_active,
+            ("payload", False): self.passive,
+            ("payload", True): self.active,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """What a JSON file holds of it."""
+        planes = "plane=name coupled_with_torsion=coupled stable guaranteed stable_ranges_kg=stability.stable_ranges"
+        return {
+            **picked(self, "stable reason outer_end_mass_kg figures sampled_stable sampled_load_Hz frequencies"),
+            "planes": [
+                picked(plane, planes)
+                | {"crossings": [picked(one, "outer_end_mass_kg=value frequency_Hz") for one in plane.crossings]}
+                for plane in self.planes
+            ],
+            "both_planes": None if self.both is None else picked(self.both, "stable reason pieces"),
+            "compliance": {
+                f"{place}_{'with' if servo else 'without'}_servo": found
+                for (place, servo), found in self.compliances.items()
+            },
+            "without_servo": self.without.to_dict(),
+            "with_servo": None if self.with_servo is None else self.with_servo.to_dict(),
+        }
 
 
 def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector) -> ArmResult:

@@ -1,27 +1,131 @@
-"""Tasks on prototypes: what is found and proved of one. Each loads the engine that it needs."""
+"""What is worked out of one case: a function per task, each of which loads the engine that it needs."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from beamdesign.json_text import picked
+from beamdesign.problem import DesignProblem
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.sweep.tasks import (
     ERRORS,
+    POINT,
+    PROVED,
+    REMEDY,
+    SIZED,
     Answer,
     ArmOptions,
     AtMassOptions,
     CertifyOptions,
+    CodesignOptions,
     RangeOptions,
+    RemediesOptions,
+    SimToRealOptions,
     TuneOptions,
     of_all,
-    payload_range,
-    proved_outputs,
 )
 
 if TYPE_CHECKING:
-    from beamdesign.proofs.arm.result import ArmResult
     from beamdesign.proofs.certificate import Certificate
+    from beamdesign.synthesis.checks import Check
+    from beamdesign.synthesis.refinement import Proved
+    from beamdesign.synthesis.sizing import Sizing
     from beamdesign.synthesis.tuning import Tuning
+
+
+def payload_range(record: DesignProblem | Prototype) -> tuple[float, float]:
+    """The range of outer end mass that a record states, kg."""
+    masses = record.payload.outer_end_mass_kg
+    assert masses is not None  # a problem is validated to have it, and what a task needs is there before it computes
+    return masses
+
+
+def proved_outputs(best: "Proved") -> dict[str, Any]:
+    """Columns of a proved loop."""
+    law = best.controller
+    breaks = {} if law.lag is None else picked(law.lag, "pole_Hz zero_Hz")
+    for k, section in enumerate(law.sections, start=1):
+        breaks |= {f"section_{k}_{name}": value for name, value in section.model_dump().items()}
+    return picked(best, PROVED) | breaks
+
+
+def size(problem: DesignProblem, options: Any) -> Answer:
+    """Sections of least mass of one problem."""
+    from beamdesign.synthesis.sizing import size as find_sections
+
+    found = find_sections(problem)
+    return Answer(*sizing_outputs(found), "" if found.feasible else found.reason)
+
+
+def sizing_outputs(found: "Sizing") -> tuple[dict[str, Any], dict[str, Any]]:
+    """Columns of a sizing, and what governs it: checks, shadow prices, what to relax."""
+    prices = {name: float(price) for name, price in found.shadow_prices.items()}
+    outputs = picked(found, SIZED) | {
+        "governing": found.governing,
+        "free_beam_mass_kg": found.free.pair.beam_mass_kg if found.free else None,
+        "price_of_rounding_kg": found.price_of_rounding_kg,
+        **{f"price_{name}": price for name, price in prices.items()},
+    }
+    details = {
+        "checks": [check_fields(check) for check in found.checks],
+        "shadow_prices": prices,
+        "active": list(found.free.active) if found.free else [],
+        "relaxations": [picked(item, "key asked enough") for item in found.relaxations],
+    }
+    return outputs, details
+
+
+def check_fields(check: "Check") -> dict[str, Any]:
+    """A check as plain values, in the unit that people read it in."""
+    value, limit, unit = check.shown
+    shown = {"name": check.name, "value": value, "limit": limit, "unit": unit}
+    return shown | picked(check, "at_least utilisation") | {"satisfied": bool(check.satisfied)}
+
+
+def run(problem: DesignProblem, options: Any) -> Answer:
+    """One problem carried to a certified prototype."""
+    from beamdesign.synthesis.design_run import run_design
+
+    found = run_design(problem)
+    outputs, details = sizing_outputs(found.sizing)
+    if found.tuning is not None and found.tuning.best is not None:
+        outputs |= proved_outputs(found.tuning.best)
+        outputs["moving_mass_kg"] = found.sizing.beam_mass_kg + found.tuning.best.inner_end_mass_kg
+    if found.prototype is not None and found.prototype.guarantee is not None:
+        outputs["certificate_sha256"] = found.prototype.guarantee.certificate_sha256
+        details["prototype"] = found.prototype.model_dump(mode="json", exclude_none=True)
+    return Answer(outputs, details, found.reason)
+
+
+def codesign(problem: DesignProblem, options: CodesignOptions) -> Answer:
+    """Lightest proved design of one problem: sections, end mass and controller together."""
+    from beamdesign.synthesis.codesign import codesign as find_design
+
+    found = find_design(problem, payload_range(problem), options.bandwidth_Hz)
+    attempts = [attempt if isinstance(attempt, str) else f"{attempt:.6g} kg" for attempt in found.attempts]
+    point = found.point
+    if point is None:
+        return Answer({}, {"attempts": attempts}, found.reason)
+    details = {
+        "checks": [check_fields(check) for check in point.checks],
+        "attempts": attempts,
+        "prototype": point.prototype.model_dump(mode="json", exclude_none=True),
+    }
+    return Answer(picked(point, f"{POINT} governing") | proved_outputs(point.proved), details)
+
+
+def remedy(problem: DesignProblem, options: RemediesOptions) -> Answer:
+    """One of the paper's remedies for payload, optimised from the given sections and proved."""
+    from beamdesign.synthesis.remedies import one_remedy
+
+    if missing := [name for name in ("outer_beam", "inner_beam") if getattr(problem, name).width_m is None]:
+        reason = "the remedies start from given sections: width_m and wall_m are needed"
+        raise InputError(problem.name, [(name, reason) for name in missing])
+    found = one_remedy(problem, options.remedy, payload_range(problem), options.added_mass_kg)
+    laws = {name: [getattr(law, name) for law in found.controllers] for name in ("gain_A_per_V", "pole_Hz", "zero_Hz")}
+    outputs = {"remedy": found.name, **picked(found, REMEDY), **laws}
+    return Answer(outputs, {"parts_kg": [list(part) for part in found.parts_kg]}, found.reason)
 
 
 def tune(prototype: Prototype, options: TuneOptions) -> Answer:
@@ -59,10 +163,12 @@ def certify(prototype: Prototype, options: CertifyOptions) -> Answer:
         asked.append(Asked("peak_sensitivity", options.peak_sensitivity))
     found = prove(prototype, *payload_range(prototype), asked)
     below, above = found.stability.below, found.stability.above
+    low, high = found.outer_end_mass_kg
+    covered = sum(most - least for least, most in found.stable_ranges_kg)
     outputs = {
         **_guaranteed(found, None),
-        "stable_ranges_kg": [f"{low:.7g} to {high:.7g}" for low, high in found.stable_ranges_kg],
-        "stable_share": _share(found),
+        "stable_ranges_kg": [f"{least:.7g} to {most:.7g}" for least, most in found.stable_ranges_kg],
+        "stable_share": float(found.stable) if low == high else covered / (high - low),
         "unstable_below_kg": below.value if below is not None and below.value >= 0 else None,
         "unstable_above_kg": above.value if above is not None else None,
         **_crossings(found),
@@ -89,14 +195,6 @@ def _crossings(found: "Certificate") -> dict[str, Any]:
         "crossings_kg": [crossing.value for crossing in found.crossings],
         "crossing_frequencies_Hz": [crossing.frequency_Hz for crossing in found.crossings],
     }
-
-
-def _share(found: "Certificate") -> float:
-    """Share of the payload range that is stable; of a single mass, 1 or 0."""
-    low, high = found.outer_end_mass_kg
-    if low == high:
-        return float(found.stable)
-    return sum(most - least for least, most in found.stable_ranges_kg) / (high - low)
 
 
 def stable_masses(prototype: Prototype, options: RangeOptions) -> Answer:
@@ -180,16 +278,11 @@ def arm(prototype: Prototype, options: ArmOptions) -> Answer:
         outputs |= {f"error_by_{cause}_m": size for cause, size in found.with_servo.shares_m.items()}
         outputs |= dict(zip(ERRORS.split(), found.with_servo.rotation_rad, strict=True))
     outputs["torsion_tip_held_Hz"] = found.frequencies[-1].torsion_held_Hz
-    return Answer(outputs | _of_planes(found), {"notes": list(found.figures.notes)}, found.reason)
-
-
-def _of_planes(found: "ArmResult") -> dict[str, Any]:
-    """The worse of both planes; nothing where the payload couples them."""
     sure = [plane.guaranteed for plane in found.planes if plane.guaranteed is not None]
-    if not sure or len(sure) < len(found.planes):
-        return {}
-    worse = {"peak_sensitivity": max, "tip_bandwidth_Hz": min, "load_bandwidth_Hz": min}
-    return {name: of(getattr(plane, name) for plane in sure) for name, of in worse.items()}
+    if sure and len(sure) == len(found.planes):  # the worse of both; nothing where the payload couples them
+        worse = {"peak_sensitivity": max, "tip_bandwidth_Hz": min, "load_bandwidth_Hz": min}
+        outputs |= {name: of(getattr(plane, name) for plane in sure) for name, of in worse.items()}
+    return Answer(outputs, {"notes": list(found.figures.notes)}, found.reason)
 
 
 def limits(prototype: Prototype, options: AtMassOptions) -> Answer:
@@ -208,3 +301,53 @@ def limits(prototype: Prototype, options: AtMassOptions) -> Answer:
     if not found.reason:
         outputs["static_error_m_per_N"] = sensor_reach(prototype, options.outer_end_mass_kg).static_error_m_per_N
     return Answer(outputs, {"missing": found.missing}, found.reason)
+
+
+def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
+    """Design, build a virtual rig, take records, diagnose, redesign, and look at the rig again.
+
+    Bandwidths are proved of the model that they name. Whether a design runs is simulated on the virtual rig; gain
+    margins are those of the linearised one, told only where that has the effect in it.
+    """
+    from beamdesign.diagnosis.data.dataset import read_dataset
+    from beamdesign.diagnosis.diagnose import diagnose
+    from beamdesign.diagnosis.redesign import redesign
+    from beamdesign.synthesis.tuning import tune as designed_for
+    from beamdesign.validation.truth.case import write_case
+    from beamdesign.validation.virtual_rig import LINEAR, RunawayError, gain_margin, runs, virtual_rig
+
+    masses = payload_range(prototype)
+    designed = designed_for(prototype, masses)
+    if designed.best is None:
+        return Answer({}, reason=designed.reason)
+    built = (options.effect, options.severity, options.seed, options.duration_s)
+    try:
+        case = virtual_rig(designed.prototype, masses, *built)
+    except RunawayError as error:
+        return Answer({"believed_bandwidth_Hz": designed.best.bandwidth_Hz}, reason=str(error))
+    with TemporaryDirectory() as folder:
+        write_case(case, Path(folder))
+        data = read_dataset(folder)
+    found = diagnose(data, workers=1)
+    renewed = redesign(found.prototype, masses)
+    linear, new = options.effect in LINEAR, renewed.prototype
+    outputs = {
+        "believed_bandwidth_Hz": designed.best.bandwidth_Hz,
+        "believed_design_runs": runs(case, designed.prototype, masses),
+        "believed_design_gain_margin": gain_margin(case, designed.prototype, masses) if linear else None,
+        "verdict": found.verdict,
+        "named": list(found.chosen),
+        "named_rightly": list(found.chosen) == list(case.names if case.departures else ()),
+        "gap_before": found.gap.before,
+        "gap_after": found.gap.after,
+        "gap_closed": found.gap.closed,
+        "redesigned_bandwidth_Hz": new.guarantee.bandwidth_Hz if new is not None and new.guarantee else None,
+        "redesign_runs": None if new is None else runs(case, new, masses),
+        "redesign_gain_margin": gain_margin(case, new, masses) if new is not None and linear else None,
+    }
+    details = {
+        "sentences": found.sentences,
+        "diagnosed": found.prototype.model_dump(mode="json", exclude_none=True),
+        "redesign": renewed.reason,
+    }
+    return Answer(outputs, details)

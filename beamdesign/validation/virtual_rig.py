@@ -1,73 +1,21 @@
-"""Task `sim_to_real`: design, build a virtual rig, take records, diagnose, redesign, and look at the rig again.
+"""A rig built to a design: the truth model with its tolerances drawn and an effect in it, run in the designed loop.
 
-A virtual rig is built to a design: the truth model with its tolerances drawn and an effect in it, run in the designed
-loop. It shares no effect code with the diagnosis, so that what is found on its records is found and not read back.
+It shares no effect code with the diagnosis, so that what is found on its records is found and not read back.
 """
 
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.diagnose import diagnose
-from beamdesign.diagnosis.redesign import redesign
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import lumped_beam
-from beamdesign.sweep.tasks import Answer, SimToRealOptions, payload_range
-from beamdesign.synthesis.tuning import tune
 from beamdesign.validation.truth.believed import assembled, draw_true, rig_figures
-from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take, write_case
+from beamdesign.validation.truth.case import Case, Departure, Drive, Noise, Run, run_figures, take
 from beamdesign.validation.truth.drawing import linear_critical_gain
 from beamdesign.validation.truth.effects import KINDS, Scales
-
-
-def sim_to_real(prototype: Prototype, options: SimToRealOptions) -> Answer:
-    """Once round the loop.
-
-    Bandwidths are proved of the model that they name. Whether a design runs is simulated on the virtual rig; gain
-    margins are those of the linearised one, told only where that has the effect in it.
-    """
-    masses = payload_range(prototype)
-    designed = tune(prototype, masses)
-    if designed.best is None:
-        return Answer({}, reason=designed.reason)
-    built = (options.effect, options.severity, options.seed, options.duration_s)
-    try:
-        case = virtual_rig(designed.prototype, masses, *built)
-    except RunawayError as error:
-        return Answer({"believed_bandwidth_Hz": designed.best.bandwidth_Hz}, reason=str(error))
-    with TemporaryDirectory() as folder:
-        write_case(case, Path(folder))
-        data = read_dataset(folder)
-    found = diagnose(data, workers=1)
-    renewed = redesign(found.prototype, masses)
-    linear, new = options.effect in LINEAR, renewed.prototype
-    outputs = {
-        "believed_bandwidth_Hz": designed.best.bandwidth_Hz,
-        "believed_design_runs": runs(case, designed.prototype, masses),
-        "believed_design_gain_margin": gain_margin(case, designed.prototype, masses) if linear else None,
-        "verdict": found.verdict,
-        "named": list(found.chosen),
-        "named_rightly": list(found.chosen) == list(case.names if case.departures else ()),
-        "gap_before": found.gap.before,
-        "gap_after": found.gap.after,
-        "gap_closed": found.gap.closed,
-        "redesigned_bandwidth_Hz": None if new is None or new.guarantee is None else new.guarantee.bandwidth_Hz,
-        "redesign_runs": None if new is None else runs(case, new, masses),
-        "redesign_gain_margin": gain_margin(case, new, masses) if new is not None and linear else None,
-    }
-    details = {
-        "sentences": found.sentences,
-        "diagnosed": found.prototype.model_dump(mode="json", exclude_none=True),
-        "redesign": renewed.reason,
-    }
-    return Answer(outputs, details)
-
 
 _GAIN_SHARE = 0.6
 """Of the critical gain of the rig without its effect: records are not taken closer to it, as nobody would."""

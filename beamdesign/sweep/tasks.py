@@ -3,17 +3,13 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from beamdesign.json_text import picked
 from beamdesign.problem import DesignProblem, Sought, Tuned
 from beamdesign.prototype import Prototype
 from beamdesign.records import NonNegative, Positive, Problem, Record, numbers
-
-if TYPE_CHECKING:
-    from beamdesign.synthesis.refinement import Proved
 
 
 @dataclass(frozen=True)
@@ -62,13 +58,13 @@ class CertifyOptions(Record):
 class CodesignOptions(Record):
     """Options of `codesign`."""
 
-    bandwidth_Hz: Annotated[Positive, Field(description="bandwidth to guarantee")]
+    bandwidth_Hz: Positive = Field(description="bandwidth to guarantee")
 
 
 class RemediesOptions(Record):
     """Options of `remedy`."""
 
-    remedy: Annotated[int, Field(ge=0, le=4, description="0 for the untouched loop, 1 to 4 in the paper's order")]
+    remedy: int = Field(ge=0, le=4, description="0 for the untouched loop, 1 to 4 in the paper's order")
     added_mass_kg: NonNegative = 4.5
 
 
@@ -96,20 +92,18 @@ class AtMassOptions(Record):
 class SimToRealOptions(Record):
     """Options of `sim_to_real`."""
 
-    effect: Annotated[
-        str, Field(description="of the virtual rig: a name of beamdesign.validation.truth.effects, or none")
-    ]
-    severity: Annotated[Positive, Field(description="of the effect")] = 1.0
-    duration_s: Annotated[Positive, Field(ge=0.5, le=8, description="of each of four records")] = 1.5
-    seed: Annotated[int, Field(ge=0, description="of tolerances, effect and signals")] = 0
+    effect: str = Field(description="of the virtual rig: a name of beamdesign.validation.truth.effects, or none")
+    severity: Positive = Field(1.0, description="of the effect")
+    duration_s: Positive = Field(1.5, ge=0.5, le=8, description="of each of four records")
+    seed: int = Field(0, ge=0, description="of tolerances, effect and signals")
 
 
 class ArmOptions(Record):
     """Options of `arm`."""
 
-    force_N: Annotated[
-        Positive | None, Field(description="downwards on the payload's centre; else its weight and largest_force_N")
-    ] = None
+    force_N: Positive | None = Field(
+        None, description="downwards on the payload's centre; else its weight and largest_force_N"
+    )
 
 
 Kind = Literal["numbers", "yes or no", "text", "lists"]
@@ -127,41 +121,29 @@ class Task:
     """A task.
 
     Attributes:
-        function: of this package, as MODULE:NAME; it takes record and options and gives an `Answer`.
+        name: also of its function in `beamdesign.sweep.answers`, which takes record and options and gives an `Answer`.
+        record: type of the base document.
         options: its options.
-        summary: in words.
         columns: every output that it can give, with what it holds; a case may lack some, or hold none there.
         needs: keys of `NEEDED` that it does not do without.
     """
 
-    function: str
+    name: str
+    record: type[DesignProblem] | type[Prototype]
     options: type[Record]
-    summary: str
     columns: Mapping[str, Kind]
     needs: tuple[str, ...] = ()
 
     @property
     def place(self) -> str:
         """Where its function stands, as `code_digest` takes it."""
-        return f"{__name__}.{self.function}"
-
-    @property
-    def record(self) -> type[DesignProblem] | type[Prototype]:
-        """Type of the base document."""
-        return DesignProblem if self.function.startswith("of_problems:") else Prototype
+        return f"beamdesign.sweep.answers:{self.name}"
 
     def lacks(self, record: Record) -> Iterator[Problem]:
         """What this task needs and a record has not."""
         for key in self.needs:
             if attrgetter(key)(record) is None:
                 yield Problem(key, NEEDED[key])
-
-
-def payload_range(record: DesignProblem | Prototype) -> tuple[float, float]:
-    """The range of outer end mass that a record states, kg."""
-    masses = record.payload.outer_end_mass_kg
-    assert masses is not None  # a problem is validated to have it, and what a task needs is there before it computes
-    return masses
 
 
 def _columns(numbers: str, yes_or_no: str = "", text: str = "", lists: str = "") -> dict[str, Kind]:
@@ -189,48 +171,37 @@ _FORCES = " ".join(f"load_at_{f}_Hz_N displacement_at_{f}_Hz_m" for f in (1, 10,
 _CROSSINGS = "crossings_kg crossing_frequencies_Hz"
 _LAW, _RANGE = "controller", "payload.outer_end_mass_kg"
 
-TASKS = {
-    "run": Task("of_problems:run", NoOptions, "sections, controller and end mass, certified",
+_ROWS = (
+    Task("run", DesignProblem, NoOptions,
         _columns(f"{_SIZES} {PROVED} {_LAG} {_SECTIONS} moving_mass_kg", text="governing certificate_sha256")),
-    "size": Task("of_problems:size", NoOptions, "sections of least mass, with checks and shadow prices",
-        _columns(_SIZES, text="governing")),
-    "codesign": Task("of_problems:codesign", CodesignOptions, "least moving mass for a bandwidth",
-        _columns(f"{POINT} {PROVED} {_LAG}", text="governing")),
-    "remedy": Task("of_problems:remedy", RemediesOptions, "one of the paper's remedies, optimised and proved",
+    Task("size", DesignProblem, NoOptions, _columns(_SIZES, text="governing")),
+    Task("codesign", DesignProblem, CodesignOptions, _columns(f"{POINT} {PROVED} {_LAG}", text="governing")),
+    Task("remedy", DesignProblem, RemediesOptions,
         _columns(REMEDY, text="remedy", lists="gain_A_per_V pole_Hz zero_Hz")),
-    "tune": Task("of_prototypes:tune", TuneOptions, "controller and inner end mass, proved",
-        _columns(f"{PROVED} {_LAG} {_SECTIONS}"), (_RANGE,)),
-    "certify": Task("of_prototypes:certify", CertifyOptions, "what is proved over the payload range",
+    Task("tune", Prototype, TuneOptions, _columns(f"{PROVED} {_LAG} {_SECTIONS}"), (_RANGE,)),
+    Task("certify", Prototype, CertifyOptions,
         _columns("bandwidth_Hz peak_sensitivity stable_share unstable_below_kg unstable_above_kg", "stable",
             lists=f"stable_ranges_kg {_CROSSINGS}"), (_LAW, _RANGE)),
-    "stable_masses": Task("of_prototypes:stable_masses", RangeOptions, "exact stable ranges and crossings",
+    Task("stable_masses", Prototype, RangeOptions,
         _columns("", lists=f"stable_from_kg stable_to_kg {_CROSSINGS}"), (_LAW,)),
-    "lag_breaks": Task("of_prototypes:lag_breaks", NoOptions, "exact stable zero frequencies of the lag",
+    Task("lag_breaks", Prototype, NoOptions,
         _columns("", "own_zero_stable", lists="stable_zero_from_Hz stable_zero_to_Hz"), (_LAW, _RANGE)),
-    "robust": Task("of_prototypes:robust", RangeOptions, "bandwidth and longest stable range, for tolerances",
+    Task("robust", Prototype, RangeOptions,
         _columns("bandwidth_Hz peak_sensitivity stable_from_kg stable_to_kg stable_width_kg", "stable"),
         (_LAW, _RANGE)),
-    "sim_to_real": Task("sim_to_real:sim_to_real", SimToRealOptions, "design, virtual rig, diagnosis, redesign",
+    Task("sim_to_real", Prototype, SimToRealOptions,
         _columns("believed_bandwidth_Hz believed_design_gain_margin gap_before gap_after gap_closed"
             " redesigned_bandwidth_Hz redesign_gain_margin", "believed_design_runs named_rightly redesign_runs",
             "verdict", "named"), (_RANGE,)),
-    "at_mass": Task("of_prototypes:at_mass", AtMassOptions, "margins and figures of the loop at one mass",
+    Task("at_mass", Prototype, AtMassOptions,
         _columns("critical_gain_A_per_V critical_frequency_Hz bandwidth_Hz peak_sensitivity gain_margin"
             " phase_margin_deg static_compliance_m_per_N", "stable"), (_LAW,)),
-    "arm": Task("of_prototypes:arm", ArmOptions, "both planes with torsion: proof, and what error remains",
+    Task("arm", Prototype, ArmOptions,
         _columns("force_N error_alone_m error_m error_by_tip_m error_by_turning_m error_by_twist_m"
-            f" {ERRORS} torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz",
-            "stable"), (_LAW, _RANGE)),
-    "limits": Task("of_prototypes:limits", AtMassOptions, "what actuator and sensor can do at one mass",
+            f" {ERRORS} torsion_tip_held_Hz peak_sensitivity tip_bandwidth_Hz load_bandwidth_Hz", "stable"),
+        (_LAW, _RANGE)),
+    Task("limits", Prototype, AtMassOptions,
         _columns(f"{_FORCES} static_error_m_per_N",
             text="governing_at_1_Hz governing_at_10_Hz governing_at_100_Hz"), (_LAW,)),
-}  # fmt: skip
-
-
-def proved_outputs(best: "Proved") -> dict[str, Any]:
-    """Columns of a proved loop."""
-    law = best.controller
-    breaks = {} if law.lag is None else picked(law.lag, "pole_Hz zero_Hz")
-    for k, section in enumerate(law.sections, start=1):
-        breaks |= {f"section_{k}_{name}": value for name, value in section.model_dump().items()}
-    return picked(best, PROVED) | breaks
+)  # fmt: skip
+TASKS = {row.name: row for row in _ROWS}
