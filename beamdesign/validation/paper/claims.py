@@ -9,6 +9,7 @@ the figures that decide it.
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import floor, sqrt
 from pathlib import Path
 from typing import Any
@@ -165,9 +166,15 @@ def bandwidths() -> list[Bandwidth]:
     return rows
 
 
+@cache
+def paper_words() -> dict[str, Any]:
+    """What `paper.toml` holds."""
+    return tomllib.loads(Path(__file__).with_name("paper.toml").read_text("utf-8"))
+
+
 def claims_and_slips(gains: list[GainRow], widths: list[Bandwidth]) -> tuple[list[Claim], list[Slip]]:
     """Every published number, those of the tables of critical gains and of bandwidths included; and all slips."""
-    stated, known = tomllib.loads(Path(__file__).with_name("paper.toml").read_text("utf-8")), figures(gains, widths)
+    stated, known = paper_words(), figures(gains, widths)
     claims = [
         Claim(
             group,
