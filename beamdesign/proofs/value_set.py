@@ -8,6 +8,7 @@ what is bound and V points whose convex hull holds the value.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from flint import acb, arb, fmpq, fmpq_poly
@@ -349,6 +350,7 @@ def undamping(statement: Statement, shares: np.ndarray) -> np.ndarray:
     return np.where(lost, 1.0, damping.max(axis=1))
 
 
+@lru_cache(maxsize=16)
 def _frequency(statement: Statement, k: int, n: int) -> float:
     """Geometric mean of the root's sizes in the middle of the box, to scale the polynomial."""
     radius = 1.0
