@@ -16,7 +16,7 @@ from math import inf, pi
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from jinja2 import Template
 
 from beamdesign.build.acceptance import (
     MEASURED_WITHIN,
@@ -36,7 +36,19 @@ from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificat
 from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity, tube_text
 from beamdesign.rational import nearest
 from beamdesign.records import Record, to_toml
-from beamdesign.report.page import Block, Code, Document, Items, Paragraph, Part, Picture, Table, to_html, to_markdown
+from beamdesign.report.page import (
+    Block,
+    Code,
+    Document,
+    Items,
+    Paragraph,
+    Part,
+    Picture,
+    Table,
+    text_template,
+    to_html,
+    to_markdown,
+)
 from beamdesign.report.statements import proved_statements
 from beamdesign.spelling import one_line
 from beamdesign.structure.lumped import lumped_beam, notes
@@ -282,50 +294,44 @@ def _joined(lines: list[str]) -> str:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    return text_template(
+        Path(__file__).with_name("specification.j2"),
         finalize=lambda value: one_line(str(value)).replace(_CELL, "|"),
+        q=quantity,
+        d=decimal,
+        optional=optional,
+        floor=partial(optional, rounding=ROUND_FLOOR),
+        ceiling=partial(optional, rounding=ROUND_CEILING),
+        masses=masses_text,
+        tube_text=tube_text,
+        nearest=nearest,
+        repr=repr,
+        zip=zip,
+        inf=inf,
+        pi=pi,
+        sha256=lambda text: hashlib.sha256(text.encode()).hexdigest(),
+        answer={True: "proved", False: "refuted", None: "undecided"},
+        stage=lambda law: f", stage {law.stage.number}" if law.stage.number else "",
+        guaranteed=_guaranteed,
+        describe=describe,
+        changes_name=CHANGES_NAME,
+        missing_geometry=missing_geometry,
+        lumped_beam=lumped_beam,
+        notes=notes,
+        strength_source=STRENGTH_SOURCE,
+        held_loads=held_loads,
+        margin=MARGIN,
+        kept=KEPT,
+        circuit_name=_name,
+        part_names=_part_names,
+        part_value=_part_value,
+        component_reasons=_component_reasons,
+        why_no_box=why_no_box,
+        largest=LARGEST,
+        safety=SAFETY,
+        bare_frequencies_Hz=bare_frequencies_Hz,
+        measured_within=MEASURED_WITHIN,
     )
-    environment.globals |= {
-        "q": quantity,
-        "d": decimal,
-        "optional": optional,
-        "floor": partial(optional, rounding=ROUND_FLOOR),
-        "ceiling": partial(optional, rounding=ROUND_CEILING),
-        "masses": masses_text,
-        "tube_text": tube_text,
-        "nearest": nearest,
-        "repr": repr,
-        "zip": zip,
-        "inf": inf,
-        "pi": pi,
-        "sha256": lambda text: hashlib.sha256(text.encode()).hexdigest(),
-        "answer": {True: "proved", False: "refuted", None: "undecided"},
-        "stage": lambda law: f", stage {law.stage.number}" if law.stage.number else "",
-        "guaranteed": _guaranteed,
-        "describe": describe,
-        "changes_name": CHANGES_NAME,
-        "missing_geometry": missing_geometry,
-        "lumped_beam": lumped_beam,
-        "notes": notes,
-        "strength_source": STRENGTH_SOURCE,
-        "held_loads": held_loads,
-        "margin": MARGIN,
-        "kept": KEPT,
-        "circuit_name": _name,
-        "part_names": _part_names,
-        "part_value": _part_value,
-        "component_reasons": _component_reasons,
-        "why_no_box": why_no_box,
-        "largest": LARGEST,
-        "safety": SAFETY,
-        "bare_frequencies_Hz": bare_frequencies_Hz,
-        "measured_within": MEASURED_WITHIN,
-    }
-    return environment.get_template("specification.j2")
 
 
 def _guaranteed(law: LawSpecification) -> list[tuple[str, str, str]]:

@@ -18,21 +18,37 @@ _BAR_IN_CELL = r"\|"  # even in code a bare one would end the cell
 
 
 def page_template(name: str, **filters: Callable[..., Any]) -> Template:
-    """A template of this folder: texts are escaped, what is missing is an error, blocks leave no blank lines.
+    """A template of a page in this folder: as `text_template`, but texts are escaped.
 
     Args:
         name: of the template's file.
         filters: by the name that the template calls them; `coded` is always there.
     """
+    return text_template(Path(__file__).with_name(name), autoescape=True, coded=_coded, **filters)
+
+
+def text_template(
+    path: Path, autoescape: bool = False, finalize: Callable[[Any], Any] | None = None, **names: Any
+) -> Template:
+    """A template: what is missing is an error, blocks leave no blank lines, the last end of line is left out.
+
+    Args:
+        path: of the template's file.
+        autoescape: whether texts are escaped.
+        finalize: what is done to every value before it is written.
+        names: of the template, as values and as filters.
+    """
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
+        loader=FileSystemLoader(path.parent),
+        autoescape=autoescape,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=finalize,
     )
-    environment.filters.update(filters, coded=_coded)
-    return environment.get_template(name)
+    environment.globals |= names
+    environment.filters |= names
+    return environment.get_template(path.name)
 
 
 class Paragraph(NamedTuple):

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beamdesign.json_text import picked
 from beamdesign.report.canvas import new_figure
+from beamdesign.report.page import text_template
 from beamdesign.spelling import in_markdown
 from beamdesign.validation.blind.baselines import NAMES
 from beamdesign.validation.blind.scoring import (
@@ -98,17 +98,6 @@ def _rounded(value: Any) -> Any:
 
 def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
     """The same as a page for people, from the template beside this module."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "md": lambda cell: in_markdown(str(cell)),
-        "ruled": lambda column: "---",
-        "flowed": lambda text: " ".join(text.split()),
-    }
     large, small = split(outcomes)
     given = {
         "outcomes": outcomes,
@@ -127,7 +116,13 @@ def markdown(outcomes: Sequence[Outcome], setting: Mapping[str, Any]) -> str:
         "baseline_columns": BASELINE_COLUMNS,
         "baseline_rows": baseline_rows,
     }
-    return environment.get_template("blindcheck.md.j2").render(given).rstrip() + "\n"
+    template = text_template(
+        Path(__file__).with_name("blindcheck.md.j2"),
+        md=lambda cell: in_markdown(str(cell)),
+        ruled=lambda column: "---",
+        flowed=lambda text: " ".join(text.split()),
+    )
+    return template.render(given).rstrip() + "\n"
 
 
 def target_rows(found: Sequence[Score]) -> list[tuple[str, ...]]:

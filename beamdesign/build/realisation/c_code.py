@@ -18,12 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Template
 
 from beamdesign.build.realisation.law import Arithmetic, V, one_period
 from beamdesign.build.realisation.realise import Realisation
 from beamdesign.build.realisation.verdict import Judgement
 from beamdesign.files import write_set
+from beamdesign.report.page import text_template
 from beamdesign.spelling import in_c
 
 VECTORS = 96
@@ -179,17 +180,10 @@ def _test_error(k: int) -> float:
 
 
 @cache
-def _templates() -> Environment:
-    """The templates, compiled once."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"spaced": lambda name: name.replace("_", " "), "literal": _literal}
-    return environment
+def _template(file: str) -> Template:
+    """The template of one of the files, compiled once."""
+    path = Path(__file__).with_name(f"{file}.j2")
+    return text_template(path, spaced=lambda name: name.replace("_", " "), literal=_literal)
 
 
 def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) -> dict[str, str]:
@@ -216,7 +210,7 @@ def c_files(realisation: Realisation, name: str, notes: tuple[str, ...] = ()) ->
         "count": VECTORS,
         "tables": {f"{name}s": values for name, values in made.readings.items()} | {"currents": made.currents},
     }
-    return {file: _templates().get_template(f"{file}.j2").render(given) for file in (HEADER, LAW, SELF_TEST)}
+    return {file: _template(file).render(given) + "\n" for file in (HEADER, LAW, SELF_TEST)}
 
 
 def _literal(value: float) -> str:

@@ -131,7 +131,7 @@ def measured_volts(x, f, time_share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def heard(f, fed_back, command, time):  # type: ignore[no-untyped-def]
+def error_volts(f, fed_back, command, time):  # type: ignore[no-untyped-def]
     """Error that the controller hears, V."""
     error = command - fed_back
     if f.hum > 0.0:
@@ -142,7 +142,7 @@ def heard(f, fed_back, command, time):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def demanded(x, f, fed_back, command, time):  # type: ignore[no-untyped-def]
     """Current the controller asks for, A."""
-    return f.gain * (x[_C] + (heard(f, fed_back, command, time) - x[_C]) * f.pole / f.zero)
+    return f.gain * (x[_C] + (error_volts(f, fed_back, command, time) - x[_C]) * f.pole / f.zero)
 
 
 @njit(cache=True, error_model="numpy")
@@ -160,7 +160,7 @@ def rates_into(x, d, f, modes, held, plays, fed_back, command, force, time, shar
 
     # controller and amplifier
     demand = held if held == held else demanded(x, f, fed_back, command, time)
-    d[_C] = f.pole * (heard(f, fed_back, command, time) - x[_C])
+    d[_C] = f.pole * (error_volts(f, fed_back, command, time) - x[_C])
     current = knee(demand, f.current_limit, f.current_knee) if f.current_limit > 0.0 else demand
     if f.coil_rate > 0.0:
         d[_I] = f.coil_rate * (current - x[_I])
