@@ -426,4 +426,4 @@ def test_a_trace_of_the_other_hysteresis_hides_none(magnet, other):
     values |= kind.figures(scales, shape | {"magnet": other}, 1e-3) | kind.figures(
         scales, shape | {"magnet": magnet}, 1
     )
-    assert kind.told(values)["half_width_A"] == pytest.approx(1.001 * 7.5e-3 / 75)
+    assert kind.stated(values)["half_width_A"] == pytest.approx(1.001 * 7.5e-3 / 75)

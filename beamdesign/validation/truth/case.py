@@ -351,7 +351,7 @@ def write_case(case: Case, folder: Path | str) -> None:
     write_whole(folder / "dataset.toml", tomli_w.dumps(index))
 
 
-def told(case: Case, departure: Departure) -> dict[str, Any]:
+def stated(case: Case, departure: Departure) -> dict[str, Any]:
     """Parameters of one effect in the units of the contract's effects, and the severity it was drawn with."""
     if departure.figure:
         factor = float(np.exp(departure.severity))
@@ -360,7 +360,7 @@ def told(case: Case, departure: Departure) -> dict[str, Any]:
     figures = run_figures(case, case.runs[0])
     record, modes = assembled(figures)
     values = dict(zip(record.dtype.names or (), (float(v) for v in record[0]), strict=True))
-    found: dict[str, Any] = KINDS[departure.name].told(values)
+    found: dict[str, Any] = KINDS[departure.name].stated(values)
     if departure.name == "second_beam_mode":
         rates = np.sqrt(modes[0] / modes[1])
         found |= {
@@ -386,7 +386,7 @@ def answer(case: Case) -> dict[str, Any]:
         "subsystem": case.departures[0].subsystem if case.departures else "",
         "subsystems": [d.subsystem for d in case.departures],
         "in_library": all(d.name in LISTED or d.figure != "" for d in case.departures),
-        "parameters": {d.name: told(case, d) for d in case.departures},
+        "parameters": {d.name: stated(case, d) for d in case.departures},
         "gap_over_floor": case.gap_over_floor,
         "gaps_over_floor": {name: value / floor for name, value in case.gaps.items()},
         "relative_floor": floor,

@@ -39,7 +39,7 @@ class Kind:
         figures: from scales, shape and severity to changed figures; keys that begin with `modes.` change the outer
             beam's modes, see `outer_modes`.
         range: least and largest severity.
-        told: figures in the units of the contract's effects, for the answer.
+        stated: figures in the units of the contract's effects, for the answer.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Kind:
     shape: Callable[[np.random.Generator], Shape]
     figures: Callable[[Scales, Shape, float], Shape]
     range: tuple[float, float]
-    told: Callable[[Mapping[str, float]], Shape] = field(default=lambda f: {})
+    stated: Callable[[Mapping[str, float]], Shape] = field(default=lambda f: {})
 
 
 _QUICKEST = 3e4
@@ -63,7 +63,7 @@ def _lag(scales: Scales, shape: Shape, severity: float) -> Shape:
     return {"lag_rate": rate, "lag_order": 1.0}
 
 
-def _told_lag(f: Mapping[str, float]) -> Shape:
+def _stated_lag(f: Mapping[str, float]) -> Shape:
     rate = f["lag_rate"] / (2 * f["lag_damping_ratio"] if f["lag_order"] > 1.5 else 1.0)
     return {"break_Hz": rate / (2 * pi), "order": f["lag_order"]}
 
@@ -74,7 +74,7 @@ def _areas(scales: Scales, shape: Shape, severity: float) -> Shape:
     return {"area_a": mean * (1 + part), "area_b": mean * (1 - part), "metering": shape["metering"]}
 
 
-def _told_areas(f: Mapping[str, float]) -> Shape:
+def _stated_areas(f: Mapping[str, float]) -> Shape:
     part = (f["area_a"] - f["area_b"]) / (f["area_a"] + f["area_b"])
     # With orifices at both edges speed goes with the root of the area that drives: the other way round, and half.
     return {"area_ratio_part": part, "asymmetry": -part / 2 if f["metering"] > 0.5 else part}
@@ -100,7 +100,7 @@ def _spool(scales: Scales, shape: Shape, severity: float) -> Shape:
     return {"spool_friction": width, "spool_travel": width * shape["travel"], "spool_sharpness": shape["sharpness"]}
 
 
-def _told_spool(f: Mapping[str, float]) -> Shape:
+def _stated_spool(f: Mapping[str, float]) -> Shape:
     # A little of the one may lie in the background of the other.
     return {"half_width_A": 0.6 * f["magnet_share"] * f["magnet_width"] + f["spool_friction"]}
 
@@ -125,7 +125,7 @@ def _mount(scales: Scales, shape: Shape, severity: float) -> Shape:
     }
 
 
-def _told_mount(f: Mapping[str, float]) -> Shape:
+def _stated_mount(f: Mapping[str, float]) -> Shape:
     rate = sqrt(f["mount_stiffness"] / f["mount_mass"])
     return {
         "stiffness_N_per_m": f["mount_stiffness"],
@@ -158,7 +158,7 @@ def _draws(**each: Callable[[np.random.Generator], float]) -> Callable[[np.rando
 
 _LISTED = (
     Kind(
-        "sensor_lag", "sensor", _draws(order=_one_of(1, 1, 2), zeta=_between(0.6, 1.0)), _lag, (0.17, 8), _told_lag
+        "sensor_lag", "sensor", _draws(order=_one_of(1, 1, 2), zeta=_between(0.6, 1.0)), _lag, (0.17, 8), _stated_lag
     ),
     Kind(
         "transport_delay", "controller", _draws(), lambda s, q, v: {"delay": 0.5e-3 * v}, (0.2, 9),
@@ -166,7 +166,7 @@ _LISTED = (
     ),
     Kind(
         "unequal_piston_areas", "actuator", _draws(side=_one_of(1, 1, -1), metering=_one_of(0, 0, 1)), _areas,
-        (0.05, 3.6), _told_areas,
+        (0.05, 3.6), _stated_areas,
     ),
     Kind(
         "pressure_dependent_flow", "servovalve", _draws(laminar=_log(5e3, 2e5)),
@@ -209,7 +209,7 @@ _LISTED = (
     Kind(
         "valve_hysteresis", "servovalve",
         _draws(magnet=_one_of(0, 0, 0.6, 0.9), travel=_between(0.3, 1.5), sharpness=_between(1, 2)), _spool, (0.02, 15),
-        _told_spool,
+        _stated_spool,
     ),
     Kind(
         "current_saturation", "amplifier", _draws(knee=_between(6, 20)),
@@ -232,7 +232,7 @@ _LISTED = (
             hertz=_log(40, 250), zeta=_log(0.008, 0.06), slide=_log(4, 40), slide_rate=_between(0.8, 2),
             inner_ratio=_between(0.95, 1.15), sensor_on_mount=_one_of(0, 0, 1),
         ),
-        _mount, (0.03, 5), _told_mount,
+        _mount, (0.03, 5), _stated_mount,
     ),
     Kind(
         "joint_backlash", "structure",
