@@ -345,7 +345,7 @@ def test_no_name_is_a_tag(tmp_path_factory: pytest.TempPathFactory, name: str) -
     folder = tmp_path_factory.mktemp("page")
     found = []
     for one in (name, PLAIN):
-        path, _ = write_record_page(one, one, {one: {one: 1.0}}, [], folder)
+        path, _ = write_record_page(one, one, {one: {one: 1.0}}, [], {}, folder)
         found.append(Tags(path.read_bytes().decode()))
     assert found[0].tags == found[1].tags
 

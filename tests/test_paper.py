@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from beamdesign.cli import app
-from beamdesign.cli.paper import paper as command
+from beamdesign.cli.begin import paper as command
 from beamdesign.loop import critical_gain, loop
 from beamdesign.prototype import Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError

@@ -11,12 +11,13 @@ from typer.testing import CliRunner
 
 from beamdesign.cli import app
 from beamdesign.prototype import Prototype, write_prototype
-from beamdesign.report.record_plot import PlottedRecord, plot_record
+from beamdesign.report.record_plot import plot_record
+from beamdesign.simulation import SimulatedRecord
 
 KICK = str(Path(__file__).parent.parent / "studies" / "scenarios" / "kick.toml")
 
 
-def record(**changes) -> PlottedRecord:
+def record(**changes) -> SimulatedRecord:
     times = np.arange(10_001) * 1e-4
     wave = np.sin(2 * np.pi * 300 * times)
     columns = {
@@ -28,8 +29,9 @@ def record(**changes) -> PlottedRecord:
         "load_pressure_Pa": 2e6 * wave,
         "inner_displacement_m": 1e-3 * wave,
     }
-    given = {"name": "one", "columns": columns, "verdict": "stable"}
-    return PlottedRecord(**(given | changes))
+    return SimulatedRecord(
+        "one", np.column_stack(list(columns.values())), columns=tuple(columns), **({"stable": True} | changes)
+    )
 
 
 def labels(figure) -> list[str]:
@@ -37,7 +39,7 @@ def labels(figure) -> list[str]:
 
 
 def test_panels_carry_units_that_fit_and_leave_out_what_is_zero():
-    figure = plot_record(record())
+    figure = plot_record(record(), {})
     assert labels(figure) == ["command, mV", "displacement, μm", "inner tip, mm", "current, mA", "pressure, MPa"]
     assert figure.axes[-1].get_xlabel() == "time, s"
 
@@ -45,14 +47,14 @@ def test_panels_carry_units_that_fit_and_leave_out_what_is_zero():
 def test_a_long_record_keeps_its_peaks():
     """Thinned for the picture, but no extreme is lost."""
     shown = record()
-    line = plot_record(shown).axes[1].lines[0]
+    line = plot_record(shown, {}).axes[1].lines[0]
     assert len(line.get_xdata()) < 4000
-    assert np.ptp(line.get_ydata()) == pytest.approx(1e6 * np.ptp(shown.columns["displacement_m"]), rel=1e-12)
+    assert np.ptp(line.get_ydata()) == pytest.approx(1e6 * np.ptp(shown.column("displacement_m")), rel=1e-12)
 
 
 def test_limits_are_drawn_where_they_matter_and_the_end_where_it_diverged():
     limits = {"current_A": (0.01, "amplifier's limit"), "displacement_m": (0.02, "limit")}
-    figure = plot_record(record(limits=limits, stable=False, diverged_at_s=0.99))
+    figure = plot_record(record(stable=False, diverged_at_s=0.99), limits)
     legends = {
         axes.get_ylabel(): [t.get_text() for t in axes.get_legend().get_texts()]
         for axes in figure.axes

@@ -14,15 +14,13 @@ import typer
 from typer.core import TyperGroup
 
 from beamdesign.cli.arm import arm
-from beamdesign.cli.begin import explain, new
+from beamdesign.cli.begin import explain, new, paper
 from beamdesign.cli.build import code, spec
-from beamdesign.cli.certify import certify
-from beamdesign.cli.certify_variations import certify_box, certify_switching
+from beamdesign.cli.certify import certify, certify_box, certify_switching
 from beamdesign.cli.command import INTERRUPTED
 from beamdesign.cli.design import codesign, front, remedies, run, size
 from beamdesign.cli.gap import gap
 from beamdesign.cli.output import echo, hush, reporting, shown, speak
-from beamdesign.cli.paper import paper
 from beamdesign.cli.simulate import limits, simulate
 from beamdesign.cli.stiffness import stiffness
 from beamdesign.cli.study import study

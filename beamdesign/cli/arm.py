@@ -18,7 +18,7 @@ from beamdesign.cli.command import (
     figures_of,
     mass_range,
 )
-from beamdesign.cli.output import echo, echo_table
+from beamdesign.cli.output import echo, echo_table, refuse
 from beamdesign.files import fresh_folder, settled, write_whole
 from beamdesign.json_text import picked
 
@@ -147,13 +147,12 @@ def _three(text: str, option: str, quantity: str) -> "Vector":
 def _force(record: "Prototype", text: str | None, payload: float, source: Path) -> "Vector":
     """The load: given, or weight of the largest payload and the prototype's largest force, downwards."""
     from beamdesign.plant.members import STANDARD_GRAVITY
-    from beamdesign.records import InputError
 
     if text is None:
         down = payload * STANDARD_GRAVITY + (record.payload.largest_force_N or 0.0)
         if down == 0:
             reason = "missing, and no payload has weight; give --force-N"
-            raise InputError(source, [("payload.largest_force_N", reason)])
+            refuse(source, ("payload.largest_force_N", reason))
         return 0.0, 0.0, -down
     if "," in text:
         return _three(text, "--force-N", "SignedForce")
@@ -266,8 +265,8 @@ def _written(
     from beamdesign.columns import csv_text
     from beamdesign.proofs.arm.both_planes import both_planes
     from beamdesign.prototype import write_prototype
-    from beamdesign.report.arm_plot import compliance_curves, draw_arm
     from beamdesign.report.canvas import save
+    from beamdesign.report.drawing import compliance_curves, draw_arm
 
     texts = {f"certificate_{plane.name}": plane.text for plane in found.planes}
     if found.both is not None and found.both.certificate:

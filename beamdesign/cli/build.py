@@ -17,7 +17,7 @@ from beamdesign.cli.command import (
     mass_range,
     with_controller,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 
 if TYPE_CHECKING:
     from beamdesign.build.realisation.code import ProvedCode
@@ -72,7 +72,7 @@ def code(
     from beamdesign.build.realisation.code import code as realised
 
     if compile_here and compiler() is None:
-        raise InputError("--compile", [("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it")])
+        refuse("--compile", ("(compiler)", "neither cc, gcc nor clang is on the path; set CC or leave it"))
     bits = None if in_floats else word_length or 32
     with progress("realising") as update:
         try:
@@ -80,7 +80,7 @@ def code(
                 record, rate_Hz, masses, bits, full_scale_V, largest_current_A, any_computing_time, progress=update
             )
         except InputError as error:
-            raise InputError(prototype, error.problems) from error
+            refuse(prototype, *error.problems)
     folder = out or default_folder(f"{prototype.resolve().stem}.code")
     if found.reason:
         echo(f"{record.name}: {found.reason}")

@@ -1,8 +1,7 @@
-"""`beamdesign certify`: stability and performance proved over a range of end masses, and proved again from text."""
+"""`beamdesign certify`, `certify-box` and `certify-switching`: proofs over payloads, tolerances and changes."""
 
-import hashlib
-import tomllib
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +12,7 @@ from beamdesign.cli.command import (
     Figure,
     MassRange,
     OutFile,
+    TomlFile,
     beside,
     by_stage,
     command,
@@ -20,14 +20,15 @@ from beamdesign.cli.command import (
     toml_files,
     with_controller,
 )
-from beamdesign.cli.output import default_file, echo, echo_table
-from beamdesign.files import read_bytes, write_whole
+from beamdesign.cli.output import certificate_file, echo, echo_table, progress, refuse, write_certificate
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.polynomial import Crossing
     from beamdesign.proofs.arm.result import PlaneGuaranteed
+    from beamdesign.proofs.box import Box, BoxVerdict
     from beamdesign.proofs.certificate import Asked, Certificate, Decided, Guaranteed
+    from beamdesign.proofs.tolerance_box import Scaling
     from beamdesign.prototype import Goal, InStage, Prototype
     from beamdesign.synthesis.rig_spread import Shape
 
@@ -70,7 +71,6 @@ def certify(
         replay: prove this certificate again; with PROTOTYPE, also that it is its.
     """
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError
 
     claims = {
         "--bandwidth-Hz": bandwidth_Hz,
@@ -84,10 +84,10 @@ def certify(
         others = {"--robust": robust or None, "--outer-end-mass": outer_end_mass, "--out": out}
         given = [name for name, value in (*claims.items(), *others.items()) if value is not None]
         if given:
-            raise InputError("certify", [(name, "has no meaning with --replay") for name in given])
+            refuse("certify", *((name, "has no meaning with --replay") for name in given))
         return _replay(replay, None if prototype is None else read_prototype(prototype))
     if prototype is None:
-        raise InputError("certify", [("PROTOTYPE", "missing; or give --replay CERTIFICATE")])
+        refuse("certify", ("PROTOTYPE", "missing; or give --replay CERTIFICATE"))
     record = with_controller(prototype)
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     shape: Shape = "box" if robust_box else "ball"
@@ -176,7 +176,7 @@ def echo_stability(name: str, found: "Decided") -> None:
     if found.stable:
         echo(f"{name}: stable for every outer end mass from {low:g} to {high:g} kg")
     else:
-        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.reason}")
+        echo(f"{name}: NOT stable from {low:g} to {high:g} kg: {found.stability.reason}")
         for least, most in found.stability.stable_ranges:
             echo(f"  stable from {least:.7g} to {most:.7g} kg")
     if found.crossings:
@@ -205,68 +205,167 @@ def _replay(path: Path, record: "Prototype | None") -> CommandResult:
     """Prove a certificate again from what it states."""
     from beamdesign.checker import Unreadable, check
     from beamdesign.proofs.writer import prototype_table
-    from beamdesign.records import InputError
 
     try:
         verdict = check(path, None if record is None else lambda *of: prototype_table(record, *of))
     except Unreadable as error:
-        raise InputError(path, [("(certificate)", str(error))]) from error
+        refuse(path, ("(certificate)", str(error)))
     for words in verdict.lines():
         echo(words)
     echo(f"{path}: {'valid' if verdict.valid else 'NOT valid'}")
     return CommandResult(picked(verdict, "valid reasons=failed checked=proved not_checked=open about"), verdict.valid)
 
 
-_TELLING = ("name", "rig", "controller", "effects", "arm")
-"""Keys of a certificate that tell whose it is."""
+@command
+def certify_box(
+    prototype: TomlFile,
+    outer_end_mass: MassRange = None,
+    sigmas: Annotated[float, Figure("Sigmas")] = 3.0,
+    only: Annotated[list[str] | None, typer.Option(metavar="FIGURE")] = None,
+    delay_s: Annotated[float, Figure("Delay")] = 0.0,
+    scaling: Annotated[bool, typer.Option("--scaling/--no-scaling")] = False,
+    budget: Annotated[int, typer.Option(min=1, max=1_000_000)] = 4000,
+    seconds: Annotated[float, Figure("TimeLimit")] = inf,
+    out: OutFile = None,
+) -> CommandResult:
+    """Prove stability for all tolerances at once.
 
+    Figures, end masses and a delay vary together; the proof is written down.
 
-def certificate_file(out: Path | None, default: str) -> Path:
-    """Where a certificate is to go, asked before the work for it.
+    Proved stable, or refuted by a member that is proved not to be stable, or undecided on a stated share of the box;
+    nothing is sampled. Exit status 0 if the whole box is proved stable, 1 otherwise.
 
-    Raises:
-        InputError: where something stands there that is no certificate, or where no file can be written.
+    Args:
+        prototype: the prototype.toml to certify.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        sigmas: standard deviations to either side of every figure.
+        only: let this figure vary; may be repeated. Default: all.
+        delay_s: allow every pure delay in the loop up to this, s.
+        scaling: find the largest scaling of the tolerances that is stable.
+        budget: most pieces of frequency and parameters to look at.
+        seconds: most time for the search of one box.
+        out: file for the certificate; else STEM.box.toml in this folder.
     """
-    path = default_file(default) if out is None else out
-    if path.exists():
-        _stated(path, _standing(path))
-    return path
+    record = with_controller(prototype)
+    masses = mass_range(outer_end_mass, record.outer_end_mass_kg or (0.0, 0.0), prototype)
+
+    from beamdesign.proofs.box import certify_box as prove
+    from beamdesign.proofs.tolerance_box import largest_scaling, tolerance_box
+
+    def proved(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        path = certificate_file(beside(out, stage), f"{prototype.stem}{stage.suffix}.box.toml")
+        asked = None if outer_end_mass is None else stage.outer_end_mass_kg
+        delays = (0.0, delay_s) if delay_s else None
+        rig, box = stage.prototype, tolerance_box(stage.prototype, sigmas, only or None, asked, delay_s=delays)
+        with progress("branch and bound") as update:
+            update(0.1, f"{len(box.names)} figures")
+            verdict = prove(rig, box, budget, seconds)
+            update(0.5, "scaling the tolerances" if scaling else "")
+            found = largest_scaling(rig, box, budget=budget) if scaling else None
+        _echo_box(rig, box, verdict)
+        if found is not None:
+            echo(f"scaling of the tolerances ({sigmas:g} standard deviations are 1): {found.reason}")
+        if verdict.certificate:
+            write_certificate(path, verdict.certificate)
+            echo(f"certificate: {path}")
+        fields = _box_fields(box, verdict, found) | {"certificate": path if verdict.certificate else None}
+        return fields, verdict.stable is True
+
+    return by_stage(record, masses, proved)
 
 
-def write_certificate(path: Path, text: str) -> None:
-    """Write a certificate; one of another prototype that stands there gets a name with its digest, which is said.
+def _echo_box(record: "Prototype", box: "Box", verdict: "BoxVerdict") -> None:
+    from beamdesign.proofs.tolerance_box import figure_key
+    from beamdesign.rational import nearest
 
-    Raises:
-        InputError: where something stands there that is no certificate.
+    words = {True: "stable for every member of the box", False: "NOT stable throughout the box", None: "undecided"}
+    echo(f"{record.name}: {words[verdict.stable]}")
+    rows = []
+    for name, (low, high) in box.ranges.items():
+        key, factor = figure_key(name)
+        row = [key, nearest(low) / factor, nearest(high) / factor]
+        rows.append(row if verdict.unstable_point is None else [*row, nearest(verdict.unstable_point[name]) / factor])
+    last = () if verdict.unstable_point is None else ("not stable at",)
+    echo_table(f"{len(box.names)} figures, all at once", ("figure", "from", "to", *last), rows)
+    if verdict.stable is not True:
+        echo(f"  {verdict.reason.rpartition(': ')[2] if verdict.stable is False else verdict.reason}")
+        if verdict.volumes is not None:
+            shares = [nearest(share) for share in verdict.volumes]
+            echo("  share of the box proved stable {:.6g}, proved not stable {:.3g}, undecided {:.3g}".format(*shares))
+    if record.effects:
+        echo("  effects are covered as linear loops at frozen values, not as the nonlinear loop")
+    echo(f"method: zero exclusion, {verdict.pieces} pieces proved in ball arithmetic, one member by an exact test")
+
+
+def _box_fields(box: "Box", verdict: "BoxVerdict", scaling: "Scaling | None") -> dict[str, Any]:
+    from beamdesign.proofs.tolerance_box import figure_key, in_units
+    from beamdesign.rational import nearest
+
+    def point(of: Any) -> dict[str, float] | None:
+        return None if of is None else in_units(of, list(of))
+
+    shares = [None] * 3 if verdict.volumes is None else [nearest(share) for share in verdict.volumes]
+    return {
+        **picked(verdict, "stable reason pieces looked_at"),
+        "box": {
+            key: [nearest(low) / factor, nearest(high) / factor]
+            for name, (low, high) in box.ranges.items()
+            for key, factor in [figure_key(name)]
+        },
+        "stable_fraction": shares[0],
+        "unstable_fraction": shares[1],
+        "undecided_fraction": shares[2],
+        "unstable_point": point(verdict.unstable_point),
+        "largest_scaling": None
+        if scaling is None
+        else picked(scaling, "proved refuted limit reason") | {"unstable_point": point(scaling.unstable_point)},
+    }
+
+
+@command
+def certify_switching(
+    prototype: TomlFile,
+    outer_end_mass: MassRange = None,
+    rate: Annotated[float | None, Figure("MassRate", metavar="KG_PER_S")] = None,
+    out: OutFile = None,
+) -> CommandResult:
+    """Prove stability while the payload changes in motion.
+
+    That is gripping, releasing, filling, pouring; of a scheduled controller any change of its stage as well. Lyapunov
+    functions come from a semidefinite program and are verified in rational arithmetic; what only the solver claims is
+    reported as unverified. Exit status 0 if the rate asked for, or else some rate, is proved both for payload that
+    joins with the tip's velocity and for payload at rest; of a scheduled controller, if changes of stage as the
+    schedule makes them are proved, and the rate if one is asked for; 1 otherwise.
+
+    Args:
+        prototype: the prototype.toml, with its controller.
+        outer_end_mass: range of mass on the outer tip, kg; else the prototype's.
+        rate: prove stability up to this rate of change; else find the largest.
+        out: file for the certificate; else STEM.stages.toml in this folder.
     """
-    if path.exists() and (standing := _standing(path)) != text.encode():
-        older, new = _stated(path, standing), tomllib.loads(text)
-        if any(older.get(key) != new.get(key) for key in _TELLING):
-            aside = path.with_suffix(f".{hashlib.sha256(standing).hexdigest()[:8]}{path.suffix}")
-            write_whole(aside, standing)
-            echo(f"the certificate of {older.get('name', 'another prototype')} that stood there is now {aside}")
-    write_whole(path, text)
+    from beamdesign.proofs.mass_family import stage_families
 
-
-def _standing(path: Path) -> bytes:
-    from beamdesign.records import InputError
-
+    record = with_controller(prototype)
     try:
-        return read_bytes(path, _LARGEST)
-    except OSError as error:
-        raise InputError(path, [("(file)", f"{error.strerror}; name another file with --out")]) from error
+        families = stage_families(record)
+    except ValueError as error:
+        refuse(prototype, ("controller.stage", str(error)))
+    low, high = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
+    if not low < high:
+        reason = f"{low:g}:{high:g} holds one mass, which cannot change"
+        refuse("certify-switching", ("--outer-end-mass", reason))
+    schedule = record.schedule
+    path = certificate_file(out, f"{prototype.stem}.stages.toml")
 
+    from beamdesign.proofs.lyapunov import describe, stages_certificate, switching, switching_fields
 
-_LARGEST = 10**9  # bytes: whatever stands there is looked at
-
-
-def _stated(path: Path, standing: bytes) -> dict[str, Any]:
-    from beamdesign.records import InputError
-
-    try:
-        table = tomllib.loads(standing.decode())
-    except (ValueError, RecursionError):
-        table = {}
-    if not str(table.get("kind", "")).startswith("beamdesign."):
-        raise InputError(path, [("(file)", "exists and is no certificate; name another file with --out")])
-    return table
+    with progress("Lyapunov functions") as update:
+        found = switching(families, low, high, rate, schedule.dwell_s if schedule else 0.0, update)
+    lines = describe(found)
+    several = f"{len(families)} stages, " if schedule else ""
+    echo(f"{record.name}: {several}outer end mass changing between {low:g} and {high:g} kg")
+    for line in lines:
+        echo(f"  {line}")
+    write_certificate(path, stages_certificate(record, found, f"{record.name}\n" + "\n".join(lines)))
+    echo(f"certificate: {path}")
+    return CommandResult(switching_fields(found) | {"certificate": path}, found.stable)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
-from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, write_json
+from beamdesign.cli.output import echo, file_to_write, folder_to_write, json_target, refuse, write_json
 from beamdesign.files import fresh_folder, settled, write_whole
 
 if TYPE_CHECKING:
@@ -83,9 +83,7 @@ def command(
         ]
         wrong += problems(**given) if problems else ()
         if wrong:
-            from beamdesign.records import InputError
-
-            raise InputError(work.__name__.replace("_", "-"), wrong)
+            refuse(work.__name__.replace("_", "-"), *wrong)
         result = work(**given)
         for path in result.files:
             echo(str(path))
@@ -213,18 +211,16 @@ def figures_of(
     Raises:
         InputError: where they are not as many figures, implausible or, in a range, descending.
     """
-    from beamdesign.records import InputError
-
     try:
         values = tuple(float(part) for part in text.split(separator))
     except ValueError:
         values = ()
     if not values or count not in (None, len(values)):
-        raise InputError(option, [(text, f"expected {expected}")])
+        refuse(option, (text, f"expected {expected}"))
     if wrong := [problem for value in values for problem in implausible(option, value, quantity)]:
-        raise InputError(option, wrong[:1])
+        refuse(option, *wrong[:1])
     if separator == ":" and values[0] > values[-1]:
-        raise InputError(option, [(text, f"empty range: {values[0]:g} is above {values[-1]:g}")])
+        refuse(option, (text, f"empty range: {values[0]:g} is above {values[-1]:g}"))
     return values
 
 
@@ -234,12 +230,10 @@ def mass_range(text: str | None, default: tuple[float, float] | None, source: st
     Raises:
         InputError: where neither gives a range of plausible masses.
     """
-    from beamdesign.records import InputError
-
     if text is None:
         if default is None:
             reason = "missing; give it there or as --outer-end-mass LO:HI"
-            raise InputError(source, [("payload.outer_end_mass_kg", reason)])
+            refuse(source, ("payload.outer_end_mass_kg", reason))
         return default
     expected = "two masses in kg as LO:HI, such as 0:6.8"
     low, high = figures_of("--outer-end-mass", text, "MassOrNone", expected, ":", 2)
@@ -253,7 +247,7 @@ def with_controller(path: Path) -> "Prototype":
         InputError: with everything that is in the way.
     """
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError, Problem
+    from beamdesign.records import Problem
 
     record, wrong = read_prototype(path), []
     if record.effects:
@@ -263,7 +257,7 @@ def with_controller(path: Path) -> "Prototype":
     if record.controller is None:
         wrong.append(Problem("controller", "missing; write it there, or let `beamdesign tune` find one"))
     if wrong:
-        raise InputError(path, wrong)
+        refuse(path, *wrong)
     return record
 
 

@@ -19,7 +19,7 @@ from beamdesign.cli.command import (
     toml_files,
     write_drawn,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -228,7 +228,6 @@ def remedies(
         added_mass_kg: most moving mass that a remedy may add.
     """
     from beamdesign.problem import read_problem
-    from beamdesign.records import InputError
     from beamdesign.report.canvas import new_figure
     from beamdesign.report.figures import plot_remedies
     from beamdesign.sweep.tasks import REMEDY
@@ -238,7 +237,7 @@ def remedies(
     masses = mass_range(outer_end_mass, problem.payload.outer_end_mass_kg, study)
     for name, beam in (("outer_beam", problem.outer_beam), ("inner_beam", problem.inner_beam)):
         if beam.width_m is None:
-            raise InputError(study, [(name, "the remedies start from given sections: width_m and wall_m are needed")])
+            refuse(study, (name, "the remedies start from given sections: width_m and wall_m are needed"))
     with progress("remedies") as update:
         found = room.remedies(problem, masses, added_mass_kg, update)
     rows = [
@@ -282,7 +281,7 @@ def size(
         study: a study file or a prototype.toml.
         tip_force_N: load to check a prototype for; 2000 by default.
     """
-    from beamdesign.records import InputError, read_table
+    from beamdesign.records import read_table
 
     if not read_table(study).keys() & _STUDY_TABLES:
         return _checked(study, tip_force_N)
@@ -293,7 +292,7 @@ def size(
 
     problem = read_problem(study)
     if tip_force_N is not None:
-        raise InputError("--tip-force-N", [(f"{tip_force_N:g}", f"{study} states its own load; change it there")])
+        refuse("--tip-force-N", (f"{tip_force_N:g}", f"{study} states its own load; change it there"))
     with progress("sizing") as update:
         found = find_sections(problem, update)
     echo(f"{problem.name}: {'' if found.feasible else 'NOT FEASIBLE: '}{found.reason}")

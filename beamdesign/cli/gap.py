@@ -16,7 +16,7 @@ from beamdesign.cli.command import (
     data_sets,
     resumed,
 )
-from beamdesign.cli.output import default_folder, echo, echo_table, progress
+from beamdesign.cli.output import default_folder, echo, echo_table, progress, refuse
 from beamdesign.files import fresh_folder, settled
 
 if TYPE_CHECKING:
@@ -57,7 +57,6 @@ def diagnose(
         workers: processes that fit at the same time.
     """
     from beamdesign.diagnosis.data.dataset_index import index_of, kind_of
-    from beamdesign.records import InputError
 
     folder = out or default_folder(f"{index_of(dataset).resolve().parent.name}.diagnosis")
     if kind_of(dataset) != "actuator_bench":
@@ -68,7 +67,7 @@ def diagnose(
     from beamdesign.report.gap_folder import write_gap_folder
 
     if redesign:
-        raise InputError("--redesign", [(str(dataset), "a bench has no controller to design")])
+        refuse("--redesign", (str(dataset), "a bench has no controller to design"))
     data = read_bench_set(dataset)
     with progress("diagnosing"):
         found = diagnose_bench_set(data)

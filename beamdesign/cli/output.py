@@ -5,20 +5,22 @@ to stderr: a bar on a terminal, a line every half minute elsewhere; a word on it
 swallowed.
 """
 
+import hashlib
 import os
 import shutil
 import sys
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 
-from beamdesign.files import write_whole
+from beamdesign.files import read_bytes, write_whole
 from beamdesign.json_text import json_text
 from beamdesign.progress import Progress, pass_on
 from beamdesign.spelling import one_line
@@ -33,7 +35,7 @@ def file_to_write(option: typer.CallbackParam, path: Path | None) -> Path | None
         InputError: naming the option, the path and what is in its way.
     """
     if path is not None and path.is_dir():
-        _refuse(option.opts[0], path, "is a folder; name a file")
+        refuse(option.opts[0], (str(path), "is a folder; name a file"))
     return path_to_write(option, path)
 
 
@@ -69,16 +71,17 @@ def _need_folder(option: str, path: Path, folder: Path) -> Path:
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():
-        _refuse(option, path, f"cannot be written: {folder} is a file, not a folder")
+        refuse(option, (str(path), f"cannot be written: {folder} is a file, not a folder"))
     if not os.access(folder, os.W_OK | os.X_OK):
-        _refuse(option, path, f"cannot be written: no permission to write in {folder}")
+        refuse(option, (str(path), f"cannot be written: no permission to write in {folder}"))
     return path
 
 
-def _refuse(option: str, path: Path, reason: str) -> None:
+def refuse(source: str | Path, *problems: tuple[str, str]) -> NoReturn:
+    """Raise an `InputError` with what is wrong, key and reason each; its room is loaded only for that."""
     from beamdesign.records import InputError
 
-    raise InputError(option, [(str(path), reason)])
+    raise InputError(source, problems)
 
 
 _hushed = ContextVar("hushed", default=False)
@@ -143,6 +146,57 @@ def write_json(path: Path | None, fields: Mapping[str, Any]) -> None:
         write_whole(path, json_text(fields))
 
 
+_TELLING = ("name", "rig", "controller", "effects", "arm")
+"""Keys of a certificate that tell whose it is."""
+
+
+def certificate_file(out: Path | None, default: str) -> Path:
+    """Where a certificate is to go, asked before the work for it.
+
+    Raises:
+        InputError: where something stands there that is no certificate, or where no file can be written.
+    """
+    path = default_file(default) if out is None else out
+    if path.exists():
+        _stated(path, _standing(path))
+    return path
+
+
+def write_certificate(path: Path, text: str) -> None:
+    """Write a certificate; one of another prototype that stands there gets a name with its digest, which is said.
+
+    Raises:
+        InputError: where something stands there that is no certificate.
+    """
+    if path.exists() and (standing := _standing(path)) != text.encode():
+        older, new = _stated(path, standing), tomllib.loads(text)
+        if any(older.get(key) != new.get(key) for key in _TELLING):
+            aside = path.with_suffix(f".{hashlib.sha256(standing).hexdigest()[:8]}{path.suffix}")
+            write_whole(aside, standing)
+            echo(f"the certificate of {older.get('name', 'another prototype')} that stood there is now {aside}")
+    write_whole(path, text)
+
+
+def _standing(path: Path) -> bytes:
+    try:
+        return read_bytes(path, _LARGEST)
+    except OSError as error:
+        refuse(path, ("(file)", f"{error.strerror}; name another file with --out"))
+
+
+_LARGEST = 10**9  # bytes: whatever stands there is looked at
+
+
+def _stated(path: Path, standing: bytes) -> dict[str, Any]:
+    try:
+        table = tomllib.loads(standing.decode())
+    except (ValueError, RecursionError):
+        table = {}
+    if not str(table.get("kind", "")).startswith("beamdesign."):
+        refuse(path, ("(file)", "exists and is no certificate; name another file with --out"))
+    return table
+
+
 _GAP = "  "
 
 
@@ -158,7 +212,7 @@ def echo_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]],
     Returns:
         the columns that were left out.
     """
-    cells = [[_text(value) for value in row] for row in rows]
+    cells = [["" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v) for v in row] for row in rows]
     widths = [max(len(name), *(len(row[k]) for row in cells), 0) for k, name in enumerate(columns)]
     shown = list(range(len(columns)))
     if not every and sys.stdout.isatty():
@@ -171,10 +225,6 @@ def echo_wide(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]],
         echo(_GAP.join(cell.ljust(widths[k]) for cell, k in zip(line, shown, strict=True)).rstrip())
     echo("")
     return [columns[k] for k in range(len(columns)) if k not in shown]
-
-
-def _text(value: Any) -> str:
-    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 EVERY_S = 30.0

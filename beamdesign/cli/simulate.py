@@ -1,6 +1,6 @@
 """`beamdesign simulate` and `limits`: time records of a prototype, and how far it and its model can be trusted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,13 +19,15 @@ from beamdesign.cli.command import (
     with_controller,
     write_drawn,
 )
-from beamdesign.cli.output import echo, echo_table, progress
+from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import fresh_folder, settled
 from beamdesign.json_text import picked
 
 if TYPE_CHECKING:
     from beamdesign.prototype import InStage
-    from beamdesign.synthesis.limits import Limits
+    from beamdesign.report.record_plot import Limits
+    from beamdesign.simulation import SimulatedRecord
+    from beamdesign.synthesis.limits import Limits as OperatingLimits
 
 
 @command
@@ -52,8 +54,8 @@ def simulate(
     from beamdesign import simulation as engine
     from beamdesign.bench_prototype import BenchPrototype, read_any_prototype
     from beamdesign.plant.assembly import problem_without_controller
-    from beamdesign.plant.effects import problems
-    from beamdesign.records import InputError, Problem
+    from beamdesign.plant.effects import library, problems
+    from beamdesign.records import Problem
     from beamdesign.scenario import read_scenario
 
     rig = read_any_prototype(prototype)
@@ -69,7 +71,7 @@ def simulate(
     if rig.controller is None and any(row.controller is None for row in plan.record):
         wrong.append(problem_without_controller())
     if wrong:
-        raise InputError(prototype, wrong)
+        refuse(prototype, *wrong)
     found = engine.simulate(rig, plan)
     rows = []
     for record in found.records:
@@ -85,48 +87,33 @@ def simulate(
             mass, std = (float(record.column(name)[-1]) for name in ("estimate_kg", "estimate_std_kg"))
             known = f"{mass:.3g} kg, give or take {std:.2g}" if isfinite(std) else "nothing"
             echo(f"{record.name}: stages {stages}; of the payload it knows {known}")
-    pictures = [_plotted(record, plan, rig) for record in found.records] if plots else []
-    tables = {record.name: (record.columns, record.samples) for record in found.records}
-    files = write_folder(rig, plan, tables, pictures, out)
+    limits = {
+        "displacement_m": (plan.displacement_limit_m, "limit"),
+        "load_pressure_Pa": (rig.supply.pressure_Pa, "supply"),
+    }
+    if (given := rig.effects.get("current_saturation")) is not None:
+        limit_A = library()["current_saturation"].parameters[0]
+        limits["current_A"] = (given.get(limit_A.name, limit_A.default), "amplifier's limit")
+    files = write_folder(rig, plan, found.records, out, limits if plots else None)
     each = [_fields(record, path) for record, path in zip(found.records, files["records"], strict=True)]
     return CommandResult({"stable": found.stable, "effects": list(rig.effects), **files, "each": each}, found.stable)
 
 
 def _simulate_bench(rig: Any, source: Path, scenario: Path, out: Path, plots: bool) -> CommandResult:
     from beamdesign.plant.bench_simulation import BENCH_COLUMNS, problems_on_rig, simulate_bench
-    from beamdesign.records import InputError
     from beamdesign.scenario import read_scenario
+    from beamdesign.simulation import SimulatedRecord
 
     if wrong := problems_on_rig(rig.effects, rig.kind):
-        raise InputError(source, wrong)
+        refuse(source, *wrong)
     plan = read_scenario(scenario)
     found = simulate_bench(rig, plan)
     rows = [(name, *(float(peak) for peak in table[:, 2:].max(axis=0))) for name, table in found.items()]
     echo_table(f"{rig.name}: {plan.name}", ("record", *(f"peak {column}" for column in BENCH_COLUMNS[2:])), rows)
-    pictures: list[Any] = []
-    if plots:
-        from beamdesign.report.record_plot import PlottedRecord
-
-        tables = {name: dict(zip(BENCH_COLUMNS, table.T, strict=True)) for name, table in found.items()}
-        pictures = [PlottedRecord(name, columns, "done") for name, columns in tables.items()]
-    files = write_folder(rig, plan, {name: (BENCH_COLUMNS, table) for name, table in found.items()}, pictures, out)
+    records = [SimulatedRecord(name, table, True, columns=BENCH_COLUMNS) for name, table in found.items()]
+    files = write_folder(rig, plan, records, out, {} if plots else None)
     # An open loop between end stops stays within bounds; a record that failed is an error, not an answer.
     return CommandResult({"stable": True, "effects": list(rig.effects), **files})
-
-
-def _plotted(record: Any, plan: Any, rig: Any) -> Any:
-    """A simulated record of a twin beam with what its figure draws in."""
-    from beamdesign.plant.effects import library
-    from beamdesign.report.record_plot import PlottedRecord
-
-    limits = {"displacement_m": (plan.displacement_limit_m, "limit")}
-    limits["load_pressure_Pa"] = (rig.supply.pressure_Pa, "supply")
-    if (given := rig.effects.get("current_saturation")) is not None:
-        limit_A = library()["current_saturation"].parameters[0]
-        limits["current_A"] = (given.get(limit_A.name, limit_A.default), "amplifier's limit")
-    verdict = "stable" if record.stable else record.reason
-    columns = {name: record.column(name) for name in record.columns}
-    return PlottedRecord(record.name, columns, verdict, record.stable, limits, record.diverged_at_s)
 
 
 def _fields(record: Any, path: Path) -> dict[str, Any]:
@@ -142,22 +129,23 @@ def _fields(record: Any, path: Path) -> dict[str, Any]:
 
 
 def write_folder(
-    rig: Any, plan: Any, tables: Mapping[str, tuple[tuple[str, ...], Any]], pictures: Sequence[Any], out: Path
+    rig: Any, plan: Any, records: "Sequence[SimulatedRecord]", out: Path, limits: "Limits | None"
 ) -> dict[str, Any]:
-    """Write records, and where there are `pictures` of them these and their page, as one set; files for the answer."""
+    """Write records, and where limits are given their pictures and page, as one set; files for the answer."""
     from beamdesign.simulation import write_tables
 
     with fresh_folder(out) as fresh:
+        tables = {record.name: (record.columns, record.samples) for record in records}
         files: dict[str, Any] = {"records": write_tables(tables, fresh)}
-        if pictures:
+        if limits is not None:
             from beamdesign.report.record_plot import write_record_page
 
             with progress("drawing"):
-                page, figures = write_record_page(rig.name, plan.name, rig.effects, pictures, fresh)
+                page, figures = write_record_page(rig.name, plan.name, rig.effects, records, limits, fresh)
             files |= {"report": page, "figures": figures}
     files = settled(files, fresh, out)
     echo(f"records: {len(files['records'])} files in {out}")
-    if pictures:
+    if limits is not None:
         echo(f"pictures: {files['report']}")
     return files
 
@@ -209,7 +197,7 @@ def limits(
     return by_stage(rig, (mass, mass), stated)
 
 
-def _echo(found: "Limits") -> None:
+def _echo(found: "OperatingLimits") -> None:
     from beamdesign.plant.linear_reach import with_published_effects
 
     rig, mass = found.prototype, found.outer_end_mass_kg

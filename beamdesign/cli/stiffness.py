@@ -18,7 +18,7 @@ from beamdesign.cli.command import (
     figures_of,
     mass_range,
 )
-from beamdesign.cli.output import echo, echo_table, progress
+from beamdesign.cli.output import echo, echo_table, progress, refuse
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
 
@@ -172,7 +172,6 @@ def _judged(
 ) -> tuple[dict[str, Any], bool]:
     """Say what the end of a prototype is like with one law of its own; what is known, and whether that is as asked."""
     from beamdesign.quantity_text import mass_range_text
-    from beamdesign.records import InputError
     from beamdesign.synthesis.end_stiffness import judge
     from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
 
@@ -180,7 +179,7 @@ def _judged(
     try:
         found = judge(record, None, masses, wall)
     except ValueError as error:
-        raise InputError(source, [("controller", str(error))]) from error
+        refuse(source, ("controller", str(error)))
     rows = [*_kept(found), ("for every outer end mass", mass_range_text(masses))]
     echo_table(f"{record.name}: its end, with the controller as it is", ("figure", "value"), rows)
     for line in in_words(found, wall):
@@ -213,15 +212,13 @@ def _servo(record: "Prototype", source: Path) -> "Cascade":
     Raises:
         InputError: where there is none.
     """
-    from beamdesign.records import InputError
-
     if record.compliance is not None:
         return record.compliance.servo
     if record.controller is None:
-        raise InputError(source, [("controller", "missing; write it there, or leave out --keep-controller")])
+        refuse(source, ("controller", "missing; write it there, or leave out --keep-controller"))
     if (servo := record.controller.cascade) is None:
         reason = f"{record.controller.kind!r} cannot be kept without a [compliance] that says what it stands for"
-        raise InputError(source, [("controller.kind", f"{reason}; give a lag")])
+        refuse(source, ("controller.kind", f"{reason}; give a lag"))
     return servo
 
 

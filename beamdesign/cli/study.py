@@ -7,7 +7,7 @@ import typer
 
 from beamdesign.cli.command import CommandResult, OutFolderOrNone, TomlFile, command, resumed
 from beamdesign.cli.design import echo_checks
-from beamdesign.cli.output import echo, echo_table, echo_wide, progress
+from beamdesign.cli.output import echo, echo_table, echo_wide, progress, refuse
 from beamdesign.json_text import picked
 
 CASE_SECONDS = 3600
@@ -42,7 +42,6 @@ def run(
         case_seconds: a case that takes longer is given up, and stays as a failed row.
         again: compute the cases again that failed.
     """
-    from beamdesign.records import InputError
     from beamdesign.sweep.conclusion import in_words
     from beamdesign.sweep.plot import draw
     from beamdesign.sweep.store import in_words as unsound_words
@@ -50,10 +49,10 @@ def run(
     from beamdesign.sweep.workers import cluster, processes
 
     if scheduler is not None and workers != 1:
-        raise InputError("study run", [("--workers", "has no meaning with --scheduler")])
+        refuse("study run", ("--workers", "has no meaning with --scheduler"))
     if scheduler is not None and case_seconds != CASE_SECONDS:
         reason = "has no meaning with --scheduler: a case that a cluster computes can be ended only there"
-        raise InputError("study run", [("--case-seconds", reason)])
+        refuse("study run", ("--case-seconds", reason))
     laid = plan(file, cases)
     folder = out or default_folder(file)
     going_on = "the same command goes on from there"
@@ -172,10 +171,11 @@ def diff(
     found = difference(first, second)
     for line in found.unsound:
         echo(line)
+    code = "; another version of the code computed the second" if found.code_changed else ""
     if found.same:
-        echo(f"no difference in {len(found.cases)} cases{_code(found.code_changed)}")
+        echo(f"no difference in {len(found.cases)} cases{code}")
     else:
-        echo(f"{len(found.changed)} of {len(found.cases)} common cases have other results{_code(found.code_changed)}")
+        echo(f"{len(found.changed)} of {len(found.cases)} common cases have other results{code}")
         if found.inputs:
             rows = [(key, _shown(before), _shown(after)) for key, (before, after) in found.inputs.items()]
             echo_wide("inputs that changed in every case", ("key", first.name, second.name), rows)
@@ -184,10 +184,6 @@ def diff(
             if only:
                 echo(f"only in {name}: {len(only)} cases, such as {_varied(only[0])}")
     return CommandResult({**found.__dict__, "same": found.same}, found.same)
-
-
-def _code(changed: bool) -> str:
-    return "; another version of the code computed the second" if changed else ""
 
 
 def _echo_cases(found: Any, first: Path, second: Path) -> None:

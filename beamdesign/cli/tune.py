@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from beamdesign.cli.certify import write_certificate
 from beamdesign.cli.command import (
     CommandResult,
     Figure,
@@ -17,7 +16,7 @@ from beamdesign.cli.command import (
     mass_range,
     of_all,
 )
-from beamdesign.cli.output import echo, echo_table, progress
+from beamdesign.cli.output import echo, echo_table, progress, refuse, write_certificate
 from beamdesign.cli.stiffness import give_stiffness
 from beamdesign.files import write_set
 from beamdesign.json_text import picked
@@ -85,7 +84,7 @@ def tune(
     from beamdesign.proofs.lyapunov import CHANGES_NAME, describe, stages_certificate, switching_fields
     from beamdesign.proofs.tolerance_box import between, in_words
     from beamdesign.prototype import read_prototype
-    from beamdesign.records import InputError, to_toml
+    from beamdesign.records import to_toml
     from beamdesign.synthesis import tuning
     from beamdesign.synthesis.design_run import certified_laws
     from beamdesign.synthesis.rig_spread import rig_spread
@@ -94,7 +93,7 @@ def tune(
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
     known = dict.fromkeys((*KINDS, *tuning.tunable()))
     if controller not in known:
-        raise InputError("--controller", [(controller, f"expected one of {', '.join(known)}")])
+        refuse("--controller", (controller, f"expected one of {', '.join(known)}"))
     if peak_sensitivity is not None:
         record = record.but(goal=record.goal.but(peak_sensitivity=peak_sensitivity))
     sensors = _sensors(controller, added_sensor or [])
@@ -112,9 +111,9 @@ def tune(
     if controller == "compliance" or end_stiffness_N_per_m is not None:
         if controller != "compliance":
             reason = "is for --controller compliance"
-            raise InputError("--end-stiffness-N-per-m", [(f"{end_stiffness_N_per_m:g}", reason)])
+            refuse("--end-stiffness-N-per-m", (f"{end_stiffness_N_per_m:g}", reason))
         if end_stiffness_N_per_m is None:
-            raise InputError("--controller", [("compliance", "needs --end-stiffness-N-per-m")])
+            refuse("--controller", ("compliance", "needs --end-stiffness-N-per-m"))
         return give_stiffness(record, end_stiffness_N_per_m, masses, out=out, spread=spread)
     with progress("tuning") as update:
         asked = (record, masses, controller, largest_inner_end_mass_kg, update, sections, sensors, spread, stages)
@@ -184,12 +183,11 @@ def _of_law(stage: "InStage", law: "Tuning", certificate: "Certificate") -> dict
 def _sensors(kind: str, added: list[str]) -> "tuple[Sensed, ...]":
     """What the controller reads, in the order of the record."""
     from beamdesign.controllers import SENSED
-    from beamdesign.records import InputError
 
     if wrong := [name for name in added if name not in SENSED[1:]]:
-        raise InputError("--added-sensor", [(name, f"expected one of {', '.join(SENSED[1:])}") for name in wrong])
+        refuse("--added-sensor", *((name, f"expected one of {', '.join(SENSED[1:])}") for name in wrong))
     if added and kind not in ("lqg", "hinf"):
-        raise InputError("--added-sensor", [(", ".join(added), f"a {kind} controller reads the displacement alone")])
+        refuse("--added-sensor", (", ".join(added), f"a {kind} controller reads the displacement alone"))
     return tuple(name for name in SENSED if name == SENSED[0] or name in added)
 
 

@@ -220,8 +220,7 @@ def plot_critical_gain(axes: Axes, masses_kg: Sequence[float], curves: Mapping[s
 
 
 def _frequency_axis(axes: Axes, lowest_Hz: float, highest_Hz: float) -> None:
-    axes.set_xlim(lowest_Hz, highest_Hz)
-    axes.set_xlabel("frequency, Hz")
+    axes.set(xlim=(lowest_Hz, highest_Hz), xlabel="frequency, Hz")
     plain_numbers(axes.xaxis)
 
 
@@ -252,8 +251,7 @@ def plot_envelope(axes: Axes, envelope: "Envelope", asked_N: float | None = None
     if asked_N is not None:
         axes.axhline(asked_N, **LIMIT, label=f"asked for, {asked_N:g} N")
     _name_stretches(axes, envelope, bottom)
-    axes.set_xlim(float(frequency[0]), float(frequency[-1]))
-    axes.set_ylim(bottom, top)
+    axes.set(xlim=(float(frequency[0]), float(frequency[-1])), ylim=(bottom, top))
     plain_numbers(axes.xaxis, axes.yaxis)
     finish(axes, "frequency, Hz", "amplitude of the force on the tip, N", legend=None)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))

@@ -173,8 +173,7 @@ def _draw_locus(axes: Axes, loop: Loop, mass_kg: float, reach: float) -> None:
     at = loop.at(mass_kg)
     factors = np.concatenate([np.geomspace(1e-3, 1.0, 120), np.geomspace(1.0, LOCUS_GAIN, 90)[1:]])
     plot_root_locus(axes, at, [float(factor) for factor in factors], {"this gain": 1.0})
-    axes.set_xlim(-0.7 * reach, 0.25 * reach)
-    axes.set_ylim(-0.04 * reach, reach)
+    axes.set(xlim=(-0.7 * reach, 0.25 * reach), ylim=(-0.04 * reach, reach))
     axes.set_title(f"{decimal(mass_kg)} kg outside", fontsize=9)
 
 
@@ -231,8 +230,7 @@ def plot_stable_ranges(axes: Axes, maps: Mapping[str, StabilityMap], asked_kg: t
     if asked_kg is not None:
         note(axes, "range asked for", (sum(asked_kg) / 2, -len(maps) + 1 - 0.34), (0, -3), va="top")
     end = max(nearest(found.high) for found in maps.values())
-    axes.set_xlim(-0.015 * end, 1.015 * end)
-    axes.set_ylim(-len(maps) + 1 - 0.75, 0.85)
+    axes.set(xlim=(-0.015 * end, 1.015 * end), ylim=(-len(maps) + 1 - 0.75, 0.85))
     axes.set_yticks([-row for row in range(len(maps))], list(maps), fontsize=8)
     axes.tick_params(left=False)
     for side in ("left", "right", "top"):
@@ -299,9 +297,7 @@ def plot_stable_gains(
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(lambda value, position: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(least, most)
-    axes.set_xlim(masses_kg[0], masses_kg[-1])
-    axes.set(xlabel="outer end mass, kg", ylabel="gain, mA/V")
+    axes.set(ylim=(least, most), xlim=(masses_kg[0], masses_kg[-1]), xlabel="outer end mass, kg", ylabel="gain, mA/V")
     axes.legend(fontsize=8, loc="best")  # no grid over the shading
     return axes
 

@@ -4,9 +4,10 @@ The records of a simulation also make one self-contained HTML page.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import escape
@@ -19,28 +20,15 @@ from beamdesign.report.canvas import LIMIT, STYLES, finish, inline_svg, new_figu
 from beamdesign.report.page import Document, Part, Picture, Table, to_html
 from beamdesign.spelling import in_plot
 
+if TYPE_CHECKING:
+    from beamdesign.simulation import SimulatedRecord
+
 _MOST_POINTS = 3000
+_TOLD = ("displacement_m", "current_A")
 
 
-@dataclass(frozen=True)
-class PlottedRecord:
-    """What a figure of a record needs to know.
-
-    Attributes:
-        name: of the record.
-        columns: (N,) each, by column name with its unit; `t_s` among them.
-        verdict: what came of it, in words.
-        stable: whether that is good.
-        limits: by column, magnitudes to be drawn with the words for the legend.
-        diverged_at_s: when the record ended early.
-    """
-
-    name: str
-    columns: Mapping[str, np.ndarray] = field(repr=False)
-    verdict: str
-    stable: bool = True
-    limits: Mapping[str, tuple[float, str]] = field(default_factory=dict)
-    diverged_at_s: float | None = None
+Limits = Mapping[str, tuple[float, str]]
+"""By column of a record, the magnitude to be drawn with the words for the legend."""
 
 
 @dataclass(frozen=True)
@@ -69,39 +57,37 @@ _PANELS = (
 )
 
 
-def plot_record(record: PlottedRecord) -> Figure:
+def plot_record(record: "SimulatedRecord", limits: Limits) -> Figure:
     """Panels over one time axis; quantities that stay zero throughout are left out.
 
     A limit is drawn where the record comes within a fifth of it. The end of a record that diverged is marked.
     """
-    given = record.columns
-    panels = [
-        panel for panel in _PANELS if any(name in given and np.any(given[name] != 0) for name, _ in panel.columns)
-    ] or [_DISPLACEMENT]
+    moving = {name for name in record.columns if np.any(record.column(name) != 0)}
+    panels = [panel for panel in _PANELS if any(name in moving for name, _ in panel.columns)] or [_DISPLACEMENT]
     figure = new_figure(170.0, 28.0 + 32.0 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    times = np.asarray(given["t_s"])
+    times = record.column("t_s")
     for panel, part in zip(panels, axes, strict=True):
-        _draw(part, panel, record, times)
+        _draw(part, panel, record, limits)
     # A record that ended early is shown in the time it had, and a little beyond.
     axes[-1].set_xlim(float(times[0]), float(times[-1]) * (1.0 if record.diverged_at_s is None else 1.02))
     axes[-1].set_xlabel("time, s")
-    figure.suptitle(in_plot(f"{record.name}: {record.verdict}"), fontsize=9, x=0.02, ha="left")
+    figure.suptitle(in_plot(f"{record.name}: {record.reason or 'stable'}"), fontsize=9, x=0.02, ha="left")
     figure.align_ylabels(list(axes))
     return figure
 
 
-def _draw(axes: Axes, panel: _Panel, record: PlottedRecord, times: np.ndarray) -> None:
+def _draw(axes: Axes, panel: _Panel, record: "SimulatedRecord", limits: Limits) -> None:
     shown = [(name, label) for name, label in panel.columns if name in record.columns]
-    peak = max(float(np.abs(record.columns[name]).max()) for name, _ in shown)
+    peak = max(float(np.abs(record.column(name)).max()) for name, _ in shown)
     factor, unit = next((s for s in panel.scales if s[0] * peak >= 1), panel.scales[-1])
     for (name, label), style in zip(shown, STYLES, strict=False):
-        line = axes.plot(*_envelope(times, factor * record.columns[name]), linewidth=0.9, label=label)[0]
+        line = axes.plot(*_envelope(record.column("t_s"), factor * record.column(name)), linewidth=0.9, label=label)[0]
         line.set(**style)
     drawn = len(shown) > 1
     for name, _ in shown:
-        if name in record.limits and peak > 0.2 * record.limits[name][0]:
-            limit, words = record.limits[name]
+        if name in limits and peak > 0.2 * limits[name][0]:
+            limit, words = limits[name]
             for sign in (1, -1):
                 named = f"{words} {factor * limit:g} {unit}" if sign > 0 else None
                 axes.axhline(sign * factor * limit, **LIMIT, label=named)
@@ -127,16 +113,12 @@ def _envelope(times: np.ndarray, signal: np.ndarray) -> tuple[np.ndarray, np.nda
     return times[keep], signal[keep]
 
 
-def peaks(record: PlottedRecord, columns: Sequence[str]) -> dict[str, float]:
-    """Largest magnitude of each column."""
-    return {name: float(np.abs(record.columns[name]).max()) for name in columns if name in record.columns}
-
-
 def write_record_page(
     title: str,
     scenario: str,
     effects: Mapping[str, Mapping[str, float]],
-    records: Sequence[PlottedRecord],
+    records: Sequence["SimulatedRecord"],
+    limits: Limits,
     folder: Path,
 ) -> tuple[Path, list[Path]]:
     """Draw every record, each to NAME.svg and NAME.png, and the page that shows them all.
@@ -146,6 +128,7 @@ def write_record_page(
         scenario: its name.
         effects: of the prototype, by name, with the parameters it gives.
         records: in order.
+        limits: of all of them.
         folder: an existing one; files of the same names are replaced.
 
     Returns:
@@ -155,19 +138,20 @@ def write_record_page(
     pictures = []
     rows = []  # names are escaped here: nothing in them is code
     for position, record in enumerate(records):
-        figure = plot_record(record)
+        figure = plot_record(record, limits)
         files += save(figure, folder / record.name)
-        words = f"{record.name}: {record.verdict}"
+        verdict = record.reason or "stable"
+        words = f"{record.name}: {verdict}"
         picture = Picture(inline_svg(figure, f"record{position}", words), f"{record.name}.svg", escape(words))
         pictures.append(Part(record.name, (picture,)))
-        largest = peaks(record, ("displacement_m", "current_A"))
+        largest = {name: float(np.abs(record.column(name)).max()) for name in _TOLD if name in record.columns}
         rows.append(
             (
                 escape(record.name),
                 "yes" if record.stable else "no",
                 quantity(largest["displacement_m"], "m"),
                 f"{1e3 * largest['current_A']:.4g} mA" if "current_A" in largest else "",
-                escape(record.verdict),
+                escape(verdict),
             )
         )
     heads = ("record", "stable", "largest displacement", "largest current", "verdict")
