@@ -25,7 +25,7 @@ def json_text(fields: Mapping[str, Any]) -> str:
 
 
 def finite(value: Any) -> Any:
-    """Records, arrays and their figures as dictionaries, lists and numbers of Python; anything else as its text.
+    """Records, arrays, rationals and their figures as dictionaries, lists and numbers of Python; else as text.
 
     JSON has no infinity, so that figures that are not finite become None.
     """
@@ -41,4 +41,6 @@ def finite(value: Any) -> Any:
         return float(value) if isfinite(value) else None
     if isinstance(value, str | int) or value is None:
         return value
+    if hasattr(value, "q"):  # a rational of python-flint: the float nearest to it
+        return int(value.p) / int(value.q)
     return finite(value.tolist()) if hasattr(value, "tolist") else str(value)
