@@ -184,14 +184,15 @@ def csv_text(rows: Sequence[Mapping[str, Any]], end: str = "\r\n") -> str:
     return text.getvalue()
 
 
-def uniform_times(path: Path, times: np.ndarray) -> None:
-    """Refuse times that do not rise in equal steps, or whose steps are none of a recorder's.
+def uniform_times(path: Path, times: np.ndarray) -> np.ndarray:
+    """(N,) times in exactly equal steps; refuses such as do not rise in equal ones, or in none of a recorder's.
 
     Raises:
         InputError: naming the first row at which they do not, or the unit they seem to be in.
     """
     if reason := _uneven(times):
         raise InputError(path, [("t_s", reason)])
+    return np.linspace(times[0], times[-1], len(times))
 
 
 def _uneven(times: np.ndarray) -> str:

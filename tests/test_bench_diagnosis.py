@@ -9,15 +9,15 @@ from bench_records import CAP, MEAN, RING, STROKE, SUPPLY, TANK, ZERO, Truth, st
 
 from beamdesign.bench_prototype import read_bench_prototype
 from beamdesign.diagnosis.bench.data import read_bench_set, saturates_at
-from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set, probabilities
-from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, updated_prototype
-from beamdesign.diagnosis.bench.fit import held_out
-from beamdesign.diagnosis.bench.hypothesis import NOTHING, BenchHypothesis, candidates, nominal
-from beamdesign.diagnosis.bench.motions import observations, scatter, steady, steady_motions
+from beamdesign.diagnosis.bench.diagnose import BenchDiagnosis, diagnose_bench, probabilities
+from beamdesign.diagnosis.bench.fit import held_out, updated_prototype
+from beamdesign.diagnosis.bench.hypothesis import NO_CAUSE, BenchHypothesis, candidates, laws, nominal
+from beamdesign.diagnosis.bench.motions import scatter, steady, steady_motions
 from beamdesign.plant.bench_simulation import replay
 from beamdesign.records import InputError
 
 COULOMB_N = 120.0
+AREAS, ROOT, DEADBAND = "unequal_piston_areas", "pressure_dependent_flow", "valve_deadband"
 JOINT = Truth(
     flow_gain=9.3e-6, unequal=True, orifices=True, friction=lambda speed, direction: COULOMB_N - 8.0 * (direction < 0)
 )
@@ -31,13 +31,13 @@ def joint_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def joint(joint_set: Path) -> BenchDiagnosis:
     """Among half of the candidates, to be quick; the measured cylinder is diagnosed among all."""
-    some = [each for each in candidates() if not each.lines and each.friction != "stribeck"]
-    return diagnose_bench_set(read_bench_set(joint_set), some)
+    some = [each for each in candidates() if not {"line_loss", "breakaway_ratio"} & {*each.figures}]
+    return diagnose_bench(read_bench_set(joint_set), some)
 
 
 def figures(**given: float) -> dict[str, float]:
     base = {"flow_gain": 9e-6, "piston_area": MEAN, "supply_pressure": SUPPLY, "tank_pressure": TANK}
-    return NOTHING | base | given
+    return NO_CAUSE | base | given
 
 
 @pytest.mark.parametrize("volts", [-3.0, 3.0])
@@ -88,7 +88,7 @@ def test_leakage_lines_and_edge_fulfil_their_own_equations(volts: float):
 
 
 def test_steady_motion_is_found_without_being_told_where(joint_set: Path):
-    for motion in steady_motions(read_bench_set(joint_set)):
+    for motion in steady_motions(read_bench_set(joint_set)).motions:
         speed, full, empty = steady_motion(JOINT, motion.command_V)
         assert motion.direction * motion.speed == pytest.approx(speed, rel=0.03)  # runs drift by 0.5 %
         fills = (motion.direction > 0) == (motion.side == "a")
@@ -115,8 +115,7 @@ def test_joint_causes_are_named_with_their_figures(joint: BenchDiagnosis):
 
 def test_neither_of_two_causes_helps_alone(joint: BenchDiagnosis):
     error = {each.hypothesis: each.total for each in joint.ranked}
-    none, areas = error[BenchHypothesis()], error[BenchHypothesis(unequal_areas=True)]
-    root, both = error[BenchHypothesis(orifices=True)], error[BenchHypothesis(orifices=True, unequal_areas=True)]
+    none, areas, root, both = (error[laws(*names)] for names in ((), (AREAS,), (ROOT,), (ROOT, AREAS)))
     assert both < 0.5 * none < min(areas, root)
     assert any("help only together" in note for note in joint.notes)
 
@@ -124,20 +123,22 @@ def test_neither_of_two_causes_helps_alone(joint: BenchDiagnosis):
 def test_the_amended_prototype_moves_as_the_bench_does(joint: BenchDiagnosis, tmp_path: Path):
     assert set(joint.prototype.effects) == {"pressure_dependent_flow", "unequal_piston_areas", "seal_friction"}
     assert joint.prototype.sensors.displacement_zero_m == pytest.approx(ZERO, abs=1e-4)
-    for row in joint.table:
-        assert row.predicted[0] == pytest.approx(row.speed, rel=0.03)
-        cap, ring = row.pressures
-        assert row.net_force_N == pytest.approx(CAP * cap - RING * ring, rel=1e-6)
-    for each in joint.replay:
-        assert each.after["displacement_m"] < 0.02
+    (shown,) = joint.where.witnesses
+    assert shown.table["predicted_m_per_s"] == pytest.approx(shown.table["speed_m_per_s"], rel=0.03)
+    cap, ring = (np.array(shown.table[f"pressure_{side}_Pa"]) for side in "ab")
+    assert shown.table["net_force_N"] == pytest.approx(CAP * cap - RING * ring, rel=1e-6)
+    moved = [row for row in joint.gap.records if row.record.endswith("displacement_m")]
+    assert len(moved) == len(joint.ranked[0].without)
+    for row in moved:
+        assert row.after < 0.02
 
 
 def test_what_is_believed_already_is_no_news(joint: BenchDiagnosis, joint_set: Path):
     data = replace(read_bench_set(joint_set), prototype=joint.prototype)
     known, figure = nominal(joint.prototype)
-    assert known.names == joint.chosen
+    assert known.causes == joint.chosen
     assert figure["coulomb_N"] == joint.prototype.effects["seal_friction"]["coulomb_N"]
-    found = diagnose_bench_set(data, [each for each in candidates(known) if each.causes <= known.causes + 1])
+    found = diagnose_bench(data, [each for each in candidates(known) if each.size <= known.size + 1])
     assert found.verdict == "no_gap"
     assert found.chosen == ()
     assert found.gap.before < 1.1 * joint.gap.after
@@ -145,7 +146,7 @@ def test_what_is_believed_already_is_no_news(joint: BenchDiagnosis, joint_set: P
 
 def test_a_sound_bench_has_no_gap(tmp_path: Path):
     data = read_bench_set(write_set(tmp_path / "sound", Truth(flow_gain=9.1e-6)))
-    found = diagnose_bench_set(data, [each for each in candidates() if each.causes < 3])
+    found = diagnose_bench(data, [each for each in candidates() if each.size < 3])
     assert found.verdict == "no_gap"
     assert found.chosen == ()
     assert found.prototype == read_bench_prototype(tmp_path / "sound" / "prototype.toml")
@@ -153,35 +154,35 @@ def test_a_sound_bench_has_no_gap(tmp_path: Path):
 
 def test_a_figure_far_out_of_its_tolerance_is_named(tmp_path: Path):
     data = read_bench_set(write_set(tmp_path / "weak", Truth(flow_gain=6.5e-6)))
-    found = diagnose_bench_set(data, [each for each in candidates() if each.causes < 3 and each.friction != "stribeck"])
+    found = diagnose_bench(data, [h for h in candidates() if h.size < 3 and "breakaway_ratio" not in h.figures])
     assert found.chosen == ("parameter:flow_gain",)
     assert found.prototype.servovalve.flow_gain_m3_per_s_per_V == pytest.approx(6.5e-6, rel=0.01)
 
 
 def judged(folder: Path, *hypotheses: BenchHypothesis) -> list[float]:
     data = read_bench_set(folder)
-    seen = observations(steady_motions(data), data.prototype.actuator.asymmetry)
+    seen = steady_motions(data)
     floor = scatter(seen, SUPPLY)
     tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in hypotheses]
-    return probabilities(tried, data.conditions).tolist()
+    return probabilities(tried, seen.conditions).tolist()
 
 
 def test_friction_laws_and_deadband_are_told_apart(tmp_path: Path):
-    joint = BenchHypothesis(orifices=True, unequal_areas=True)
-    laws = [BenchHypothesis(True, True, friction=kind) for kind in ("none", "coulomb", "viscous")]
+    joint = laws(ROOT, AREAS)
+    frictions = [joint, joint | laws("seal_friction (coulomb)"), joint | laws("seal_friction (viscous)")]
     viscous = Truth(unequal=True, orifices=True, friction=lambda speed, direction: 600 * speed)
-    assert int(np.argmax(judged(write_set(tmp_path / "viscous", viscous), *laws))) == 2
+    assert int(np.argmax(judged(write_set(tmp_path / "viscous", viscous), *frictions))) == 2
     coulomb = Truth(unequal=True, orifices=True, friction=lambda speed, direction: 90.0)
-    assert int(np.argmax(judged(write_set(tmp_path / "coulomb", coulomb), *laws))) == 1
+    assert int(np.argmax(judged(write_set(tmp_path / "coulomb", coulomb), *frictions))) == 1
     lapped = Truth(unequal=True, orifices=True, deadband=0.5)
-    share = judged(write_set(tmp_path / "lapped", lapped), joint, BenchHypothesis(True, True, deadband=True))
+    share = judged(write_set(tmp_path / "lapped", lapped), joint, joint | laws(DEADBAND))
     assert share[1] > 0.9
 
 
 def test_candidates_are_all_combinations_once():
     found = candidates()
     assert len(set(found)) == len(found) == 2**3 * 5 + 2**5 * 5 + 1
-    assert BenchHypothesis(True, True, friction="coulomb with offset").names == (
+    assert laws(ROOT, AREAS, "seal_friction (coulomb with offset)").causes == (
         "parameter:constant_load", "pressure_dependent_flow", "seal_friction", "unequal_piston_areas"
     )  # fmt: skip
 
@@ -269,10 +270,11 @@ def test_clipping_is_told(tmp_path: Path):
 
 def test_amended_prototypes_hold_what_was_fitted(joint_set: Path):
     data = read_bench_set(joint_set)
-    seen = observations(steady_motions(data), data.prototype.actuator.asymmetry)
-    hypothesis = BenchHypothesis(True, True, True, True, True, True, "stribeck")
+    seen = steady_motions(data)
+    hypothesis = max(candidates(), key=lambda each: (each.size, "breakaway_ratio" in each.figures))
+    assert len(hypothesis.names) == 7
     fit = held_out(data.prototype, hypothesis, seen, scatter(seen, SUPPLY)).fit
-    rig = updated_prototype(data.prototype, fit)
+    rig = updated_prototype(data.prototype, hypothesis, fit)
     assert rig.actuator.piston_leakage_m3_per_s_per_Pa == fit.values["piston_leakage"]
     assert rig.actuator.line_loss_Pa_s2_per_m6 == fit.values["line_loss"]
     assert rig.servovalve.edge_b_ratio == fit.values["edge_b"]

@@ -19,7 +19,6 @@ from beamdesign.control_models import state_space
 from beamdesign.controllers import Controller, Observer, Proportional, Scheduled, Section, Stage, Structured
 from beamdesign.diagnosis import separability
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, read_dataset
-from beamdesign.diagnosis.designer_terms import designer_terms, loops_of, payload_range
 from beamdesign.diagnosis.diagnose import diagnose
 from beamdesign.diagnosis.diagnosis import Diagnosis
 from beamdesign.diagnosis.examination.nominal import CHANNELS, controller_fit, demanded, nominal_loop
@@ -27,7 +26,7 @@ from beamdesign.diagnosis.experiment import menu
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import record_evidence
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis
-from beamdesign.diagnosis.redesign import redesign
+from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, redesign
 from beamdesign.prototype import Payload, Prototype, read_prototype, write_prototype
 from beamdesign.records import InputError
 from beamdesign.report.gap_folder import write_gap_folder

@@ -7,6 +7,7 @@ import pytest
 from gap_sets import believed, measured, only, scenario
 
 from beamdesign.diagnosis.data.dataset import read_dataset
+from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.fitting import search as searching
 from beamdesign.diagnosis.fitting.evidence import evidence_of, record_evidence
 from beamdesign.diagnosis.fitting.fit import Fit, Share, fit, fit_cache
@@ -23,7 +24,6 @@ from beamdesign.diagnosis.fitting.hypothesis import (
 from beamdesign.diagnosis.fitting.search import refit, search
 from beamdesign.diagnosis.fitting.starts import starts
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE, weighting
-from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.plant.effects import library
 from beamdesign.records import InputError
 from beamdesign.structure.lumped import figures

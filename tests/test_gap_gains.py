@@ -17,9 +17,8 @@ from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEviden
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, together
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence, scatter
 from beamdesign.diagnosis.fitting.starts import starts
-from beamdesign.diagnosis.gains.classes import GainDiagnosis, explain_gains
-from beamdesign.diagnosis.gains.next_gain import separations
-from beamdesign.diagnosis.gains.shares import common_factor, gain_shares
+from beamdesign.diagnosis.gain_diagnosis import GainDiagnosis, explain_gains
+from beamdesign.diagnosis.gain_findings import common_factor, gain_shares, separations
 from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.loop import critical_gain, loop
 from beamdesign.plant.harmonic_balance import limit_cycles

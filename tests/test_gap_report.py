@@ -11,16 +11,8 @@ import numpy as np
 import pytest
 
 from beamdesign.bench_prototype import BenchActuator, BenchPrototype, BenchServovalve, read_any_prototype
-from beamdesign.diagnosis.bench.diagnosis import (
-    BenchDiagnosis,
-    ConditionRow,
-    ReplayError,
-    asked_for,
-    rows_of,
-    where_of,
-)
+from beamdesign.diagnosis.bench.diagnose import BenchDiagnosis, where_of
 from beamdesign.diagnosis.data.dataset import Dataset, read_dataset
-from beamdesign.diagnosis.designer_terms import designer_terms, loops_of, payload_range, terms
 from beamdesign.diagnosis.diagnosis import (
     Cause,
     Diagnosis,
@@ -29,6 +21,7 @@ from beamdesign.diagnosis.diagnosis import (
     Gap,
     Indicator,
     NextExperiment,
+    RecordGap,
     Where,
     diagnosis_fields,
 )
@@ -37,6 +30,7 @@ from beamdesign.diagnosis.fitting.fit import Fit, Share
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.gap_metrics import errors, gap, in_bands
+from beamdesign.diagnosis.redesign import designer_terms, loops_of, payload_range, terms
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.report.gap_folder import bands, diverged, gap_report_html, write_gap_folder, zoom
 from beamdesign.report.gap_tables import (
@@ -324,8 +318,8 @@ def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
     )
     chosen = ("pressure_dependent_flow",)
     causes = (Cause(chosen[0], "servovalve", 0.97, 1.0, {"supply_pressure_Pa": Estimate(4.1e6, 2e4)}),)
-    table = (ConditionRow("1 V", 1, 1.0, 0.05, (1e6, 2e6), 60.0, (1.0, 1.0), (0.06, 1e6, 2e6)),)
-    replay = (ReplayError("1 V", {"displacement_m": 0.08}, {"displacement_m": 0.02}, {"displacement_m": 0.01}),)
+    table = {"condition": ("1 V",), "direction": ("extending",), "speed_m_per_s": (0.05,), "predicted_m_per_s": (0.06,)}
+    rows = (RecordGap("1 V, displacement_m", True, 0.08, np.nan, 0.02, 0.01),)
     shown = BenchDiagnosis(
         "a bench",
         "ambiguous",
@@ -334,9 +328,9 @@ def test_a_bench_is_presented_like_any_other_rig(tmp_path: Path) -> None:
         chosen,
         np.nan,
         where_of(table, rig.actuator.stroke_m, causes, chosen),
-        Gap(0.2, 0.19, 0.05, 0.01, 0.94, (0.9, 0.97), rows_of(replay)),
+        Gap(0.2, 0.19, 0.05, 0.01, 0.94, (0.9, 0.97), rows),
         (),
-        asked_for(7.5, 0.3, "speed", ()),
+        NextExperiment("Run the piston out and back at 0.3 V.", (), 7.5, {"command_V": 0.3}),
         rig.but(effects={"pressure_dependent_flow": {"supply_pressure_Pa": 4.1e6}}),
         notes=("areas and orifices help only together",),
     )

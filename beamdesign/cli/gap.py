@@ -63,14 +63,14 @@ def diagnose(
         return _diagnose(dataset, folder, redesign, workers)
 
     from beamdesign.diagnosis.bench.data import read_bench_set
-    from beamdesign.diagnosis.bench.diagnose import diagnose_bench_set
+    from beamdesign.diagnosis.bench.diagnose import diagnose_bench
     from beamdesign.report.gap_folder import write_gap_folder
 
     if redesign:
         refuse("--redesign", (str(dataset), "a bench has no controller to design"))
     data = read_bench_set(dataset)
     with progress("diagnosing"):
-        found = diagnose_bench_set(data)
+        found = diagnose_bench(data)
     echo_diagnosis(found)
     paths, fields = write_gap_folder(folder, found)
     return CommandResult(fields, files=paths.values())
@@ -78,10 +78,9 @@ def diagnose(
 
 def _diagnose(dataset: Path, folder: Path, renew: bool, workers: int) -> CommandResult:
     from beamdesign.diagnosis.data.dataset import read_dataset
-    from beamdesign.diagnosis.designer_terms import designer_terms, payload_range
     from beamdesign.diagnosis.diagnose import diagnose as engine
     from beamdesign.diagnosis.fitting.fit import fit_cache
-    from beamdesign.diagnosis.redesign import redesign
+    from beamdesign.diagnosis.redesign import designer_terms, payload_range, redesign
     from beamdesign.report.gap_folder import write_gap_folder
     from beamdesign.report.gap_tables import controller_text, terms_rows
 

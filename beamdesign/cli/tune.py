@@ -207,7 +207,7 @@ DRAWS = 32
 
 def with_stated_tolerances(record: "Prototype") -> "Prototype":
     """The prototype as it is where it states tolerances, else with typical ones, and a word on it."""
-    from beamdesign.diagnosis.examination.caution import with_tolerances
+    from beamdesign.diagnosis.examination.plausibility import with_tolerances
 
     found, cautions = with_tolerances(record)
     for caution in cautions:

@@ -10,18 +10,17 @@ from itertools import combinations
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where
+from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where, updated_prototype
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
 from beamdesign.diagnosis.fitting.fit import Fit, FitCache
 from beamdesign.diagnosis.fitting.search import Search, refit, search
-from beamdesign.diagnosis.gains.classes import explain_gains
+from beamdesign.diagnosis.gain_diagnosis import explain_gains
 from beamdesign.diagnosis.gap_metrics import errors, gap
 from beamdesign.diagnosis.judgement import THRESHOLDS, Judgement, cause_sets, causes, classes, judge
 from beamdesign.diagnosis.second_look import second_look
 from beamdesign.diagnosis.separability import indistinguishable
-from beamdesign.diagnosis.updated_prototype import updated_prototype
 from beamdesign.diagnosis.where.locate import locate
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype

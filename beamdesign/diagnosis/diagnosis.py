@@ -1,17 +1,26 @@
-"""What a diagnosis says, whatever the evidence: records that a report prints, and the fields of its JSON file."""
+"""What a diagnosis says, whatever the evidence: records that a report prints, the fields of its JSON file, a prototype.
+
+The prototype is the believed one with what a fit has found: figures re-tuned, effects added.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 
 from beamdesign.bench_prototype import AnyPrototype
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import SUPPLY
 from beamdesign.diagnosis.fitting.search import Search
 from beamdesign.diagnosis.separability import Separability
 from beamdesign.json_text import finite
+from beamdesign.parameters import PARAMETERS
+from beamdesign.prototype import Beam, Prototype
+from beamdesign.records import Record
 from beamdesign.result import Result
+from beamdesign.structure import lumped
 
 Verdict = Literal["no_gap", "effect", "ambiguous", "unknown"]
 
@@ -313,3 +322,36 @@ def diagnosis_fields(found: Diagnosis) -> dict[str, Any]:
             "not_visible": separability.invisible,
         }
     return dict(finite(fields | found.own_fields))
+
+
+def updated_prototype(prototype: Prototype, found: Fit) -> Prototype:
+    """Put a fit's figures and effects into a prototype.
+
+    A proof that stood for the believed figures does not stand for the new ones, so the guarantee is dropped.
+    """
+    figures = lumped.figures(prototype) | {u: v for u, v in found.values.items() if "." not in u}
+    # The model's dashpot goes with the root of K M of its beam; so does the fitted one.
+    nominal = lumped.figures(prototype)
+    for beam in ("outer", "inner"):
+        for part in ("stiffness", "mass"):
+            figures[f"{beam}_damping"] *= sqrt(figures[f"{beam}_{part}"] / nominal[f"{beam}_{part}"])
+    effects: dict[str, dict[str, float]] = {name: dict(table) for name, table in prototype.effects.items()}
+    for name in found.hypothesis.effects:
+        own = {key.removeprefix(f"{name}."): value for key, value in found.values.items() if key.startswith(f"{name}.")}
+        effects[name] = {key: float(value) for key, value in own.items()}
+    changes: dict[str, Record] = {f"{name}_beam": _beam(prototype, name, figures) for name in ("outer", "inner")}
+    tables: dict[str, dict[str, float]] = {}
+    for name, row in PARAMETERS.items():  # beside those of the beams, where the prototype states any
+        table, key = row.place.split(".")
+        if name in figures and "_beam" not in table and row.stated(prototype) is not None:
+            tables.setdefault(table, {})[key] = figures[name] / row.factor
+    changes |= {table: getattr(prototype, table).but(**new) for table, new in tables.items()}
+    changes["supply"] = prototype.supply.but(pressure_Pa=found.values.get(SUPPLY, prototype.supply.pressure_Pa))
+    return prototype.but(**changes, effects=effects, guarantee=None)
+
+
+def _beam(prototype: Prototype, name: str, figures: Mapping[str, float]) -> Beam:
+    stiffness, mass, dashpot = (figures[f"{name}_{part}"] for part in ("stiffness", "mass", "damping"))
+    ratio = dashpot / (2 * sqrt(stiffness * mass))
+    beam: Beam = getattr(prototype, f"{name}_beam")
+    return beam.but(stiffness_N_per_m=stiffness, effective_mass_kg=mass, damping_ratio=ratio)

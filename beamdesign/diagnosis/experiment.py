@@ -17,10 +17,9 @@ import numpy as np
 
 from beamdesign.controllers import Controller
 from beamdesign.controllers.protocol import ANY_PAYLOAD
-from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.data.inputs import without_noise
+from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord, without_noise
 from beamdesign.diagnosis.diagnosis import NextExperiment
-from beamdesign.diagnosis.fitting.evidence import Replay, replay, simulated, simulated_with_slopes, steps
+from beamdesign.diagnosis.fitting.evidence import Replay
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import Placement
 from beamdesign.diagnosis.fitting.weighting import weighting
@@ -77,8 +76,7 @@ def scenario_of(experiment: Experiment, prototype: Prototype) -> Scenario:
 
 def menu(data: Dataset) -> Iterator[Experiment]:
     """All experiments: each signal at each setting of controller and masses, and at payloads not yet measured."""
-    settings = _settings(data)
-    for record, outer, inner, effort in settings:
+    for record, outer, inner, effort in _settings(data):
         for signal, words in _signals(data):
             payload = f"a payload of {outer:.3g} kg" if outer > 0 else "no payload"
             controller = record.controller
@@ -184,7 +182,8 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | No
     best = ranked[0]
     names = tuple(str(fit.hypothesis) for fit in among)
     plain = [s for s in ranked if not s.added]
-    text = f"{best.experiment.text}{_also(best.added)}. Expected separation of {names[0]} from "
+    also = f", with a sensor for the {ADDED[best.added]} added" if best.added else ""
+    text = f"{best.experiment.text}{also}. Expected separation of {names[0]} from "
     text += " and ".join(f"{name} {best.between[0, k]:.1f}" for k, name in enumerate(names) if k > 0)
     text += " units of misfit per record of 4 s, figures re-tuned"
     if best.added and plain:
@@ -196,10 +195,6 @@ def next_experiment(data: Dataset, rivals: Sequence[Fit]) -> NextExperiment | No
         "scenario": scenario_of(best.experiment, data.prototype).model_dump(mode="json", exclude_none=True),
     }
     return NextExperiment(text + ".", names, best.least, settings)
-
-
-def _also(added: str) -> str:
-    return f", with a sensor for the {ADDED[added]} added" if added else ""
 
 
 def separations(data: Dataset, rivals: Sequence[Fit]) -> list[Separation]:
@@ -222,9 +217,11 @@ def _without_retuning(
 ) -> float | None:
     """Least difference between the first rival and another, nothing re-tuned; None where one does not predict it."""
     channels = _channels(data)
-    made = [_predict(data.prototype, experiment, p, fit, channels) for p, fit in zip(placements, rivals, strict=True)]
-    predicted = [y for y in made if y is not None]
-    if len(predicted) < len(made) or any(_too_far(data, y[:, channels.index("displacement_m")]) for y in predicted):
+    job, column = _job(data.prototype, experiment), channels.index("displacement_m")
+    made = [job.simulated(placement, fit.z, channels) for placement, fit in zip(placements, rivals, strict=True)]
+    predicted = [y for y in made if y is not None and np.all(np.isfinite(y))]
+    reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
+    if len(predicted) < len(made) or any(np.abs(y[:, column]).max() > _FURTHEST * reached for y in predicted):
         return None
     weight = weighting(_as_record(data, experiment, predicted[0], channels), channels)
     return min(float(np.linalg.norm(weight(y - predicted[0]))) for y in predicted[1:])
@@ -238,8 +235,7 @@ def _closely(
     every = (*recorded, *(c for c in ADDED if c not in recorded))
     made = []
     for placement, fit in zip(placements, rivals, strict=True):
-        job, substeps = _job(data.prototype, experiment, placement, fit)
-        found = simulated_with_slopes(job, placement, fit.z, every, substeps)
+        found = _job(data.prototype, experiment).simulated_with_slopes(placement, fit.z, every)
         if found is None:
             return
         made.append(found)
@@ -280,33 +276,10 @@ def _channels(data: Dataset) -> tuple[str, ...]:
     return tuple(c for c in first if all(c in record.measured for record in data.records))
 
 
-def _job(prototype: Prototype, experiment: Experiment, placement: Placement, fit: Fit) -> tuple[Replay, int]:
+def _job(prototype: Prototype, experiment: Experiment) -> Replay:
     scenario = scenario_of(experiment, prototype)
-    inputs = inputs_of(scenario.record[0], scenario)
-    taken = TimeRecord(
-        "next",
-        scenario.times,
-        inputs,
-        {},
-        experiment.outer_end_mass,
-        experiment.inner_end_mass,
-        experiment.controller,
-    )
-    job = replay(taken, prototype)
-    return job, steps(job, placement, fit.z)
-
-
-def _predict(
-    prototype: Prototype, experiment: Experiment, placement: Placement, fit: Fit, channels: tuple[str, ...]
-) -> np.ndarray | None:
-    job, substeps = _job(prototype, experiment, placement, fit)
-    y = simulated(job, placement, fit.z, channels, substeps)
-    return y if y is not None and np.all(np.isfinite(y)) else None
-
-
-def _too_far(data: Dataset, displacement: np.ndarray) -> bool:
-    reached = max(float(np.abs(r.measured["displacement_m"]).max()) for r in data.records)
-    return float(np.abs(displacement).max()) > _FURTHEST * reached
+    inputs, masses = inputs_of(scenario.record[0], scenario), (experiment.outer_end_mass, experiment.inner_end_mass)
+    return Replay(TimeRecord("next", scenario.times, inputs, {}, *masses, experiment.controller), prototype)
 
 
 def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, channels: tuple[str, ...]) -> TimeRecord:
@@ -314,17 +287,9 @@ def _as_record(data: Dataset, experiment: Experiment, predicted: np.ndarray, cha
     rng = np.random.default_rng(0)
     measured = {}
     for k, name in enumerate(channels):
-        std = _noise(data, name)
-        if std is None:
-            std = _SENSOR_NOISE * float(np.std(predicted[:, k]))
+        noise = [weighting(r, (name,)).noise_std[0] for r in data.records if name in r.measured]
+        std = float(np.median(noise)) if noise else _SENSOR_NOISE * float(np.std(predicted[:, k]))
         measured[name] = predicted[:, k] + rng.normal(0, std, len(predicted))
     times = SAMPLE_S * np.arange(len(predicted))
     empty = np.zeros((len(times), 2))
     return TimeRecord("next", times, empty, measured, experiment.outer_end_mass, 0.0, experiment.controller)
-
-
-def _noise(data: Dataset, channel: str) -> float | None:
-    held = [r for r in data.records if channel in r.measured]
-    if not held:
-        return None
-    return float(np.median([weighting(r, (channel,)).noise_std[0] for r in held]))

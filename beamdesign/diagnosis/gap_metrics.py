@@ -41,26 +41,18 @@ def errors(
         found = piece.predicted(placement, z)
         return (measured if found is None else measured - found[:, column]) / rms
 
-    after = error(chosen.hypothesis.placement(prototype), chosen.z)
-    return Errors(
-        piece.name,
-        piece.record.times,
-        measured,
-        error(plain, np.zeros(len(null.z))),
-        error(plain, null.z),
-        after,
-        after if written is None else error(written.hypothesis.placement(prototype), written.z),
-        float(piece.weight.noise_std[column]) / rms,
-    )
+    before, tuned = error(plain, np.zeros(len(null.z))), error(plain, null.z)
+    after, whole = (error(fit.hypothesis.placement(prototype), fit.z) for fit in (chosen, written or chosen))
+    noise = float(piece.weight.noise_std[column]) / rms
+    return Errors(piece.name, piece.record.times, measured, before, tuned, after, whole, noise)
 
 
-def gap(all_errors: Sequence[Errors], held_out: Sequence[int], seed: int = 0) -> Gap:
+def gap(all_errors: Sequence[Errors], held_out: Sequence[int]) -> Gap:
     """Sum up the errors of records.
 
     Args:
         all_errors: of every record.
         held_out: positions of those that count; all where empty.
-        seed: of the block bootstrap (blocks of a quarter of a second within each record, 90 % interval).
     """
     counted = [all_errors[k] for k in held_out] or list(all_errors)
     before, tuned, after = (_rms([getattr(e, name) for e in counted]) for name in ("before", "tuned", "after"))
@@ -70,7 +62,7 @@ def gap(all_errors: Sequence[Errors], held_out: Sequence[int], seed: int = 0) ->
         for k, e in enumerate(all_errors)
     )
     closed = float(_shares(before**2, after**2, floor**2))
-    return Gap(before, tuned, after, floor, closed, _interval(counted, floor, seed), records, tuple(_bands(counted)))
+    return Gap(before, tuned, after, floor, closed, _interval(counted, floor), records, tuple(_bands(counted)))
 
 
 def gap_of_pieces(
@@ -102,13 +94,13 @@ def _rms(signals: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean([np.mean(s**2) for s in signals])))
 
 
-def _interval(counted: Sequence[Errors], floor: float, seed: int) -> tuple[float, float]:
-    """Blocks drawn with replacement within each record, so that each keeps its weight.
+def _interval(counted: Sequence[Errors], floor: float) -> tuple[float, float]:
+    """90 %, by blocks of a quarter of a second drawn with replacement within each record, which so keeps its weight.
 
     The interval spans that of the fits without the held-out records and that of the fit to all: the prototype that is
     written is of the second, does better on anything new than the first, and no better than on what it has seen.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     powers = []
     for e in counted:
         length = max(1, round(_BLOCK_S / (e.times[1] - e.times[0])))

@@ -129,9 +129,8 @@ def evidence(found: Fit, spread: float) -> float:
     if found.reason:
         return -np.inf
     free = [k for k, unknown in enumerate(found.unknowns) if unknown.kind == "free"]
-    held = [k for k in free if found.unknowns[k].tolerance > 0] if len(free) > 1 else []
     ways = [_laplace(found, spread, np.ones(len(found.z)))]
-    for k in held:
+    for k in (k for k in free if found.unknowns[k].tolerance > 0 and len(free) > 1):
         precision = np.ones(len(found.z))
         precision[k] = (found.unknowns[k].spread / found.unknowns[k].tolerance) ** 2
         ways.append(_laplace(found, spread, precision))
@@ -269,22 +268,17 @@ def _size(found: Fit, rest: Fit, of: Search) -> float:
     no less than `Thresholds.minor` of the gap and `Thresholds.part` of what is left without it: what the dominant cause
     leaves because it is another realisation is no second one.
     """
-    misfit = (rest.cost - found.cost) / max(
-        THRESHOLDS.slight * of.expected,
-        THRESHOLDS.minor * (of.null.cost - of.expected),
-        THRESHOLDS.part * (rest.cost - of.expected),
-    )
+
+    def least(share: float, noise: float, null: float, left: float) -> float:
+        return max(share * noise, THRESHOLDS.minor * (null - noise), THRESHOLDS.part * (left - noise))
+
+    misfit = (rest.cost - found.cost) / least(THRESHOLDS.slight, of.expected, of.null.cost, rest.cost)
     moved = rest.error - found.error
     if of.floor <= 0:
         return misfit
     if moved < -of.floor:  # it improves what hardly moves, and spoils what does
         return 0.0
-    least = max(
-        THRESHOLDS.faint * of.floor,
-        THRESHOLDS.minor * (of.null.error - of.floor),
-        THRESHOLDS.part * (rest.error - of.floor),
-    )
-    return max(misfit, moved / least)
+    return max(misfit, moved / least(THRESHOLDS.faint, of.floor, of.null.error, rest.error))
 
 
 def _unknown(found: Search, best: Fit) -> float:
@@ -306,22 +300,16 @@ def causes(found: Search, judged: Judgement) -> tuple[Cause, ...]:
     """
     fits = {f.hypothesis: f for f in (found.null, *found.fits) if not f.reason}
     names = {name for h in judged.of for name in h.causes}
-    listed = []
+    listed, responsible = [], judged.best.hypothesis.causes
     for name in names:
         probability = judged.cause(name)
-        if probability < LEAST_PROBABILITY and name not in judged.best.hypothesis.causes:
+        if probability < LEAST_PROBABILITY and name not in responsible:
             continue
         holder = fits[max((h for h in judged.of if name in h.causes), key=lambda h: judged.of[h])]
-        share = share_of(name, holder, found, fits)
-        listed.append(
-            Cause(name, subsystem(name), probability, share, parameters(name, holder), tuple(flags(name, holder)))
-        )
-    responsible = judged.best.hypothesis.causes
-    return tuple(
-        sorted(
-            listed, key=lambda c: (c.name not in responsible, -c.share if c.name in responsible else 0, -c.probability)
-        )
-    )
+        figures, strains = parameters(name, holder), tuple(flags(name, holder))
+        listed.append(Cause(name, subsystem(name), probability, share_of(name, holder, found, fits), figures, strains))
+    others = {c.name: c.name not in responsible for c in listed}
+    return tuple(sorted(listed, key=lambda c: (others[c.name], 0 if others[c.name] else -c.share, -c.probability)))
 
 
 def cause_sets(found: Search, judged: Judgement) -> tuple[CauseSet, ...]:

@@ -11,8 +11,8 @@ import numpy as np
 from beamdesign.bench_prototype import AnyPrototype, BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
+from beamdesign.diagnosis.data.dataset import without_noise
 from beamdesign.diagnosis.data.dataset_index import index_of, kind_of, read_index, wrong_files
-from beamdesign.diagnosis.data.inputs import without_noise
 from beamdesign.plant.assembly import OUTPUTS, assemble, parameters_of, structure_of
 from beamdesign.plant.compiled import integrate
 from beamdesign.plant.equilibrium import equilibrium
@@ -253,8 +253,7 @@ def _columns(path: Path, names: Sequence[str]) -> list[np.ndarray]:
     columns = read_columns(path, only=names)
     if missing := [name for name in names if name not in columns]:
         raise InputError(path, [(name, "column missing") for name in missing])
-    times = columns["t_s"]
-    uniform_times(path, times)
+    times = uniform_times(path, columns["t_s"])
     if len(times) < 4:
         raise InputError(path, [("t_s", f"too short: {len(times)} samples")])
-    return [np.linspace(times[0], times[-1], len(times)), *(columns[name] for name in names[1:])]
+    return [times, *(columns[name] for name in names[1:])]

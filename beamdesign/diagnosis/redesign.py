@@ -1,9 +1,18 @@
-"""Back to the design: every law and the inner end mass tuned and proved anew on the diagnosed prototype."""
+"""A gap in the designer's terms, and back to the design.
 
+Critical gain, bandwidth and proved payload range are told as believed and as diagnosed; and every law and the inner end
+mass are tuned and proved anew on the diagnosed prototype.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from beamdesign.controllers import Controller
+from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
+from beamdesign.loop import critical_gain
 from beamdesign.progress import Progress
 from beamdesign.proofs.certificate import Certificate
+from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.contact import EVERY_WALL
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -11,6 +20,150 @@ from beamdesign.synthesis.design_run import certified_laws
 from beamdesign.synthesis.stiffness_run import carried_out
 from beamdesign.synthesis.stiffness_search import design
 from beamdesign.synthesis.tuning import tune_alike
+
+MOST_LOOPS = 4
+
+
+@dataclass(frozen=True)
+class CriticalPoint:
+    """Where a loop oscillates at one outer end mass; exact for the linear model.
+
+    Attributes:
+        outer_end_mass_kg: at this mass.
+        gain_A_per_V: the least gain that makes it oscillate.
+        frequency_Hz: of the oscillation.
+    """
+
+    outer_end_mass_kg: float
+    gain_A_per_V: float
+    frequency_Hz: float
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What one prototype promises with one controller; proved in exact arithmetic, of its linear loops.
+
+    Attributes:
+        stable_ranges_kg: outer end masses, within the range asked for.
+        stable: whether that is the whole range.
+        bandwidth_Hz: guaranteed over the whole range; None where it is not stable.
+        peak_sensitivity: likewise.
+        critical: at both ends of the range; fewer where a loop oscillates at no gain.
+        scope: what of each effect is covered, in words.
+        reason: why there are no figures, in words; empty otherwise.
+    """
+
+    stable_ranges_kg: tuple[tuple[float, float], ...] = ()
+    stable: bool = False
+    bandwidth_Hz: float | None = None
+    peak_sensitivity: float | None = None
+    critical: tuple[CriticalPoint, ...] = ()
+    scope: tuple[str, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class LoopTerms:
+    """One law and inner end mass, by the believed and by the diagnosed prototype.
+
+    Attributes:
+        controller: of the loop, one law.
+        inner_end_mass_kg: kg.
+        outer_end_mass_kg: range over which everything is proved.
+        nominal: before.
+        diagnosed: after.
+        new: whether it was tuned on what was diagnosed.
+    """
+
+    controller: Controller
+    inner_end_mass_kg: float
+    outer_end_mass_kg: tuple[float, float]
+    nominal: Terms
+    diagnosed: Terms
+    new: bool = False
+
+
+def designer_terms(data: Dataset, diagnosed: Prototype, new: Sequence[Prototype] = ()) -> tuple[LoopTerms, ...]:
+    """Compare the loops of a data set, those of its prototype first, and then new ones.
+
+    Args:
+        data: with the prototype that was believed.
+        diagnosed: that prototype with the fitted figures and the causes found.
+        new: tuned on that, each with one law and its guarantee.
+    """
+    own = 0 if data.prototype.controller is None else len(data.prototype.controller.laws)
+
+    def compared(law: Controller, inner: float, masses: tuple[float, float], tuned: bool = False) -> LoopTerms:
+        def with_it(prototype: Prototype) -> Prototype:
+            # What else the payload says (such as a largest force) stays.
+            payload = prototype.payload.but(outer_end_mass_kg=masses, inner_end_mass_kg=inner)
+            return prototype.but(controller=law, payload=payload, guarantee=None)
+
+        return LoopTerms(law, inner, masses, terms(with_it(data.prototype)), terms(with_it(diagnosed)), tuned)
+
+    return (
+        *(compared(*each) for each in loops_of(data)[: max(MOST_LOOPS, own)]),
+        *(
+            compared(one.controller, one.payload.inner_end_mass_kg, one.guarantee.outer_end_mass_kg, tuned=True)
+            for one in new
+            if one.controller is not None and one.guarantee is not None
+        ),
+    )
+
+
+def payload_range(data: Dataset) -> tuple[float, float]:
+    """Of the prototype; else from none to the largest outer end mass of the data, or to the beam's own mass."""
+    if (stated := data.prototype.outer_end_mass_kg) is not None:
+        return stated
+    taken: list[TimeRecord | FrequencyResponse | MeasuredGain] = [*data.records, *data.responses, *data.gains]
+    largest = max((each.outer_end_mass for each in taken), default=0.0)
+    return 0.0, largest or (data.prototype.outer_beam.effective_mass_kg or 1.0)
+
+
+def loops_of(data: Dataset) -> list[tuple[Controller, float, tuple[float, float]]]:
+    """Laws with their inner end masses and payloads: the prototype's own, then those of the records, most used first.
+
+    What else was recorded is for all payloads.
+    """
+    masses, uses = payload_range(data), dict[tuple[Controller, float], int]()
+    own = {s.prototype.controller: s.outer_end_mass_kg for s in data.prototype.stages(masses)}
+    for law in own:
+        if law is not None:
+            uses[law, data.prototype.payload.inner_end_mass_kg] = 10**6
+    recorded: list[TimeRecord | FrequencyResponse] = [*data.records, *data.responses]
+    for taken in recorded:
+        key = (taken.controller, taken.inner_end_mass)
+        uses[key] = uses.get(key, 0) + 1
+    if not uses:
+        for gain in data.gains:
+            uses.setdefault((gain.controller, gain.inner_end_mass), 1)
+    return [(law, inner, own.get(law, masses)) for law, inner in sorted(uses, key=lambda key: -uses[key])]
+
+
+def terms(prototype: Prototype) -> Terms:
+    """Prove what a prototype with controller and payload range promises."""
+    assert prototype.payload.outer_end_mass_kg is not None
+    masses = prototype.payload.outer_end_mass_kg
+    try:
+        certificate = certify(prototype, *masses)
+    except (InputError, ValueError, ArithmeticError) as error:
+        return Terms(reason=str(error).replace("\n", "; "))
+    critical = []
+    for mass in dict.fromkeys(masses):
+        try:
+            at = critical_gain(prototype, mass, from_own=True)
+        except (InputError, ValueError):
+            continue
+        critical.append(CriticalPoint(mass, at.gain_A_per_V, at.frequency_Hz))
+    guaranteed = certificate.guaranteed
+    return Terms(
+        tuple(certificate.stable_ranges_kg),
+        certificate.stable,
+        guaranteed.bandwidth_Hz if guaranteed else None,
+        guaranteed.peak_sensitivity if guaranteed else None,
+        tuple(critical),
+        certificate.scope,
+    )
 
 
 @dataclass(frozen=True)

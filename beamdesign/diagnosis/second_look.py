@@ -21,6 +21,7 @@ from beamdesign.diagnosis.fitting.evidence import (
     PLAY,
     InjectedRecord,
     RecordEvidence,
+    Replay,
     injected_evidence,
     record_evidence,
 )
@@ -89,7 +90,10 @@ def backlash_impacts(
     others = [h for h in singles(rig) if h != LOOSE]
     found_all = [loose, *(fit_from_starts(h, rig, seen, null.values, most=1) for h in others)]
     if beside is not None:
-        found_all += [_alone(h, rig, seen, loose) for h in (LOOSE, base.hypothesis)]
+        for alone in (LOOSE, base.hypothesis):  # from where both have been found
+            placement = alone.placement(rig)
+            z = np.array([u.z(loose.values[u.name]) for u in placement.unknowns])
+            found_all.append(fit(alone, placement, seen, z, _LOOK))
     elif loose.misfit > _NEEDS_MORE * expected:
         progress(0.7, "play with another cause")
         found_all += _pairs(others, rig, seen, loose)
@@ -185,13 +189,6 @@ def _strides(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) 
     return z, cost
 
 
-def _alone(hypothesis: Hypothesis, rig: Prototype, evidence: Sequence[Evidence], both: Fit) -> Fit:
-    """One of two causes without the other, from where both have been found."""
-    placement = hypothesis.placement(rig)
-    z = np.array([u.z(both.values[u.name]) for u in placement.unknowns])
-    return fit(hypothesis, placement, evidence, z, _LOOK)
-
-
 def _pairs(others: Sequence[Hypothesis], rig: Prototype, evidence: Sequence[Evidence], loose: Fit) -> list[Fit]:
     """Play with each other effect that helps it most at a look, and with a figure that it had to strain."""
     strained = {
@@ -243,7 +240,7 @@ def grows(piece: RecordEvidence, placement: Placement, z: np.ndarray) -> bool:
         rig.sensor.gain_V_per_m * piece.weight.noise_std[column]
     )
     plain = piece.predicted(placement, z)
-    nudged = replace(piece, job=replace(piece.job, record=replace(record, inputs=inputs), _inputs={}))
+    nudged = replace(piece, job=Replay(replace(record, inputs=inputs), rig))
     moved = nudged.predicted(placement, z)
     if plain is None or moved is None:
         return True
@@ -336,8 +333,12 @@ def second_look(
         None where neither is found.
     """
     found = _backlash_impacts(data, before, lambda share, words: progress(share / 3, words))
-    if found is not None or not _rings(data, before):
+    if found is not None:
         return found
+    best = min((before.null, *before.fits), key=lambda fit: fit.misfit)
+    placement = best.hypothesis.placement(data.prototype)
+    if not any(rings(piece, placement, best.z) for piece in record_evidence(data)):
+        return None
     return _oscillating(data, workers, lambda share, words: progress((1 + 2 * share) / 3, f"{words}, in step"), kept)
 
 
@@ -355,13 +356,6 @@ def _backlash_impacts(data: Dataset, before: Search, progress: Progress) -> Seco
         if judged.unknown <= _MOST_UNKNOWN and PLAY in judged.best.hypothesis.causes:
             return SecondLook(found, judged, _IMPACTS, oscillates=False)
     return None
-
-
-def _rings(data: Dataset, before: Search) -> bool:
-    """Whether the best fit of all leaves one frequency of a record, and hardly anything else of it."""
-    best = min((before.null, *before.fits), key=lambda fit: fit.misfit)
-    placement = best.hypothesis.placement(data.prototype)
-    return any(rings(piece, placement, best.z) for piece in record_evidence(data))
 
 
 def _oscillating(data: Dataset, workers: int, progress: Progress, kept: FitCache | None) -> SecondLook | None:

@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.fit import Evidence
+from beamdesign.diagnosis.fitting.fit import Evidence, linearised
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, Placement, Unknown, singles
 
 ALIKE = 0.98
@@ -22,7 +22,6 @@ LEAST = 2.0
 _WRONG_BY = 0.15  # relative, of a plainly wrong figure, typically
 _WEAKER = (1.0, 0.5, 0.25)
 _RIDGE = 1e-9
-_HUGE = 1e9
 
 
 @dataclass(frozen=True)
@@ -66,10 +65,10 @@ def indistinguishable(
         ValueError: where the believed prototype itself is unstable under the conditions measured.
     """
     nothing = NOTHING.placement(data.prototype)
-    rest = _predicted(evidence, nothing, np.zeros(len(nothing.unknowns)))
+    rest = linearised(evidence, nothing, np.zeros(len(nothing.unknowns)))
     if rest is None:
         raise ValueError("the believed prototype's loop is unstable under the conditions measured")
-    base, tolerances = rest
+    base, tolerances = (np.concatenate(parts) for parts in zip(*rest, strict=True))
     columns, parts, names, lost = [tolerances], [], [], []
     for hypothesis in hypotheses or [h for h in singles(data.prototype) if h.names == h.causes]:
         found = _signature(evidence, hypothesis.placement(data.prototype), base)
@@ -84,28 +83,15 @@ def indistinguishable(
     return _judged(matrix.T @ matrix, tolerances.shape[1], parts, tuple(names), tuple(lost))
 
 
-def _predicted(
-    evidence: Sequence[Evidence], placement: Placement, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Minus the residual of everything measured, (M,), and its derivative by z, (M, K)."""
-    rows, slopes = [], []
-    for piece in evidence:
-        found = piece.linearised(placement, z)
-        if found is None or not (np.abs(found[0]).max() < _HUGE and np.abs(found[1]).max() < _HUGE):
-            return None
-        rows.append(-found[0])
-        slopes.append(-found[1])
-    return np.concatenate(rows), np.concatenate(slopes)
-
-
 def _signature(evidence: Sequence[Evidence], placement: Placement, base: np.ndarray) -> np.ndarray | None:
-    """(M, 1 + Q) change by a cause at its typical severity, and its derivatives by the cause's own parameters."""
+    """(M, 1 + Q) change of residuals by a cause at its typical severity, and derivatives by its own parameters."""
     own = [k for k, u in enumerate(placement.unknowns) if u.kind != "figure"]
     for share in _WEAKER:
         z = np.array([_typical(u, share) for u in placement.unknowns])
-        found = _predicted(evidence, placement, z)
-        if found is not None:
-            return np.column_stack([found[0] - base, found[1][:, own]])
+        rows = linearised(evidence, placement, z)
+        if rows is not None:
+            residual, slopes = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+            return np.column_stack([residual - base, slopes[:, own]])
     return None
 
 

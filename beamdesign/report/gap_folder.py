@@ -13,11 +13,10 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.designer_terms import LoopTerms, payload_range
 from beamdesign.diagnosis.diagnosis import BandGap, Diagnosis, Errors, diagnosis_fields, in_words
 from beamdesign.diagnosis.fitting.hypothesis import Hypothesis
 from beamdesign.diagnosis.gap_metrics import in_bands
-from beamdesign.diagnosis.redesign import Redesign
+from beamdesign.diagnosis.redesign import LoopTerms, Redesign, payload_range
 from beamdesign.files import write_set
 from beamdesign.json_text import finite, json_text, picked
 from beamdesign.loop import LoopAtMass, loop

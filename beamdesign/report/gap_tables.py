@@ -10,10 +10,10 @@ from markupsafe import escape
 
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.designer_terms import LoopTerms, Terms
 from beamdesign.diagnosis.diagnosis import Diagnosis, Errors
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import BANDS_HZ, in_bands
+from beamdesign.diagnosis.redesign import LoopTerms, Terms
 from beamdesign.parameters import PARAMETERS
 from beamdesign.quantity_text import at_least, at_most, decimal, mass_range_text, quantity
 from beamdesign.report.page import Table

@@ -13,9 +13,8 @@ from delivered import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, true_rig
 from trial import Trial, on_trial
 
-from beamdesign.diagnosis.designer_terms import payload_range
-from beamdesign.diagnosis.redesign import Redesign, redesign
-from beamdesign.diagnosis.updated_prototype import updated_prototype
+from beamdesign.diagnosis.diagnosis import updated_prototype
+from beamdesign.diagnosis.redesign import Redesign, payload_range, redesign
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
 from beamdesign.synthesis.starts import sampled_bandwidth

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from beamdesign.diagnosis.bench.data import read_bench_set
-from beamdesign.diagnosis.bench.diagnose import diagnose_bench
-from beamdesign.diagnosis.bench.diagnosis import BenchDiagnosis, simulated
-from beamdesign.diagnosis.bench.hypothesis import BenchHypothesis
+from beamdesign.diagnosis.bench.diagnose import BenchDiagnosis, diagnose_bench
+from beamdesign.diagnosis.bench.fit import simulated
+from beamdesign.diagnosis.bench.hypothesis import FRICTIONS, laws
+from beamdesign.diagnosis.bench.motions import steady_motions
 
 SHARED = Path(os.environ.get("BEAMDESIGN_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 FOLDER = SHARED / "real" / "servo-cylinder"
@@ -21,33 +22,40 @@ pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the measured record
 
 @pytest.fixture(scope="module")
 def found() -> BenchDiagnosis:
-    return diagnose_bench(FOLDER)
+    return diagnose_bench(read_bench_set(FOLDER))
 
 
 def test_areas_square_root_flow_and_friction_are_held_responsible_together(found: BenchDiagnosis):
     assert set(found.chosen) >= {"unequal_piston_areas", "pressure_dependent_flow", "seal_friction"}
     error = {each.hypothesis: each.total for each in found.ranked}
-    none = error[BenchHypothesis()]
-    assert error[BenchHypothesis(unequal_areas=True)] > none
-    assert error[BenchHypothesis(orifices=True)] > 0.99 * none
-    assert error[BenchHypothesis(orifices=True, unequal_areas=True)] < 0.5 * none
+    none = error[laws()]
+    assert error[laws("unequal_piston_areas")] > none
+    assert error[laws("pressure_dependent_flow")] > 0.99 * none
+    assert error[laws("pressure_dependent_flow", "unequal_piston_areas")] < 0.5 * none
 
 
 def test_friction_is_coulombs_rather_than_viscous(found: BenchDiagnosis):
     """Net force at steady speed, by bore and rod: 61 to 69 N extending and 72 to 80 N retracting at any speed."""
-    for row in found.table:
-        low, high = (61, 70) if row.direction > 0 else (72, 80)
-        assert low < row.direction * row.net_force_N < high
-    kinds: dict[str, float] = {}
-    for each in found.ranked:
-        kinds[each.hypothesis.friction] = kinds.get(each.hypothesis.friction, 0.0) + each.probability
-    assert kinds["viscous"] < 0.05 < 0.8 < kinds["coulomb"] + kinds["coulomb with offset"] + kinds["stribeck"]
+    (shown,) = found.where.witnesses
+    for direction, force in zip(shown.table["direction"], shown.table["net_force_N"], strict=True):
+        low, high = (61, 70) if direction == "extending" else (-80, -72)
+        assert low < force < high
+    kinds = {kind: sum(e.probability for e in found.ranked if kind in e.hypothesis.names) for kind in FRICTIONS}
+    viscous = kinds.pop("seal_friction (viscous)")
+    assert viscous < 0.05 < 0.8 < sum(kinds.values())
 
 
 def test_emptying_edges_pass_alike_both_ways(found: BenchDiagnosis):
+    """Flow over root of pressure drop, where orifices and areas are the whole story."""
+    data = read_bench_set(FOLDER)
+    tank, actuator = steady_motions(data).tank, data.prototype.actuator
+    table = found.where.witnesses[0].table
     by_condition: dict[str, list[float]] = {}
-    for row in found.table:
-        by_condition.setdefault(row.condition, []).append(row.opening[1])
+    for k, condition in enumerate(table["condition"]):
+        side, sign = ("b", -1) if table["direction"][k] == "extending" else ("a", 1)
+        area = actuator.piston_area_m2 * (1 + sign * actuator.asymmetry)
+        drop = table[f"pressure_{side}_Pa"][k] - tank
+        by_condition.setdefault(condition, []).append(area * abs(table["speed_m_per_s"][k]) / drop**0.5)
     for out, back in by_condition.values():
         assert out == pytest.approx(back, rel=0.015)
 
@@ -65,9 +73,9 @@ def test_conditions_held_out_are_predicted_and_replayed_better(found: BenchDiagn
     assert gap.after < 0.07
     assert gap.closed > 0.85
     assert found.confirmed
-    for each in found.replay:
-        for channel, before in each.before.items():
-            assert each.after[channel] < 0.8 * before
+    assert len(gap.records) == 3 * 3
+    for row in gap.records:
+        assert row.after < 0.8 * row.before
 
 
 def test_all_runs_are_replayed(found: BenchDiagnosis):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from beamdesign.diagnosis.data.dataset import read_dataset
-from beamdesign.diagnosis.gains.classes import GainDiagnosis, explain_gains
+from beamdesign.diagnosis.gain_diagnosis import GainDiagnosis, explain_gains
 from beamdesign.validation.paper.rig import CASES, gain_rows
 
 FOLDER = Path(__file__).parents[2] / "studies" / "gaps" / "paper_gains"

@@ -16,7 +16,8 @@ from pydantic import Field
 from beamdesign import records
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
-from beamdesign.diagnosis.data.dataset_index import wrong_files
+from beamdesign.diagnosis.data.dataset import refuse_missing
+from beamdesign.diagnosis.data.dataset_index import index_of, wrong_files
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
@@ -67,11 +68,6 @@ class BenchSet:
     runs: tuple[BenchRun, ...]
     warnings: tuple[str, ...] = ()
 
-    @property
-    def conditions(self) -> tuple[str, ...]:
-        """In order of appearance."""
-        return tuple(dict.fromkeys(run.condition for run in self.runs))
-
 
 class _Entry(Record):
     file: Annotated[
@@ -101,8 +97,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
             columns, figures that are not finite, times that are not uniform, units out of scale, a chamber or a
             direction that contradicts the command.
     """
-    path = Path(folder)
-    path = path if path.is_file() else path / "dataset.toml"
+    path = index_of(Path(folder))
     entry = records.read(_File, path)
     if entry.rig != "actuator_bench":
         raise InputError(path, [("rig", f"{entry.rig!r} is not a bench; expected 'actuator_bench'")])
@@ -147,31 +142,14 @@ def held(run: BenchRun, sign: int) -> slice:
 
 def _run(path: Path, row: _Entry, prototype: BenchPrototype) -> BenchRun:
     columns = read_columns(path)
-    problems = [
-        Problem(name, f"column missing; the file has {', '.join(columns)}")
-        for name in ("t_s", "command_V", "displacement_m")
-        if name not in columns
-    ]
+    refuse_missing(path, ("t_s", "command_V", "displacement_m"), columns)
     sides = [side for side in "ab" if f"pressure_{side}_Pa" in columns]
     if len(sides) != 1:
-        found = "neither" if not sides else "both"
-        problems.append(Problem("pressure_a_Pa", f"{found} of pressure_a_Pa and pressure_b_Pa; a run records one"))
-    if problems:
-        raise InputError(path, problems)
-    uniform_times(path, columns["t_s"])
-    times = columns["t_s"]
-    times = np.linspace(times[0], times[-1], len(times))
-    pressure = columns[f"pressure_{sides[0]}_Pa"]
-    run = BenchRun(
-        path.stem,
-        row.condition,
-        row.replicate,
-        sides[0],
-        times,
-        columns["command_V"],
-        columns["displacement_m"],
-        pressure,
-    )
+        words = f"{'both' if sides else 'neither'} of pressure_a_Pa and pressure_b_Pa; a run records one"
+        raise InputError(path, [("pressure_a_Pa", words)])
+    times = uniform_times(path, columns["t_s"])
+    signals = (columns[name] for name in ("command_V", "displacement_m", f"pressure_{sides[0]}_Pa"))
+    run = BenchRun(path.stem, row.condition, row.replicate, sides[0], times, *signals)
     if problems := _contradictions(run, prototype):
         raise InputError(path, problems)
     return run

@@ -1,46 +1,43 @@
 """Diagnosis of an actuator bench from its steady motions, with its records replayed as a check, and in words."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import inf
+from typing import Any
 
 import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.diagnosis.bench.data import BenchSet, read_bench_set, saturates_at
-from beamdesign.diagnosis.bench.diagnosis import (
-    BenchDiagnosis,
-    ReplayError,
-    asked_for,
-    condition_rows,
-    replay_errors,
-    rows_of,
-    updated_prototype,
-    where_of,
-)
-from beamdesign.diagnosis.bench.fit import HeldOut, SteadyFit, held_out
+from beamdesign.diagnosis.bench.data import BenchSet, saturates_at
+from beamdesign.diagnosis.bench.fit import HeldOut, SteadyEvidence, held_out, replayed, updated_prototype
 from beamdesign.diagnosis.bench.hypothesis import (
-    NOTHING,
+    FRICTIONS,
+    NO_CAUSE,
+    ORIFICES,
     STEADY_EFFECTS,
     BenchHypothesis,
+    SteadyPlacement,
     candidates,
+    laws,
     nominal,
     parameters,
     subsystem,
 )
-from beamdesign.diagnosis.bench.motions import (
-    CHANNELS,
-    Observations,
-    averaged,
-    errors,
-    observations,
-    scatter,
-    steady,
-    steady_motions,
+from beamdesign.diagnosis.bench.motions import CHANNELS, Observations, averaged, scatter, steady, steady_motions
+from beamdesign.diagnosis.diagnosis import (
+    Cause,
+    CauseSet,
+    Diagnosis,
+    Gap,
+    Indicator,
+    NextExperiment,
+    Verdict,
+    Where,
 )
-from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Gap, NextExperiment, Verdict
+from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
-from beamdesign.diagnosis.judgement import THRESHOLDS
+from beamdesign.diagnosis.judgement import SUSPICIOUS, THRESHOLDS, Judgement
 
 _DRAWS = 4000
 _GO_WITH = {
@@ -50,8 +47,31 @@ _GO_WITH = {
 """Causes that mean nothing without another."""
 
 
-def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
-    """Diagnose an actuator bench.
+@dataclass(frozen=True)
+class BenchDiagnosis(Diagnosis[BenchPrototype]):
+    """A diagnosis from steady motions; its gap is that of these on conditions held out.
+
+    Its rows are of simulated records, by condition and channel; nothing lies between believed and diagnosed there.
+
+    Attributes:
+        ranked: sets of causes that were fitted, most probable first.
+    """
+
+    MEASURE = (
+        "Together: relative errors of steady speed and of chamber pressures over the supply, each condition predicted"
+        " from the others. By condition: errors of the simulated records over the stroke or the supply pressure."
+    )
+
+    ranked: tuple[HeldOut, ...] = field(default=(), repr=False)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the replay is better with the chosen causes on every condition and in every channel."""
+        return all(row.after < row.before for row in self.gap.records)
+
+
+def diagnose_bench(data: BenchSet, among: Sequence[BenchHypothesis] | None = None) -> BenchDiagnosis:
+    """Diagnose an actuator bench from what `read_bench_set` gives.
 
     Every combination of causes is fitted with the prototype's tolerances as priors, once to everything and once without
     each condition. Probabilities follow from the predictive densities of the conditions left out (pseudo-Bayesian
@@ -59,41 +79,38 @@ def diagnose_bench(dataset_folder: str | Path) -> BenchDiagnosis:
     (2018) 917), so that one condition cannot decide alone; every further cause starts at the odds of
     `Thresholds.bench_odds`, and what moves a figure out of its tolerance pays for it.
 
-    Raises:
-        InputError: for data that cannot be used; see `read_bench_set` and `steady_motions`.
-    """
-    return diagnose_bench_set(read_bench_set(dataset_folder))
-
-
-def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None = None) -> BenchDiagnosis:
-    """Diagnose an actuator bench from what `read_bench_set` gives; see `diagnose_bench`.
-
     Args:
         data: the runs.
         among: candidates, with the one of no cause and of every chosen set less one cause; all where not given.
+
+    Raises:
+        InputError: for runs that do not move steadily; see `steady_motions`.
     """
-    motions = steady_motions(data)
-    actuator = data.prototype.actuator
-    seen = observations(motions, actuator.asymmetry, data.prototype.servovalve.null_V)
+    rig, actuator = data.prototype, data.prototype.actuator
+    seen = steady_motions(data)
     floor = scatter(seen, actuator.supply_pressure_Pa)
-    known = nominal(data.prototype)[0]
-    tried = [held_out(data.prototype, hypothesis, seen, floor) for hypothesis in among or candidates(known)]
-    weights = probabilities(tried, data.conditions)
-    order = np.argsort(-weights, kind="stable")
-    ranked = tuple(replace(tried[k], probability=float(weights[k])) for k in order)
-    marginal = _marginals(ranked)
-    best = _responsible(ranked, marginal)
-    replayed = replay_errors(data, best)
-    gap = _gap(data.prototype, ranked, best, seen, floor, replayed)
-    marginal = {name: probability for name, probability in marginal.items() if name not in known.names}
-    strained = any(each.fit.flags for each in ranked if each.hypothesis == known)
-    verdict, reason = _verdict([name for name in best.hypothesis.names if name in marginal], gap, marginal, strained)
-    chosen = () if verdict == "no_gap" else tuple(name for name in best.hypothesis.names if name in marginal)
-    causes = _causes(data.prototype, ranked, best, gap, marginal, chosen)
-    table = condition_rows(data.prototype, motions, best)
-    zero = float(np.median([m.rest_m for m in motions if m.direction < 0]))
+    known, figures = nominal(rig)
+    tried = [held_out(rig, hypothesis, seen, floor) for hypothesis in among or candidates(known)]
+    weights = probabilities(tried, seen.conditions)
+    ranked = tuple(replace(tried[k], probability=float(weights[k])) for k in np.argsort(-weights, kind="stable"))
+    judged = Judgement({each.hypothesis: each.probability for each in ranked}, 0.0, ranked[0].fit)
+    every = {name for names in judged.of_causes for name in names}
+    new = {name: judged.cause(name) for name in sorted(every - set(known.causes))}
+    retuned = next(each for each in ranked if each.hypothesis == known)
+    # The median probability model predicts best where candidates are all combinations (Barbieri and Berger, Annals of
+    # Statistics 32 (2004) 870): all causes that are more likely at work than not.
+    likely = tuple(sorted(name for name in every if judged.cause(name) > THRESHOLDS.bench_likely))
+    best = next(each for each in ranked if each.hypothesis.causes == likely)
+    gap = replace(_gap(rig, retuned, best, figures, seen, floor), records=replayed(data, best))
+    strained = any(True for _ in strains(retuned.fit))
+    verdict, reason = _verdict([name for name in likely if name in new], gap, new, strained)
+    chosen = () if verdict == "no_gap" else tuple(name for name in likely if name in new)
+    causes = _causes(rig, ranked, best, gap, new, chosen)
+    zero = float(np.median([m.rest_m for m in seen.motions if m.direction < 0]))
     readings = {"displacement_zero_m": zero, "displacement_most_m": saturates_at(data)}
-    notes = notes_on(ranked, best, marginal, len(data.conditions), known) if chosen else ()
+    notes = notes_on(ranked, best, new, len(seen.conditions), known) if chosen else ()
+    left = [name for name in rig.effects if name not in STEADY_EFFECTS]
+    still = (f"not looked at, having no part in steady motion: {', '.join(left)}",) if left else ()
     return BenchDiagnosis(
         data.name,
         verdict,
@@ -101,86 +118,61 @@ def diagnose_bench_set(data: BenchSet, among: Sequence[BenchHypothesis] | None =
         causes,
         chosen,
         np.nan,
-        where_of(table, actuator.stroke_m, causes, chosen),
+        where_of(motion_table(rig, seen, best), actuator.stroke_m, causes, chosen),
         gap,
         (),
         _next_experiment(ranked, seen) if verdict in ("ambiguous", "unknown") else None,
-        updated_prototype(data.prototype, best.fit, **readings) if chosen else data.prototype,
+        updated_prototype(rig, best.hypothesis, best.fit, **readings) if chosen else rig,
         data.warnings,
-        hypotheses=_sets(ranked, gap),
-        notes=(*notes, *_still(data.prototype)),
+        hypotheses=_sets(ranked, judged, gap),
+        notes=(*notes, *still),
         ranked=ranked,
-        table=table,
-        replay=replayed,
     )
 
 
-def _still(prototype: BenchPrototype) -> tuple[str, ...]:
-    left = [name for name in prototype.effects if name not in STEADY_EFFECTS]
-    return (f"not looked at, having no part in steady motion: {', '.join(left)}",) if left else ()
-
-
-def _sets(ranked: Sequence[HeldOut], gap: Gap) -> tuple[CauseSet, ...]:
+def _sets(ranked: Sequence[HeldOut], judged: Judgement, gap: Gap) -> tuple[CauseSet, ...]:
     """Sets of causes, whatever friction's law, most probable first; of errors on conditions held out."""
-    by_names: dict[tuple[str, ...], list[HeldOut]] = {}
-    for each in ranked:
-        by_names.setdefault(each.hypothesis.names, []).append(each)
     explainable = max(gap.tuned**2 - gap.noise_floor**2, 1e-12)
-    found = [
-        CauseSet(
-            names,
-            sum(each.probability for each in alike),
-            (min(each.total for each in alike) ** 2 - gap.noise_floor**2) / explainable,
-        )
-        for names, alike in by_names.items()
-    ]
-    return tuple(sorted(found, key=lambda one: -one.probability))
+    least: dict[tuple[str, ...], float] = {}
+    for each in ranked:
+        names = each.hypothesis.causes
+        least[names] = min(each.total, least.get(names, inf))
+    return tuple(
+        CauseSet(names, p, (least[names] ** 2 - gap.noise_floor**2) / explainable)
+        for names, p in judged.of_causes.items()
+    )
 
 
 def probabilities(tried: Sequence[HeldOut], conditions: Sequence[str]) -> np.ndarray:
     """Probability of each candidate, see `diagnose_bench`."""
     densities = np.array([[each.density[c] for c in conditions] for each in tried])
-    prior = np.array([each.fit.hypothesis.causes for each in tried]) * THRESHOLDS.bench_odds
+    prior = np.array([each.hypothesis.size for each in tried]) * THRESHOLDS.bench_odds
     share = np.random.default_rng(0).dirichlet(np.ones(len(conditions)), _DRAWS) * len(conditions)
-    strain = np.array([each.fit.strain for each in tried])
-    score = share @ densities.T + prior - strain / 2
+    figures = [[z for u, z in zip(t.fit.unknowns, t.fit.z, strict=True) if u.kind == "figure"] for t in tried]
+    score = share @ densities.T + prior - np.sum(np.square(figures), axis=1) / 2
     weight = np.exp(score - score.max(axis=1, keepdims=True))
     return np.asarray((weight / weight.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
-def _marginals(ranked: Sequence[HeldOut]) -> dict[str, float]:
-    names = sorted({name for each in ranked for name in each.hypothesis.names})
-    return {name: sum(each.probability for each in ranked if name in each.hypothesis.names) for name in names}
-
-
-def _responsible(ranked: Sequence[HeldOut], marginal: Mapping[str, float]) -> HeldOut:
-    """The median probability model: all causes that are more likely at work than not.
-
-    It predicts best where candidates are all combinations (Barbieri and Berger, Annals of Statistics 32 (2004) 870).
-    """
-    names = tuple(sorted(name for name, probability in marginal.items() if probability > THRESHOLDS.bench_likely))
-    return next(each for each in ranked if each.hypothesis.names == names)
-
-
 def _gap(
     prototype: BenchPrototype,
-    ranked: Sequence[HeldOut],
+    retuned: HeldOut,
     best: HeldOut,
+    figures: Mapping[str, float],
     seen: Observations,
     floor: Mapping[str, float],
-    replayed: Sequence[ReplayError],
 ) -> Gap:
-    known, figures = nominal(prototype)
-    retuned = next(each for each in ranked if each.hypothesis == known)
+    believed = SteadyPlacement((), ORIFICES in retuned.hypothesis.names, figures)
     rows = []
-    for condition in best.error:
-        left = seen.of([condition])
-        missed = averaged(left, errors(left, figures, known.orifices, prototype.actuator.supply_pressure_Pa))
-        runs = {"speed": len(left.volts) / 2} | {f"pressure_{s}": np.sum(left.side == s) / 2 for s in "ab"}
+    for condition in seen.conditions:
+        left = SteadyEvidence(seen.of([condition]), prototype.actuator.supply_pressure_Pa, floor)
+        missed = averaged(left.seen, left.predicted(believed, np.zeros(0)))
+        side = left.seen.rows.side
+        runs = {"speed": len(side) / 2} | {f"pressure_{s}": np.sum(side == s) / 2 for s in "ab"}
         noise = [floor[channel] ** 2 / runs[channel] for channel in CHANNELS]
         tuned, after = ([value**2 for value in each.error[condition].values()] for each in (retuned, best))
         rows.append([np.mean(squares) for squares in (np.square(list(missed.values())), tuned, after, noise)])
-    return gap_of_pieces(np.sqrt(rows), rows_of(replayed), 1, _DRAWS)
+    return gap_of_pieces(np.sqrt(rows), (), 1, _DRAWS)
 
 
 def _verdict(names: Sequence[str], gap: Gap, marginal: Mapping[str, float], strained: bool) -> tuple[Verdict, str]:
@@ -208,13 +200,13 @@ def _causes(
     marginal: Mapping[str, float],
     chosen: Sequence[str],
 ) -> tuple[Cause, ...]:
-    named = parameters(prototype, best.hypothesis.names, best.fit.values, best.fit.standard_errors)
+    named = parameters(prototype, best.hypothesis.causes, best.fit)
     found = []
     for name, probability in marginal.items():
         share = 0.0
         if name in chosen:
-            rest = set(best.hypothesis.names) - {name, *_GO_WITH.get(name, ())}
-            without = min(r.total for r in ranked if set(r.hypothesis.names) == rest)
+            rest = set(best.hypothesis.causes) - {name, *_GO_WITH.get(name, ())}
+            without = min(r.total for r in ranked if set(r.hypothesis.causes) == rest)
             share = (without**2 - gap.after**2) / max(gap.before**2 - gap.noise_floor**2, 1e-12)
             share = min(max(share, 0.0), 1.0)
         found.append(Cause(name, subsystem(name), float(probability), float(share), named.get(name, {})))
@@ -222,30 +214,35 @@ def _causes(
 
 
 def _next_experiment(ranked: Sequence[HeldOut], seen: Observations) -> NextExperiment:
-    """Where the predictions of what is still probable lie apart the most."""
+    """A run at a command both ways, where the predictions of what is still probable lie apart the most."""
     largest, least = float(np.abs(seen.volts).max()), float(np.abs(seen.volts).min())
     grid = np.round(np.geomspace(0.3 * least, 1.5 * largest, 25), 2)
     alive = [each for each in ranked if each.probability > 0.01] or list(ranked[:2])
     weight = np.array([each.probability for each in alive])
     weight /= weight.sum()
-    deviation = alive[0].fit.deviation
-    best = (0.0, float(grid[0]), "speed")
+    separation, command_V, channel = 0.0, float(grid[0]), "speed"
     for sign in (1, -1):
-        found = [steady(NOTHING | each.fit.values, sign * grid, each.hypothesis.orifices) for each in alive]
+        found = [steady(NO_CAUSE | each.fit.values, sign * grid, ORIFICES in each.hypothesis.names) for each in alive]
         supply = alive[0].fit.values["supply_pressure"]
         speed = np.array([each.speed for each in found])
         channels = {"speed": speed / (weight @ speed)}
         channels |= {f"pressure_{s}": np.array([each.pressure(s) for each in found]) / supply for s in "ab"}
-        for channel, values in channels.items():
-            spread = np.sqrt(weight @ (values - weight @ values) ** 2) / deviation[channel]
+        for name, values in channels.items():
+            spread = np.sqrt(weight @ (values - weight @ values) ** 2) / alive[0].deviation[name]
             k = int(np.argmax(spread))
-            if spread[k] > best[0]:
-                best = (float(spread[k]), float(grid[k]), channel)
-    return asked_for(*best, ranked)
+            if spread[k] > separation:
+                separation, command_V, channel = float(spread[k]), float(grid[k]), name
+    text = (
+        f"Run the piston out and back at {command_V:.3g} V and measure {channel.replace('_', ' ')}:"
+        " there the sets of causes that are left differ most."
+    )
+    names = tuple(" + ".join(each.hypothesis.causes) or "no cause" for each in ranked[:4])
+    return NextExperiment(text, names, separation, {"command_V": command_V, "channel": channel})
 
 
 _CLOSE = 0.8  # correlation from which two figures are told as one
 _FEW = 5
+_AT_BOUND = 1e-3  # of a prior standard deviation
 
 
 def notes_on(
@@ -255,18 +252,36 @@ def notes_on(
     if conditions < _FEW:
         yield f"{conditions} conditions are few: probabilities follow from how each is predicted without the others"
     yield from _greedy(ranked, best, known)
-    yield from _frictions(ranked)
+    kinds = dict.fromkeys(("none", *FRICTIONS), 0.0)
+    for each in ranked:
+        kinds[next((name for name in each.hypothesis.names if name in FRICTIONS), "none")] += each.probability
+    told = sorted(((kind, p) for kind, p in kinds.items() if p > 0.01), key=lambda item: -item[1])
+    listed = ", ".join(f"{kind.removeprefix('seal_friction (').removesuffix(')')} {p:.2f}" for kind, p in told)
+    yield f"friction by kind: {listed}"
     yield from (f"cannot be told apart: {words}" for words in correlated(best.fit))
-    yield from _rest(best)
+    left = ((value, channel, condition) for condition, each in best.error.items() for channel, value in each.items())
+    value, channel, condition = max(left)
+    yield f"what is left is largest in {channel} at {condition}: {100 * value:.1f} %"
     undecided = [name for name, p in marginal.items() if 0.1 < p < 0.9]
     if len(undecided) > 1:
         yield f"not decided by these conditions: {', '.join(undecided)}"
-    yield from best.fit.flags
-    if not best.hypothesis.orifices:
+    yield from strains(best.fit)
+    if ORIFICES not in best.hypothesis.names:
         yield "a linear valve says nothing of the chambers' mean pressure; supply and tank are shared between them here"
 
 
-def correlated(fit: SteadyFit) -> list[str]:
+def strains(fit: Fit) -> Iterator[str]:
+    """Figures at a bound, and figures more than two tolerances off, in words."""
+    for u, z in zip(fit.unknowns, fit.z, strict=True):
+        low, high = u.bounds
+        # A cause that is not there is no bound to be driven to.
+        if z > high - _AT_BOUND or (z < low + _AT_BOUND and low != 0):
+            yield f"{u.name} is driven to its bound"
+        elif u.kind == "figure" and abs(z) > SUSPICIOUS:
+            yield f"{u.name} is moved by {abs(z):.1f} tolerances"
+
+
+def correlated(fit: Fit) -> list[str]:
     """Pairs of figures which the data determine together but not each, with their correlation."""
     deviation = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(deviation, deviation)
@@ -284,7 +299,7 @@ def _greedy(ranked: Sequence[HeldOut], best: HeldOut, known: BenchHypothesis) ->
     error = {each.hypothesis: each.total for each in ranked}
     path = [known]
     while True:
-        nearer = [h for h in error if len(_parts(h)) == len(_parts(path[-1])) + 1 and _parts(path[-1]) <= _parts(h)]
+        nearer = [h for h in error if h.size == path[-1].size + 1 and set(path[-1].causes) <= set(h.causes)]
         step = min(nearer, key=lambda h: error[h], default=None)
         if step is None or error[step] >= error[path[-1]]:
             break
@@ -293,30 +308,45 @@ def _greedy(ranked: Sequence[HeldOut], best: HeldOut, known: BenchHypothesis) ->
         yield f"one cause at a time ends at {path[-1]} with a held-out error of {error[path[-1]]:.3f}"
     if known.names:
         return
-    areas, root = BenchHypothesis(unequal_areas=True), BenchHypothesis(orifices=True)
-    both, none = BenchHypothesis(unequal_areas=True, orifices=True), BenchHypothesis()
-    if error[both] < error[none] <= 1.02 * min(error[areas], error[root]):
+    sides = "unequal_piston_areas"
+    none, areas, root, both = (error[laws(*names)] for names in ((), (sides,), (ORIFICES,), (sides, ORIFICES)))
+    if both < none <= 1.02 * min(areas, root):
         yield (
-            f"areas and square-root flow help only together: held-out error {error[none]:.3f} without, "
-            f"{error[areas]:.3f} with areas, {error[root]:.3f} with square-root flow, {error[both]:.3f} with both"
+            f"areas and square-root flow help only together: held-out error {none:.3f} without, "
+            f"{areas:.3f} with areas, {root:.3f} with square-root flow, {both:.3f} with both"
         )
 
 
-def _rest(best: HeldOut) -> Iterator[str]:
-    """Which prediction is off most on conditions held out."""
-    worst = max(
-        ((value, channel, condition) for condition, each in best.error.items() for channel, value in each.items())
+def motion_table(prototype: BenchPrototype, seen: Observations, chosen: HeldOut) -> dict[str, tuple[Any, ...]]:
+    """Columns of steady motion by condition and direction, with the speed by the fit without the condition.
+
+    The net force A_a p_a - A_b p_b, with the areas of bore and rod, is what friction and load take.
+    """
+    actuator, rows = prototype.actuator, []
+    for condition, direction in product(seen.conditions, (1, -1)):
+        speed, volts = (seen.mean(column, condition, direction) for column in ("speed", "command_V"))
+        a, b = (seen.mean("pressure", condition, direction, side) for side in "ab")
+        force = actuator.piston_area_m2 * ((1 + actuator.asymmetry) * a - (1 - actuator.asymmetry) * b)
+        figures = NO_CAUSE | chosen.without[condition].values
+        found = steady(figures, np.array([volts - seen.null_V]), ORIFICES in chosen.hypothesis.names)
+        way = "extending" if direction > 0 else "retracting"
+        rows.append((condition, way, speed, float(found.speed[0]), a, b, force))
+    names = "condition", "direction", "speed_m_per_s", "predicted_m_per_s", "pressure_a_Pa", "pressure_b_Pa"
+    return dict(zip((*names, "net_force_N"), zip(*rows, strict=True), strict=True))
+
+
+def where_of(
+    table: Mapping[str, tuple[Any, ...]], stroke_m: float, causes: Sequence[Cause], chosen: Sequence[str]
+) -> Where:
+    """Steady motion is slow: the band ends at the strokes per second of the fastest condition of a `motion_table`."""
+    speeds = table["speed_m_per_s"]
+    fastest = max(abs(speed) for speed in speeds) / stroke_m
+    worst = int(np.argmax(np.abs(np.subtract(table["predicted_m_per_s"], speeds))))
+    place = next((c.subsystem for c in causes if c.name in chosen), "")
+    text = (
+        "Speed and pressures while the piston moves steadily, against those of the chosen causes fitted without each"
+        f" condition; the largest error of speed is left at {table['condition'][worst]}, {table['direction'][worst]}."
     )
-    yield f"what is left is largest in {worst[1]} at {worst[2]}: {100 * worst[0]:.1f} %"
-
-
-def _parts(hypothesis: BenchHypothesis) -> set[str]:
-    return set(hypothesis.names) | ({"stribeck"} if hypothesis.friction == "stribeck" else set())
-
-
-def _frictions(ranked: Sequence[HeldOut]) -> Iterator[str]:
-    kinds: dict[str, float] = {}
-    for each in ranked:
-        kinds[each.hypothesis.friction] = kinds.get(each.hypothesis.friction, 0.0) + each.probability
-    listed = ", ".join(f"{kind} {p:.2f}" for kind, p in sorted(kinds.items(), key=lambda item: -item[1]) if p > 0.01)
-    yield f"friction by kind: {listed}"
+    indicator = Indicator("steady motions", place, 1.0 if place else 0.0, text, table)
+    condition = "in steady motion, at every command that was tried"
+    return Where(place, (0.0, float(f"{fastest:.3g}")), condition if place else "", "static", (indicator,))

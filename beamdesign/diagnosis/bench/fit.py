@@ -1,85 +1,86 @@
-"""Causes fitted to steady motions, and judged on conditions that were left out."""
+"""Causes fitted to steady motions, and how they predict conditions that were left out, their whole records too."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from math import lgamma, log, pi
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from beamdesign.bench_prototype import BenchPrototype
-from beamdesign.diagnosis.bench.hypothesis import BenchHypothesis, unknowns
-from beamdesign.diagnosis.bench.motions import CHANNELS, EDGES, Observations, averaged, errors
-from beamdesign.diagnosis.fitting.hypothesis import Unknown
-from beamdesign.diagnosis.judgement import SUSPICIOUS
+from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held
+from beamdesign.diagnosis.bench.hypothesis import FIGURES, ORIFICES, BenchHypothesis, SteadyPlacement, parameters
+from beamdesign.diagnosis.bench.motions import CHANNELS, EDGES, Observations, averaged, steady
+from beamdesign.diagnosis.diagnosis import RecordGap
+from beamdesign.diagnosis.fitting.fit import Fit, Fitted, fit
+from beamdesign.diagnosis.fitting.hypothesis import WRONG
+from beamdesign.plant.bench_simulation import BENCH_COLUMNS, replay
 
-_STALL_STD = 0.01  # of the supply: pressures against a stop are the supply's and the tank's, to the gauges' error
+_STALL, _STALL_STD = "stall", 0.01  # of the supply: pressures at a stop are the supply's and tank's, to gauges' errors
 _DEGREES = 4.0  # of freedom of Student's distribution: the deviation comes from few conditions
 _ROUNDS = 3
 _FIRST_DEVIATION = 0.03
-_STEPS, _CONVERGED, _DIFFERENCE = 30, 1e-2, 1e-4
-_DAMPINGS = np.array([0.0, 1.0, 10.0, 100.0, 1e3, 1e4])  # beside priors, whose share of the normal matrix is one
-_AT_BOUND, _INSIDE = 1e-3, 0.05  # of a prior standard deviation
+_DIFFERENCE, _INSIDE = 1e-4, 0.05  # of a prior standard deviation
 
 
 @dataclass(frozen=True)
-class SteadyFit:
-    """Figures of one hypothesis.
+class SteadyEvidence(Fitted):
+    """Steady motions in units of misfit; many points of z at a time, (m, K), where one will do.
 
     Attributes:
-        hypothesis: the causes.
-        unknowns: in the order of z.
-        z: (K,) in prior standard deviations.
-        covariance: (K, K) of z.
-        deviation: by channel, what is left in units of `errors`, at least the scatter of runs.
+        seen: the motions.
+        supply: pressure that was believed, Pa.
+        deviation: by channel, of what is left in units of `predicted`.
     """
 
-    hypothesis: BenchHypothesis
-    unknowns: tuple[Unknown, ...]
-    z: np.ndarray = field(repr=False)
-    covariance: np.ndarray = field(repr=False)
-    deviation: dict[str, float]
+    seen: Observations
+    supply: float
+    deviation: Mapping[str, float]
 
-    @cached_property
-    def values(self) -> dict[str, float]:
-        """SI value of every unknown by name."""
-        return {u.name: u.value(z) for u, z in zip(self.unknowns, self.z, strict=True)}
+    def predicted(self, placement: SteadyPlacement, z: np.ndarray) -> dict[str, np.ndarray]:
+        """(..., n) errors by channel: relative ones of speeds, of pressures over the supply, of the contrast `EDGES`.
 
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """SI, by name."""
-        deviation = np.sqrt(np.diag(self.covariance))
-        return {u.name: abs(u.slope(z)) * float(s) for u, z, s in zip(self.unknowns, self.z, deviation, strict=True)}
+        Of speeds there is one per row, of a pressure one per row that recorded it, of edges one per condition.
+        """
+        seen, figure, rows = self.seen, placement.figures(z), self.seen.rows
+        volts, row = seen.commands
+        found = steady(figure, volts, placement.orifices)
+        error = {"speed": found.speed[..., row] / rows.speed - 1}
+        for side in "ab":
+            there = rows.side == side
+            error[f"pressure_{side}"] = (found.pressure(side)[..., row[there]] - rows.pressure[there]) / self.supply
+        out, back = seen.both_ways
+        speeds = found.speed[..., out], -found.speed[..., back]
+        error[EDGES] = seen.contrast(speeds, (found.pressure_b[..., out], found.pressure_a[..., back])) - seen.contrasts
+        held = np.where(seen.filled, figure["supply_pressure"], figure["tank_pressure"])
+        return error | {_STALL: (held - rows.stall) / self.supply}
 
-    @property
-    def strain(self) -> float:
-        """Sum of squares of how many tolerances the figures that have one are moved."""
-        return float(sum(z**2 for u, z in zip(self.unknowns, self.z, strict=True) if u.kind == "figure"))
+    def misfit(self, predicted: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(..., M) errors, weighed."""
+        return np.concatenate([predicted[c] / self.deviation[c] for c in (*CHANNELS, EDGES, _STALL)], axis=-1)
 
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Figures at a bound, and figures more than two tolerances off, in words."""
-        found = []
-        for u, z in zip(self.unknowns, self.z, strict=True):
-            low, high = u.bounds
-            # A cause that is not there is no bound to be driven to.
-            if z > high - _AT_BOUND or (z < low + _AT_BOUND and low != 0):
-                found.append(f"{u.name} is driven to its bound")
-            elif u.kind == "figure" and abs(z) > SUSPICIOUS:
-                found.append(f"{u.name} is moved by {abs(z):.1f} tolerances")
-        return tuple(found)
+    def linearised(self, placement: SteadyPlacement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and their slopes, by differences that stay within the bounds."""
+        high = np.array([u.bounds[1] for u in placement.unknowns])
+        step = np.where(z + _DIFFERENCE > high, -_DIFFERENCE, _DIFFERENCE)
+        found = self.misfit(self.predicted(placement, np.vstack([z, z + np.diag(step)])))
+        return found[0], ((found[1:] - found[0]) / step[:, None]).T
+
+    def weighed_by(self, placement: SteadyPlacement, z: np.ndarray, floor: Mapping[str, float]) -> "SteadyEvidence":
+        """The same with deviations that follow what is left at z, at least `floor`."""
+        left = self.predicted(placement, z)
+        own = {c: max(least, float(np.sqrt(np.mean(left[c] ** 2)))) for c, least in floor.items()}
+        return replace(self, deviation={**self.deviation, **own})
 
 
-def fit(
+def fit_steady(
     prototype: BenchPrototype,
     hypothesis: BenchHypothesis,
     seen: Observations,
     floor: Mapping[str, float],
     near: Mapping[str, float] | None = None,
-) -> SteadyFit:
+) -> tuple[Fit, SteadyEvidence]:
     """Fit a hypothesis with everything tolerated under its prior; what it cannot explain widens its errors.
-
-    Levenberg-Marquardt steps within bounds; the deviation of each channel follows what is left in it.
 
     Args:
         prototype: what was believed.
@@ -87,87 +88,20 @@ def fit(
         seen: what it is fitted to.
         floor: least deviation by channel.
         near: figures to start from, those of the priors where not given.
+
+    Returns:
+        the fit, and the motions as they were weighed in the end.
     """
-    moved = unknowns(prototype, hypothesis, float(np.abs(seen.volts).max()))
-    evidence = SteadyEvidence(moved, hypothesis.orifices, prototype.actuator.supply_pressure_Pa, seen)
-    low, high = evidence.bounds
-    z = np.clip([u.z(near[u.name]) if near else 0.0 for u in moved], low + _INSIDE, high - _INSIDE)
-    deviation = {channel: max(floor[channel], _FIRST_DEVIATION) for channel in (*CHANNELS, EDGES)}
+    placement = hypothesis.steady(prototype, float(np.abs(seen.volts).max()))
+    first = {c: max(least, _FIRST_DEVIATION) for c, least in floor.items()} | {_STALL: _STALL_STD}
+    piece = SteadyEvidence(seen, prototype.actuator.supply_pressure_Pa, first)
+    low, high = (np.array(side) for side in zip(*(u.bounds for u in placement.unknowns), strict=True))
+    start = np.array([u.z(near[u.name]) if near else 0.0 for u in placement.unknowns])
+    z = np.clip(start, low + _INSIDE, high - _INSIDE)
     for _ in range(_ROUNDS):
-        z = _minimise(evidence, z, deviation)
-        left = evidence.errors(z[None, :])
-        deviation = {c: max(floor[c], float(np.sqrt(np.mean(left[c] ** 2)))) for c in (*CHANNELS, EDGES)}
-    jacobian = evidence.linearised(z, deviation)[1]
-    return SteadyFit(hypothesis, moved, z, np.linalg.inv(jacobian.T @ jacobian), deviation)
-
-
-@dataclass(frozen=True)
-class SteadyEvidence:
-    """Steady motions as evidence, priors included: residuals over z, many points at a time.
-
-    Attributes:
-        unknowns: in the order of z.
-        orifices: whether flow goes with the root of the pressure drop.
-        supply: pressure that was believed, Pa.
-        seen: the motions.
-    """
-
-    unknowns: tuple[Unknown, ...]
-    orifices: bool
-    supply: float
-    seen: Observations
-
-    @cached_property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest z, (K,) each."""
-        low, high = zip(*(u.bounds for u in self.unknowns), strict=True)
-        return np.array(low), np.array(high)
-
-    def figures(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(m, 1) each, of m points."""
-        moved = [(u, u.spread * z[:, k, None]) for k, u in enumerate(self.unknowns)]
-        return {u.name: u.nominal + by if u.linear else u.nominal * np.exp(by) for u, by in moved}
-
-    def errors(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(m, n) each, see `motions.errors`."""
-        return errors(self.seen, self.figures(z), self.orifices, self.supply)
-
-    def residual(self, z: np.ndarray, deviation: Mapping[str, float]) -> np.ndarray:
-        """(m, r)."""
-        figure = self.figures(z)
-        error = errors(self.seen, figure, self.orifices, self.supply)
-        held = np.where(self.seen.filled, figure["supply_pressure"], figure["tank_pressure"])
-        stalls = (held - self.seen.stall) / (_STALL_STD * self.supply)
-        return np.hstack([*(error[c] / deviation[c] for c in (*CHANNELS, EDGES)), stalls, z])
-
-    def linearised(self, z: np.ndarray, deviation: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (r,) and their slopes (r, K), by differences that stay within the bounds."""
-        step = np.where(z + _DIFFERENCE > self.bounds[1], -_DIFFERENCE, _DIFFERENCE)
-        found = self.residual(np.vstack([z, z + np.diag(step)]), deviation)
-        return found[0], ((found[1:] - found[0]) / step[:, None]).T
-
-
-def _minimise(evidence: SteadyEvidence, z: np.ndarray, deviation: Mapping[str, float]) -> np.ndarray:
-    low, high = evidence.bounds
-    for _ in range(_STEPS):
-        residual, jacobian = evidence.linearised(z, deviation)
-        gradient = jacobian.T @ residual
-        free = ~(((z <= low + 1e-9) & (gradient > 0)) | ((z >= high - 1e-9) & (gradient < 0)))
-        normal, slope = jacobian[:, free].T @ jacobian[:, free], gradient[free]
-        # Levenberg's steps, from Gauss and Newton's on down
-        damped = normal + _DAMPINGS[:, None, None] * np.eye(len(slope))
-        step = np.zeros((len(_DAMPINGS), len(z)))
-        step[:, free] = -np.linalg.solve(damped, slope[:, None])[..., 0]
-        trial = np.clip(z + step, low, high)
-        cost = np.sum(evidence.residual(trial, deviation) ** 2, axis=1)
-        best = int(np.argmin(cost))
-        if not cost[best] < float(residual @ residual):
-            break
-        moved = float(np.max(np.abs(trial[best] - z)))
-        z = trial[best]
-        if moved < _CONVERGED:
-            break
-    return z
+        z = fit(hypothesis, placement, [piece], z).z
+        piece = piece.weighed_by(placement, z, floor)
+    return fit(hypothesis, placement, [piece], z, 0), piece
 
 
 @dataclass(frozen=True)
@@ -175,23 +109,22 @@ class HeldOut:
     """How a hypothesis predicts conditions that its fit has not seen.
 
     Attributes:
+        hypothesis: the causes.
         fit: to all conditions.
+        deviation: by channel, of what that fit leaves.
         error: by condition and channel, root of the mean square over both directions.
         density: by condition, logarithm of the predictive density of its mean speeds and pressures.
         without: by condition, the fit that has not seen it.
         probability: among the candidates that were tried.
     """
 
-    fit: SteadyFit
+    hypothesis: BenchHypothesis
+    fit: Fit
+    deviation: Mapping[str, float]
     error: dict[str, dict[str, float]]
     density: dict[str, float]
-    without: dict[str, SteadyFit] = field(repr=False)
+    without: dict[str, Fit] = field(repr=False)
     probability: float = np.nan
-
-    @property
-    def hypothesis(self) -> BenchHypothesis:
-        """The causes."""
-        return self.fit.hypothesis
 
     @property
     def total(self) -> float:
@@ -203,33 +136,122 @@ def held_out(
     prototype: BenchPrototype, hypothesis: BenchHypothesis, seen: Observations, floor: Mapping[str, float]
 ) -> HeldOut:
     """Fit a hypothesis once to everything and once without each condition."""
-    conditions = list(dict.fromkeys(seen.condition.tolist()))
-    supply = prototype.actuator.supply_pressure_Pa
     error, density, without = {}, {}, {}
-    everything = fit(prototype, hypothesis, seen, floor)
-    for condition in conditions:
-        others = seen.of([c for c in conditions if c != condition])
-        trained = without[condition] = fit(prototype, hypothesis, others, floor, everything.values)
-        left = SteadyEvidence(trained.unknowns, hypothesis.orifices, supply, seen.of([condition]))
-        found = left.errors(np.vstack([trained.z, trained.z + _DIFFERENCE * np.eye(len(trained.z))]))
+    everything, whole = fit_steady(prototype, hypothesis, seen, floor)
+    for condition in seen.conditions:
+        others = seen.of([c for c in seen.conditions if c != condition])
+        trained, weighed = fit_steady(prototype, hypothesis, others, floor, everything.values)
+        left = replace(weighed, seen=seen.of([condition]))
+        beside = np.vstack([trained.z, trained.z + _DIFFERENCE * np.eye(len(trained.z))])
+        found = left.predicted(SteadyPlacement(trained.unknowns, ORIFICES in hypothesis.names), beside)
         means = averaged(left.seen, found)
         error[condition] = {channel: float(np.sqrt(np.mean(means[channel][0] ** 2))) for channel in CHANNELS}
-        density[condition] = _density(trained, means | {EDGES: found[EDGES]})
-    return HeldOut(everything, error, density, without)
+        density[condition] = _density(trained, weighed.deviation, means | {EDGES: found[EDGES]})
+        without[condition] = trained
+    return HeldOut(hypothesis, everything, whole.deviation, error, density, without)
 
 
-def _density(trained: SteadyFit, missed: Mapping[str, np.ndarray]) -> float:
+def _density(trained: Fit, deviation: Mapping[str, float], missed: Mapping[str, np.ndarray]) -> float:
     """Logarithm of Student's density of what was missed, means over replicates; uncertain figures widen it.
 
     Args:
         trained: the fit.
+        deviation: of it by channel.
         missed: by channel, (K + 1, n) at its z and `_DIFFERENCE` beside it in each direction.
     """
     total = 0.0
     for channel, means in missed.items():
         slopes = (means[1:] - means[0]).T / _DIFFERENCE
-        spread = trained.deviation[channel] ** 2 + np.sum(slopes @ trained.covariance * slopes, axis=1)
-        constant = lgamma((_DEGREES + 1) / 2) - lgamma(_DEGREES / 2) - 0.5 * log(_DEGREES * pi)
-        tail = (_DEGREES + 1) / 2 * np.log1p(means[0] ** 2 / spread / _DEGREES)
-        total += float(np.sum(constant - 0.5 * np.log(spread) - tail))
+        spread = deviation[channel] ** 2 + np.sum(slopes @ trained.covariance * slopes, axis=1)
+        total += float(np.sum(student_t.logpdf(means[0], _DEGREES, scale=np.sqrt(spread))))
     return total
+
+
+def updated_prototype(
+    prototype: BenchPrototype, hypothesis: BenchHypothesis, fit: Fit, **readings: float | None
+) -> BenchPrototype:
+    """The prototype with a fit's causes as effects and its figures in place of the believed ones.
+
+    Args:
+        prototype: what was believed.
+        hypothesis: what is held responsible.
+        fit: of that.
+        readings: figures of its sensors that the data show; None: as believed.
+    """
+    effects = {
+        name: {key: estimate.value for key, estimate in table.items()}
+        for name, table in parameters(prototype, hypothesis.causes, fit).items()
+        if not name.startswith(WRONG)
+    }
+    if "seal_friction" in effects:
+        effects["seal_friction"].setdefault("coulomb_N", 0.0)
+    tables: dict[str, dict[str, float]] = {"actuator": {}, "servovalve": {}}
+    for figure in FIGURES:
+        if figure.place and figure.name in fit.values:
+            table, _, key = figure.place.partition(".")
+            tables[table][key] = fit.values[figure.name]
+    return prototype.but(
+        **{table: getattr(prototype, table).but(**new) for table, new in tables.items()},
+        sensors=prototype.sensors.but(**{key: value for key, value in readings.items() if value is not None}),
+        effects=dict(prototype.effects) | effects,
+    )
+
+
+REPLAYED = ("displacement_m", "pressure_a_Pa", "pressure_b_Pa")
+
+
+def replayed(data: BenchSet, chosen: HeldOut) -> tuple[RecordGap, ...]:
+    """Simulate every condition under its recorded command and compare with all its runs, channel by channel.
+
+    Root mean square errors over the stroke or the supply pressure: as believed, and with the chosen causes, fitted
+    without the condition. The floor is half the mean square difference of replicates, as its root; NaN with one.
+
+    The reading of the displacement at the retracted stop is taken from the record: it is where the sensor was mounted,
+    and neither model speaks of it.
+    """
+    rows = []
+    for condition, trained in chosen.without.items():
+        runs = [run for run in data.runs if run.condition == condition]
+        rigs = data.prototype, updated_prototype(data.prototype, chosen.hypothesis, trained)
+        before, after = (_errors(rig, runs) for rig in rigs)
+        floor = _floor(data.prototype, runs)
+        rows += [RecordGap(f"{condition}, {c}", True, before[c], np.nan, after[c], floor[c]) for c in REPLAYED]
+    return tuple(rows)
+
+
+def simulated(prototype: BenchPrototype, run: BenchRun) -> np.ndarray:
+    """A run's record as `prototype` makes it, columns as in `BENCH_COLUMNS`, read by the run's own sensor."""
+    zero, top = float(np.median(run.displacement_m[held(run, -1)])), float(np.max(run.displacement_m))
+    sensors = prototype.sensors.but(displacement_zero_m=zero, displacement_most_m=top)
+    return replay(prototype.but(sensors=sensors), run.times, run.command_V)
+
+
+def _channels(prototype: BenchPrototype, run: BenchRun) -> dict[str, tuple[np.ndarray, float]]:
+    """Measured channels of a run, and what their errors are told over."""
+    return {
+        "displacement_m": (run.displacement_m, prototype.actuator.stroke_m),
+        f"pressure_{run.side}_Pa": (run.pressure_Pa, prototype.actuator.supply_pressure_Pa),
+    }
+
+
+def _errors(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, float]:
+    squares: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
+    made: dict[bytes, np.ndarray] = {}
+    for run in runs:
+        key = run.command_V.tobytes()
+        if key not in made:
+            made[key] = simulated(prototype, run)
+        for channel, (measured, over) in _channels(prototype, run).items():
+            error = made[key][:, BENCH_COLUMNS.index(channel)] - measured
+            squares[channel].append(float(np.mean(error**2)) / over**2)
+    return {channel: float(np.sqrt(np.mean(values))) for channel, values in squares.items()}
+
+
+def _floor(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, float]:
+    squares: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
+    for one, other in combinations(runs, 2):
+        theirs = _channels(prototype, other)
+        for channel, (measured, over) in _channels(prototype, one).items():
+            if channel in theirs and len(theirs[channel][0]) == len(measured):
+                squares[channel].append(float(np.mean((theirs[channel][0] - measured) ** 2)) / 2 / over**2)
+    return {c: float(np.sqrt(np.mean(values))) if values else float("nan") for c, values in squares.items()}

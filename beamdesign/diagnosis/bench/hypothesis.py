@@ -1,13 +1,17 @@
 """What may make a bench differ from what was believed of it: causes, and the figures of the steady model they move."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass, field
+from itertools import combinations
 from math import hypot
+from typing import Any
+
+import numpy as np
 
 from beamdesign.bench_prototype import BenchPrototype
 from beamdesign.diagnosis.diagnosis import Estimate
-from beamdesign.diagnosis.fitting.hypothesis import Unknown
+from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Unknown
 from beamdesign.plant.bench_simulation import bench_parameters
 from beamdesign.plant.effects import library
 
@@ -52,103 +56,110 @@ FIGURES = (
     Figure("breakaway_ratio", "seal_friction", "breakaway_ratio", none=1.0),
     Figure("stribeck_m_per_s", "seal_friction", "stribeck_m_per_s", none=0.005),
 )
-TOLERATED = ("flow_gain", "piston_area", "supply_pressure")
-_ALWAYS = (*TOLERATED, "tank_pressure")
-NOTHING = {figure.name: figure.none for figure in FIGURES if figure.name not in _ALWAYS}
+_ALWAYS = ("flow_gain", "piston_area", "supply_pressure", "tank_pressure")
+NO_CAUSE: dict[str, Any] = {figure.name: figure.none for figure in FIGURES if figure.name not in _ALWAYS}
 """Figures with no cause at work. Beside them stand flow_gain (m3/s/V), piston_area (m2), both pressures (Pa)."""
 STEADY_EFFECTS = ("unequal_piston_areas", "pressure_dependent_flow", "valve_deadband", "seal_friction")
 """Effects that have a part in steady motion."""
-FRICTIONS = {
-    "none": (),
-    "viscous": ("viscous",),
-    "coulomb": ("coulomb_N",),
-    "coulomb with offset": ("coulomb_N", "constant_load_N"),
-    "stribeck": ("coulomb_N", "breakaway_ratio", "stribeck_m_per_s"),
+ORIFICES, FLOW_GAIN = "pressure_dependent_flow", "parameter:flow_gain"
+FRICTIONS: dict[str, tuple[str, ...]] = {
+    "seal_friction (viscous)": ("viscous",),
+    "seal_friction (coulomb)": ("coulomb_N",),
+    "seal_friction (coulomb with offset)": ("coulomb_N", "constant_load_N"),
+    "seal_friction (stribeck)": ("coulomb_N", "breakaway_ratio", "stribeck_m_per_s"),
 }
-"""Figures that each kind of friction moves."""
-_SUBSYSTEMS = {
-    "parameter:piston_leakage": "actuator",
-    "parameter:line_loss": "oil",
-    "parameter:edge_b": "servovalve",
-    "parameter:constant_load": "actuator",
-    "parameter:flow_gain": "servovalve",
+_OF_ORIFICES = {"parameter:line_loss": ("line_loss",), "parameter:edge_b": ("edge_b",)}
+_OTHERS: dict[str, tuple[str, ...]] = {
+    ORIFICES: (),
+    "unequal_piston_areas": ("asymmetry",),
+    "valve_deadband": ("deadband_V",),
+    "parameter:piston_leakage": ("piston_leakage",),
+    **_OF_ORIFICES,
 }
+LAWS = {**_OTHERS, **FRICTIONS, FLOW_GAIN: ()}
+"""Figures that each law moves beside those that are moved always."""
+_CAUSES = {figure.name: figure.cause for figure in FIGURES}
+_SUBSYSTEMS = {"parameter:line_loss": "oil", "parameter:edge_b": "servovalve", FLOW_GAIN: "servovalve"}
 
 
 def subsystem(cause: str) -> str:
     """Where a cause sits."""
-    return _SUBSYSTEMS[cause] if cause in _SUBSYSTEMS else library()[cause].subsystem
+    return library()[cause].subsystem if cause in library() else _SUBSYSTEMS.get(cause, "actuator")
 
 
 @dataclass(frozen=True)
-class BenchHypothesis:
-    """A set of causes.
+class SteadyPlacement:
+    """How unknowns enter the steady model.
 
     Attributes:
-        orifices: flow goes with the root of the pressure drop.
-        unequal_areas: the sides differ as bore and rod say.
-        deadband: the valve opens only beyond a command.
-        leakage: oil passes the piston.
-        lines: lines to and from the valve lose pressure as oil flows.
-        edge: the valve's edge from the supply to chamber b passes more or less than the others.
-        friction: one of `FRICTIONS`.
-        wrong_flow_gain: the flow gain is free of its tolerance.
+        unknowns: in the order of z.
+        orifices: whether flow goes with the root of the pressure drop.
+        base: figures that are not moved.
     """
 
-    orifices: bool = False
-    unequal_areas: bool = False
-    deadband: bool = False
-    leakage: bool = False
-    lines: bool = False
-    edge: bool = False
-    friction: str = "none"
-    wrong_flow_gain: bool = False
+    unknowns: tuple[Unknown, ...]
+    orifices: bool
+    base: Mapping[str, Any] = field(default_factory=lambda: NO_CAUSE)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Causes as contracts name them, sorted."""
-        moved = {figure.cause for figure in FIGURES if figure.name in self.figures}
-        named = {"pressure_dependent_flow": self.orifices, "parameter:flow_gain": self.wrong_flow_gain}
-        return tuple(sorted(moved | {name for name, there in named.items() if there}))
+    def figures(self, z: np.ndarray) -> dict[str, np.ndarray]:
+        """All of `FIGURES` by name at z, (K,) or (m, K): (1,) or (m, 1) each of those that are moved."""
+        moved = [(u, u.spread * z[..., k, None]) for k, u in enumerate(self.unknowns)]
+        return {**self.base} | {u.name: u.nominal + by if u.linear else u.nominal * np.exp(by) for u, by in moved}
 
-    @property
-    def causes(self) -> int:
-        """How many causes, Stribeck's excess and the offset of friction counted as more than Coulomb's."""
-        return len(self.names) + (self.friction == "stribeck")
+
+@dataclass(frozen=True)
+class BenchHypothesis(Hypothesis):
+    """A set of laws at work on a bench; its names are those of `LAWS`, sorted."""
 
     @property
     def figures(self) -> tuple[str, ...]:
         """Figures of the model that are fitted beside those with tolerances."""
-        own = {
-            "asymmetry": self.unequal_areas,
-            "deadband_V": self.deadband,
-            "piston_leakage": self.leakage,
-            "line_loss": self.lines,
-            "edge_b": self.edge,
-        }
-        return (*(name for name, there in own.items() if there), *FRICTIONS[self.friction])
+        return tuple(figure for name in self.names for figure in LAWS[name])
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Causes as contracts name them, sorted."""
+        moving = {name for name in self.names if not LAWS[name]}
+        return tuple(sorted(moving | {_CAUSES[figure] for figure in self.figures}))
+
+    @property
+    def size(self) -> int:
+        """How many causes, Stribeck's excess and the offset of friction counted as more than Coulomb's."""
+        return len(self.causes) + ("breakaway_ratio" in self.figures)
 
     def __str__(self) -> str:
-        words = [name for name in self.names if name not in ("seal_friction", "parameter:constant_load")]
-        if self.friction != "none":
-            words.append(f"seal_friction ({self.friction})")
-        return " + ".join(words) or "tolerances only"
+        return " + ".join(self.names) or "tolerances only"
+
+    def __or__(self, other: Hypothesis) -> "BenchHypothesis":
+        return laws(*self.names, *other.names)
+
+    def steady(self, prototype: BenchPrototype, largest_V: float) -> SteadyPlacement:
+        """Everything a fit may move: within tolerances of a prototype, then under the priors of the library's effects.
+
+        Args:
+            prototype: what was believed.
+            largest_V: command from which the largest flow follows.
+        """
+        return SteadyPlacement(_unknowns(prototype, self, largest_V), ORIFICES in self.names)
 
 
-def candidates(nominal: BenchHypothesis | None = None) -> tuple[BenchHypothesis, ...]:
+def laws(*names: str) -> BenchHypothesis:
+    """Several laws at once."""
+    return BenchHypothesis(tuple(sorted(set(names))))
+
+
+def candidates(known: BenchHypothesis | None = None) -> tuple[BenchHypothesis, ...]:
     """Every combination of causes, with those already believed; lines and edges show only where flow heeds pressure."""
-    nominal = nominal or BenchHypothesis()
-    yes = (False, True)
-    found = [
-        BenchHypothesis(orifices, areas, deadband, leakage, lines, edge, friction)
-        for orifices, areas, deadband, leakage in product(yes, yes, yes, yes)
-        for lines, edge in product(yes, yes)
-        for friction in FRICTIONS
-        if orifices or not (lines or edge)
-    ]
-    held = set(nominal.figures) | set(nominal.names)
-    found = [each for each in found if held <= set(each.figures) | set(each.names)]
-    return (*found, replace(nominal, wrong_flow_gain=True))
+    known = known or laws()
+    held = {*known.figures, *known.causes}
+    found = (
+        laws(*some, *friction)
+        for count in range(len(_OTHERS) + 1)
+        for some in combinations(_OTHERS, count)
+        for friction in ((), *((name,) for name in FRICTIONS))
+        if ORIFICES in some or not _OF_ORIFICES.keys() & set(some)
+    )
+    return (*(each for each in found if held <= {*each.figures, *each.causes}), known | laws(FLOW_GAIN))
 
 
 def nominal(prototype: BenchPrototype) -> tuple[BenchHypothesis, dict[str, float]]:
@@ -161,25 +172,24 @@ def nominal(prototype: BenchPrototype) -> tuple[BenchHypothesis, dict[str, float
         at[figure.name] = of_effects.get(f"{figure.cause}.{figure.key}", stated)
     if "valve_deadband" in effects:
         at["deadband_V"] /= prototype.servovalve.amplifier_A_per_V
-    kind = "coulomb"
+    orifices = ORIFICES in effects
+    there = {
+        **{name: name in effects for name in (ORIFICES, "unequal_piston_areas", "valve_deadband")},
+        "parameter:piston_leakage": at["piston_leakage"] > 0,
+        "parameter:line_loss": orifices and at["line_loss"] > 0,
+        "parameter:edge_b": orifices and at["edge_b"] != 1,
+    }
+    found = laws(*(name for name, held in there.items() if held))
     if "seal_friction" not in effects:
-        kind = "none"
-    elif at["coulomb_N"] == 0:
+        return found, at
+    kind = "coulomb"
+    if at["coulomb_N"] == 0:
         kind = "viscous"
     elif at["constant_load_N"] != 0:
         kind = "coulomb with offset"
     elif at["breakaway_ratio"] > 1:
         kind = "stribeck"
-    causes = BenchHypothesis(
-        "pressure_dependent_flow" in effects,
-        "unequal_piston_areas" in effects,
-        "valve_deadband" in effects,
-        at["piston_leakage"] > 0,
-        at["line_loss"] > 0 and "pressure_dependent_flow" in effects,
-        at["edge_b"] != 1 and "pressure_dependent_flow" in effects,
-        kind,
-    )
-    return causes, at
+    return found | laws(f"seal_friction ({kind})"), at
 
 
 _DROP_STD = 0.2
@@ -194,14 +204,7 @@ _EDGE_STD = 0.1
 _LOST = 0.1  # share of pressure lost in a line, or of flow past the piston, at the largest flow: one deviation
 
 
-def unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: float) -> tuple[Unknown, ...]:
-    """Everything a fit may move: within tolerances of the prototype, then under the priors of the library's effects.
-
-    Args:
-        prototype: what was believed.
-        hypothesis: the causes.
-        largest_V: command from which the largest flow follows.
-    """
+def _unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: float) -> tuple[Unknown, ...]:
     known, at = nominal(prototype)
     actuator, valve, tolerance = prototype.actuator, prototype.servovalve, prototype.tolerance
     supply, gain, volts = actuator.supply_pressure_Pa, valve.flow_gain_m3_per_s_per_V, valve.amplifier_A_per_V
@@ -215,9 +218,9 @@ def unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: 
     def free(name: str, middle: float, spread: float, low: float, high: float, linear: bool = True) -> Unknown:
         return Unknown(name, at[name] if name in known.figures else middle, spread, linear, low, high, "effect")
 
-    vouched = hypot(tolerance.flow_gain, _DROP_STD if hypothesis.orifices else 0.0)
+    vouched = hypot(tolerance.flow_gain, _DROP_STD if ORIFICES in hypothesis.names else 0.0)
     found = (
-        tolerated("flow_gain", gain, _WIDE if hypothesis.wrong_flow_gain else vouched),
+        tolerated("flow_gain", gain, _WIDE if FLOW_GAIN in hypothesis.names else vouched),
         tolerated("piston_area", actuator.piston_area_m2, tolerance.piston_area),
         tolerated("supply_pressure", supply, tolerance.supply_pressure),
         free("tank_pressure", actuator.tank_pressure_Pa, _TANK_STD * supply, 0.0, supply / 2),
@@ -239,21 +242,18 @@ def unknowns(prototype: BenchPrototype, hypothesis: BenchHypothesis, largest_V: 
     return found + tuple(moved[name] for name in hypothesis.figures)
 
 
-def parameters(
-    prototype: BenchPrototype, names: tuple[str, ...], values: Mapping[str, float], std: Mapping[str, float]
-) -> dict[str, dict[str, Estimate]]:
+def parameters(prototype: BenchPrototype, names: tuple[str, ...], found: Fit) -> dict[str, dict[str, Estimate]]:
     """Fitted parameters of causes, by contract names, SI.
 
     Args:
         prototype: what was believed.
         names: of the causes.
-        values: of the fitted figures.
-        std: their standard errors.
+        found: a fit of them.
     """
-    found: dict[str, dict[str, Estimate]] = {name: {} for name in names}
+    own: dict[str, dict[str, Estimate]] = {name: {} for name in names}
+    std = found.standard_errors
     for figure in FIGURES:
-        if figure.cause in names and figure.name in values:
+        if figure.cause in names and figure.name in std:
             factor = prototype.servovalve.amplifier_A_per_V if figure.name == "deadband_V" else 1.0
-            estimate = Estimate(factor * values[figure.name], factor * std[figure.name])
-            found[figure.cause][figure.key] = estimate
-    return found
+            own[figure.cause][figure.key] = Estimate(factor * found.values[figure.name], factor * std[figure.name])
+    return own

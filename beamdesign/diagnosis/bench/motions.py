@@ -1,9 +1,9 @@
 """Steady motion of a bench: found in its runs, predicted in closed form for any set of causes, and the difference."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 from statistics import NormalDist
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from beamdesign.diagnosis.bench.data import BenchRun, BenchSet, held, stretches
-from beamdesign.diagnosis.bench.hypothesis import NOTHING
 from beamdesign.records import InputError
 
 _MARGIN = 0.1  # of the travel next to either stop is left out
@@ -54,13 +53,14 @@ class SteadyMotion:
     rest_m: float
 
 
-def steady_motions(data: BenchSet) -> tuple[SteadyMotion, ...]:
+def steady_motions(data: BenchSet) -> "Observations":
     """Steady motion of every run in both directions.
 
     Raises:
         InputError: where a run does not move steadily for long enough to tell its speed.
     """
-    return tuple(steady_motion(run, direction) for run in data.runs for direction in (1, -1))
+    found = tuple(steady_motion(run, direction) for run in data.runs for direction in (1, -1))
+    return Observations(found, data.prototype.actuator.asymmetry, data.prototype.servovalve.null_V)
 
 
 def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
@@ -91,19 +91,11 @@ def steady_motion(run: BenchRun, direction: int) -> SteadyMotion:
         raise InputError(run.name, [("displacement_m", f"no steady speed {_words(direction)} at {volts:g} V")])
     part = slice(edges[first], edges[last])
     stop = held(run, direction)
-    return SteadyMotion(
-        run.condition,
-        run.replicate,
-        run.side,
-        direction,
-        volts,
-        float(run.times[part.start]),
-        float(run.times[part.stop]),
-        _slope(run, part),
-        float(np.median(run.pressure_Pa[part])),
-        float(np.median(run.pressure_Pa[stop])),
-        float(np.median(run.displacement_m[stop])),
-    )
+    begin, end = (float(run.times[k]) for k in (part.start, part.stop))
+    settled = (run.pressure_Pa[part], run.pressure_Pa[stop], run.displacement_m[stop])
+    pressure, stall, rest = (float(np.median(values)) for values in settled)
+    found = (begin, end, _slope(run, part), pressure, stall, rest)
+    return SteadyMotion(run.condition, run.replicate, run.side, direction, volts, *found)
 
 
 def _words(direction: int) -> str:
@@ -240,35 +232,44 @@ class Observations:
     """Steady motions as numbers, one row per run and direction.
 
     Attributes:
-        condition: (N,) names.
-        volts: (N,) commands.
-        speed: (N,) m/s.
-        side: (N,) `a` or `b`.
-        pressure: (N,) of that chamber, Pa.
-        stall: (N,) of that chamber against the stop, Pa.
-        filled: (N,) whether that chamber is then the one at supply pressure.
+        motions: N of them.
         asymmetry: of the piston by bore and rod.
+        null_V: from which commands count.
     """
 
-    condition: np.ndarray
-    volts: np.ndarray
-    speed: np.ndarray
-    side: np.ndarray
-    pressure: np.ndarray
-    stall: np.ndarray
-    filled: np.ndarray
+    motions: tuple[SteadyMotion, ...]
     asymmetry: float
+    null_V: float = 0.0
+
+    @cached_property
+    def rows(self) -> Any:
+        """(N,) record array, one column per attribute of `SteadyMotion`."""
+        names = [f.name for f in fields(SteadyMotion)]
+        return np.rec.fromrecords([astuple(m) for m in self.motions], names=names)  # type: ignore[call-overload]
+
+    @property
+    def volts(self) -> np.ndarray:
+        """(N,) commands from the null."""
+        return np.asarray(self.rows.command_V - self.null_V)
+
+    @cached_property
+    def filled(self) -> np.ndarray:
+        """(N,) whether the chamber that was recorded is the one at supply pressure, against the stop."""
+        return (self.rows.direction > 0) == (self.rows.side == "a")
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """In order of appearance."""
+        return tuple(dict.fromkeys(m.condition for m in self.motions))
 
     def of(self, conditions: Sequence[str]) -> "Observations":
         """Those of some conditions."""
-        keep = np.isin(self.condition, list(conditions))
-        rows = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "asymmetry"}
-        return replace(self, **rows)
+        return replace(self, motions=tuple(m for m in self.motions if m.condition in conditions))
 
     @property
     def tank(self) -> float:
         """Mean pressure of chambers that a stop holds empty, Pa."""
-        return float(np.mean(self.stall[~self.filled]))
+        return float(np.mean(self.rows.stall[~self.filled]))
 
     @cached_property
     def commands(self) -> tuple[np.ndarray, np.ndarray]:
@@ -276,12 +277,18 @@ class Observations:
         volts, row = np.unique(self.volts, return_inverse=True)
         return volts, row
 
-    @property
-    def both_ways(self) -> list[tuple[str, float, float]]:
-        """Conditions with their commands out and back."""
-        named = dict.fromkeys(self.condition.tolist())
-        own = {c: self.volts[self.condition == c] for c in named}
-        return [(c, float(v[v > 0][0]), float(v[v < 0][0])) for c, v in own.items()]
+    def mean(self, column: str, condition: str, direction: int, sides: str = "ab") -> float:
+        """Of a column of `rows`, over the runs of a condition in one direction that recorded one of these chambers."""
+        rows = self.rows
+        at = (rows.condition == condition) & (rows.direction == direction) & np.isin(rows.side, list(sides))
+        return float(np.mean(rows[column][at]))
+
+    @cached_property
+    def both_ways(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which of the `commands` each condition has out and back."""
+        volts = [[self.mean("command_V", c, way) - self.null_V for c in self.conditions] for way in (1, -1)]
+        out, back = (np.abs(np.subtract.outer(own, self.commands[0])).argmin(axis=1) for own in volts)
+        return out, back
 
     def contrast(self, speeds: tuple[Any, Any], empty: tuple[Any, Any]) -> Any:
         """The channel `EDGES` from speeds (m/s, both positive) and pressures of the emptying chambers, out and back."""
@@ -291,60 +298,12 @@ class Observations:
 
     @cached_property
     def contrasts(self) -> np.ndarray:
-        """Measured, one per condition of `both_ways`."""
-
-        def mean(values: np.ndarray, condition: str, sign: int, side: str = "") -> float:
-            row = (self.condition == condition) & (np.sign(self.volts) == sign)
-            return float(np.mean(values[row & (self.side == side)] if side else np.abs(values[row])))
-
-        return np.array(
-            [
-                self.contrast(
-                    (mean(self.speed, c, 1), mean(self.speed, c, -1)),
-                    (mean(self.pressure, c, 1, "b"), mean(self.pressure, c, -1, "a")),
-                )
-                for c, _, _ in self.both_ways
-            ]
-        )
-
-
-def observations(motions: Sequence[SteadyMotion], asymmetry: float, null_V: float = 0.0) -> Observations:
-    """Rows of steady motions of a piston with the given asymmetry by bore and rod; commands count from the null."""
-    return Observations(
-        np.array([m.condition for m in motions]),
-        np.array([m.command_V - null_V for m in motions]),
-        np.array([m.speed for m in motions]),
-        np.array([m.side for m in motions]),
-        np.array([m.pressure for m in motions]),
-        np.array([m.stall for m in motions]),
-        np.array([(m.direction > 0) == (m.side == "a") for m in motions]),
-        asymmetry,
-    )
-
-
-def errors(seen: Observations, figure: Mapping[str, Any], orifices: bool, supply: float) -> dict[str, np.ndarray]:
-    """Relative errors of speeds, errors of pressures over the supply, and of the contrast `EDGES`.
-
-    Args:
-        seen: N rows.
-        figure: as `steady` takes them, those of causes that are not at work left out.
-        orifices: whether flow goes with the root of the pressure drop.
-        supply: pressure, Pa.
-
-    Returns:
-        (..., n) by channel: of speeds one per row, of a pressure one per row that recorded it, of edges one per
-        condition; before that (m,) for m sets of figures.
-    """
-    volts, row = seen.commands
-    found = steady(NOTHING | dict(figure), volts, orifices)
-    error = {"speed": found.speed[..., row] / seen.speed - 1}
-    for side in "ab":
-        there = seen.side == side
-        error[f"pressure_{side}"] = (found.pressure(side)[..., row[there]] - seen.pressure[there]) / supply
-    out, back = ([int(np.searchsorted(volts, pair[k])) for pair in seen.both_ways] for k in (1, 2))
-    speeds = found.speed[..., out], -found.speed[..., back]
-    empty = found.pressure_b[..., out], found.pressure_a[..., back]
-    return error | {EDGES: seen.contrast(speeds, empty) - seen.contrasts}
+        """Measured, one per condition."""
+        found = []
+        for c in self.conditions:
+            speeds = self.mean("speed", c, 1), -self.mean("speed", c, -1)
+            found.append(self.contrast(speeds, (self.mean("pressure", c, 1, "b"), self.mean("pressure", c, -1, "a"))))
+        return np.array(found)
 
 
 def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -354,29 +313,24 @@ def averaged(seen: Observations, error: Mapping[str, np.ndarray]) -> dict[str, n
         seen: of one condition.
         error: as `errors` has it.
     """
-    found = {}
+    found, rows = {}, seen.rows
     for channel in CHANNELS:
-        volts = seen.volts if channel == "speed" else seen.volts[seen.side == channel[-1]]
-        means = [error[channel][..., np.sign(volts) == sign].mean(axis=-1) for sign in (-1, 1)]
-        found[channel] = np.stack(means, axis=-1)
+        way = rows.direction if channel == "speed" else rows.direction[rows.side == channel[-1]]
+        found[channel] = np.stack([error[channel][..., way == sign].mean(axis=-1) for sign in (-1, 1)], axis=-1)
     return found
 
 
 def scatter(seen: Observations, supply: float) -> dict[str, float]:
     """Standard deviation of single runs about the mean of their condition and direction, in the units of `errors`."""
-    found: dict[str, list[float]] = {channel: [] for channel in CHANNELS}
-    freedom = dict.fromkeys(CHANNELS, 0)
-    for condition in dict.fromkeys(seen.condition.tolist()):
-        for sign in (-1, 1):
-            row = (seen.condition == condition) & (np.sign(seen.volts) == sign)
-            groups = {"speed": seen.speed[row] / np.mean(seen.speed[row])}
-            groups |= {f"pressure_{side}": seen.pressure[row & (seen.side == side)] / supply for side in "ab"}
-            for channel, values in groups.items():
-                if len(values) > 1:
-                    found[channel].append(float(np.sum((values - np.mean(values)) ** 2)))
-                    freedom[channel] += len(values) - 1
-    deviation = {c: (sum(found[c]) / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
+    squares, freedom, rows = dict.fromkeys(CHANNELS, 0.0), dict.fromkeys(CHANNELS, 0), seen.rows
+    for condition, way in product(seen.conditions, (-1, 1)):
+        own = rows[(rows.condition == condition) & (rows.direction == way)]
+        groups = {"speed": own.speed / np.mean(own.speed)}
+        groups |= {f"pressure_{side}": own.pressure[own.side == side] / supply for side in "ab"}
+        for channel, values in groups.items():
+            squares[channel] += float(np.sum((values - np.mean(values)) ** 2)) if len(values) else 0.0
+            freedom[channel] += max(len(values) - 1, 0)
+    deviation = {c: (squares[c] / freedom[c]) ** 0.5 if freedom[c] else _NO_REPLICATE for c in CHANNELS}
     # Of a contrast between means over the runs of two directions.
-    runs = len(seen.volts) / max(2 * len(seen.both_ways), 1)
-    deviation[EDGES] = deviation["speed"] * (2 / max(runs, 1)) ** 0.5
-    return deviation
+    runs = len(rows) / (2 * len(seen.conditions))
+    return deviation | {EDGES: deviation["speed"] * (2 / max(runs, 1)) ** 0.5}

@@ -7,20 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.fft import dct, idct
 
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset_index import (
     GainEntry,
-    Index,
     ResponseEntry,
     Taken,
     TimeEntry,
     index_of,
     read_index,
 )
-from beamdesign.diagnosis.data.inputs import without_noise
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 
@@ -180,8 +179,11 @@ def read_dataset(folder: str | Path) -> Dataset:
     path = index_of(Path(folder))
     entry, warnings = read_index(path)
     prototype = read_prototype(path.parent / entry.prototype)
-    if problems := _missing_controllers(entry, prototype):
-        raise InputError(path, problems)
+    rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
+    lawless = [(kind, row.file) for kind, row in rows if row.controller is None and prototype.controller is None]
+    if lawless:
+        words = "missing for {}, and the prototype has none"
+        raise InputError(path, [(f"{kind}.controller", words.format(file)) for kind, file in lawless])
 
     def law(row: TimeEntry | ResponseEntry) -> Controller:
         chosen = row.controller or prototype.controller
@@ -203,29 +205,14 @@ def _acting(controller: Controller, row: Taken, name: str, path: Path) -> Contro
         raise InputError(path, [("outer_end_mass_kg", reason)]) from error
 
 
-def _missing_controllers(entry: Index, prototype: Prototype) -> list[Problem]:
-    rows = [("record", r) for r in entry.record] + [("frequency_response", r) for r in entry.frequency_response]
-    if prototype.controller is not None:
-        return []
-    return [
-        Problem(f"{kind}.controller", f"missing for {row.file}, and the prototype has none")
-        for kind, row in rows
-        if row.controller is None
-    ]
-
-
-def _missing_columns(path: Path, needed: tuple[str, ...], columns: Mapping[str, np.ndarray]) -> None:
+def refuse_missing(path: Path, needed: tuple[str, ...], columns: Mapping[str, np.ndarray]) -> None:
     """Refuse a file without a column it needs; one of the same quantity in another unit is pointed at."""
     problems = []
-    for name in needed:
-        if name in columns:
-            continue
+    for name in (name for name in needed if name not in columns):
         stem, _, unit = name.partition("_")
         alike = [other for other in columns if other.partition("_")[0].lower() == stem and other not in needed]
-        if alike:
-            problems.append(Problem(name, f"column missing; the file has {alike[0]}: give it in {unit}, as {name}"))
-        else:
-            problems.append(Problem(name, f"column missing; the file has {', '.join(columns)}"))
+        there = f"{alike[0]}: give it in {unit}, as {name}" if alike else ", ".join(columns)
+        problems.append(Problem(name, f"column missing; the file has {there}"))
     if problems:
         raise InputError(path, problems)
 
@@ -233,23 +220,21 @@ def _missing_columns(path: Path, needed: tuple[str, ...], columns: Mapping[str, 
 def _time_record(path: Path, row: TimeEntry, controller: Controller, warnings: list[str]) -> TimeRecord:
     columns = read_columns(path)
     needed = ("t_s", *INPUTS, *MEASURED)
-    _missing_columns(path, needed, columns)
-    uniform_times(path, columns["t_s"])
+    refuse_missing(path, needed, columns)
+    times = uniform_times(path, columns["t_s"])
     known = (*needed, *MORE_MEASURED)
     warnings += [
         f"{path.name}: column {name} is not known here and was left aside" for name in columns if name not in known
     ]
     measured = {name: columns[name] for name in (*MEASURED, *MORE_MEASURED) if name in columns}
     inputs = np.column_stack([columns[name] for name in INPUTS])
-    times = columns["t_s"]
-    times = np.linspace(times[0], times[-1], len(times))
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return TimeRecord(path.stem, times, inputs, measured, *masses, controller, str(path))
 
 
 def _response(path: Path, row: ResponseEntry, controller: Controller) -> FrequencyResponse:
     columns = read_columns(path)
-    _missing_columns(path, ("frequency_Hz", "magnitude_m_per_N"), columns)
+    refuse_missing(path, ("frequency_Hz", "magnitude_m_per_N"), columns)
     frequencies, magnitude = columns["frequency_Hz"], columns["magnitude_m_per_N"]
     wrong = []
     if np.any(np.diff(frequencies) <= 0) or frequencies[0] <= 0:
@@ -263,17 +248,8 @@ def _response(path: Path, row: ResponseEntry, controller: Controller) -> Frequen
         raise InputError(path, wrong)
     phase = columns.get("phase_deg")
     response = magnitude if phase is None else magnitude * np.exp(1j * np.deg2rad(phase))
-    return FrequencyResponse(
-        path.stem,
-        frequencies,
-        response,
-        phase is not None,
-        row.amplitude_N,
-        row.outer_end_mass_kg,
-        row.inner_end_mass_kg,
-        controller,
-        str(path),
-    )
+    taken = (row.amplitude_N, row.outer_end_mass_kg, row.inner_end_mass_kg, controller, str(path))
+    return FrequencyResponse(path.stem, frequencies, response, phase is not None, *taken)
 
 
 def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> MeasuredGain:
@@ -287,3 +263,95 @@ def _measured_gain(row: GainEntry, prototype: Prototype, path: Path) -> Measured
     found = records.parse(_Gained, table, path).controller
     masses = (row.outer_end_mass_kg, row.inner_end_mass_kg)
     return MeasuredGain(found, *masses, row.relative_std, row.frequency_Hz, row.predicted_gain_A_per_V, least)
+
+
+_TOP = 0.8  # of the Nyquist frequency: nothing is driven above
+_HALF_BAND = 2 ** (1 / 6)
+_LEAST_LINES = 32  # to smooth over
+_MEDIAN_OF_SQUARE = 0.4549  # of a standard normal number
+_MARGIN = 2.5  # a smoothed spectrum of nothing but noise goes no higher
+_APART = 3.0  # standard deviations by which means over a shorter and a longer stretch may differ
+_LONGER = 1.3  # times, from one stretch to the next that is tried
+_ALL = 1.15  # times the noise's power: what may be taken away as noise
+
+
+def without_noise(signal: np.ndarray) -> np.ndarray:
+    """A recorded input as far as it stands out of white noise, that of the instrument which recorded it.
+
+    A force sensor's noise is no force: fed into a model it shakes the simulated rig where the real one was still. An
+    input of many lines is told from noise by its spectrum, one of steps by the stretches over which it is held;
+    whichever leaves less noise is taken.
+
+    Args:
+        signal: (N,) uniform samples.
+    """
+    lines = dct(signal, norm="ortho")  # of the record and its mirror image, which has no step where it ends
+    rough = _rough(signal)
+    noise = min(_top(lines), rough) if rough > 0 else _top(lines)
+    if noise <= 0:
+        return signal
+    gains = _wiener(lines**2, noise)
+    if rough > 0:  # else its digits are too coarse to tell, or it has none and is held exactly
+        held, left = _held(signal, noise)
+        if left < np.mean(gains**2) and np.var(signal - held) < _ALL * noise:
+            return held
+    return np.asarray(idct(lines * gains, norm="ortho"))
+
+
+def _top(lines: np.ndarray) -> float:
+    """Power of white noise by the top fifth of a spectrum."""
+    return float(np.median(lines[int(_TOP * len(lines)) :] ** 2)) / _MEDIAN_OF_SQUARE
+
+
+def _rough(signal: np.ndarray) -> float:
+    """The same by second differences, which steps have few of, however sharp."""
+    return float(np.median(np.diff(signal, 2) ** 2)) / _MEDIAN_OF_SQUARE / 6
+
+
+def _wiener(power: np.ndarray, noise: float) -> np.ndarray:
+    """(N,) gains of a signal's own filter over white noise.
+
+    The signal's power is what a third of an octave about a line has beyond `_MARGIN` times that of the noise
+    (N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series, 1949).
+    """
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    at = np.arange(len(power))
+    low = np.maximum(np.minimum((at / _HALF_BAND).astype(int), at - _LEAST_LINES), 0)
+    high = np.minimum(np.maximum((at * _HALF_BAND).astype(int), at + _LEAST_LINES) + 1, len(power))
+    driven = np.maximum((total[high] - total[low]) / (high - low) - _MARGIN * noise, 0.0)
+    return np.asarray(driven / (driven + noise))
+
+
+def _held(signal: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
+    """A signal with every sample the mean of as long a stretch to either side as it is held; and what noise is left.
+
+    Stretches grow until the confidence intervals of their means have nothing in common any more (A. Goldenshluger and
+    A. Nemirovski, Math. Methods of Statistics 6 (1997) 135; V. Katkovnik, IEEE Trans. Signal Process. 47 (1999) 2567).
+
+    Returns:
+        (N,) the signal, and the power of the noise in it over that before, on average.
+    """
+    mean, length = _one_sided(signal, noise)
+    mirrored, other = (found[::-1] for found in _one_sided(signal[::-1], noise))
+    both = length + other - 1  # the sample itself is in either
+    return (length * mean + other * mirrored - signal) / both, float(np.mean(1 / both))
+
+
+def _one_sided(signal: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) means from each sample onwards, and how many samples are in them."""
+    count = len(signal)
+    total = np.concatenate([[0.0], np.cumsum(signal)])
+    at = np.arange(count)
+    mean, length = signal.astype(float), np.ones(count)
+    low, high = mean - _APART * np.sqrt(noise), mean + _APART * np.sqrt(noise)
+    growing, stretch = np.ones(count, dtype=bool), 1
+    while growing.any() and stretch < count:
+        stretch = int(np.ceil(_LONGER * stretch))
+        ends = np.minimum(at + stretch, count)
+        number = ends - at
+        longer = (total[ends] - total[at]) / number
+        half = _APART * np.sqrt(noise / number)
+        low, high = np.maximum(low, longer - half), np.minimum(high, longer + half)
+        growing &= low <= high
+        mean[growing], length[growing] = longer[growing], number[growing]
+    return mean, length

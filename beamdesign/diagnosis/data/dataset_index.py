@@ -95,13 +95,17 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
         InputError: with everything wrong in it.
     """
     raw = records.read_table(path)
-    if single := _single_tables(raw):
-        raise InputError(path, single)
+    if single := [key for key in _ENTRIES if isinstance(raw.get(key), dict)]:
+        words = "must be a list of tables: write [[{}]] with double brackets"
+        raise InputError(path, [Problem(key, words.format(key)) for key in single])
     table, warnings = _known_keys(raw)
     entry = records.parse(Index, table, path)
     if entry.rig != "twin_beam":
         raise InputError(path, [("rig", f"{entry.rig!r} is not a rig this reader knows; expected 'twin_beam'")])
-    problems = _wrong_files(entry, path.parent)
+    folder, named = path.parent, entry.prototype
+    problems = [] if os.path.isfile(folder / named) else [Problem("prototype", _no_file(folder, named))]
+    problems += wrong_files("record.file", [row.file for row in entry.record], folder)
+    problems += wrong_files("frequency_response.file", [row.file for row in entry.frequency_response], folder)
     if not (entry.record or entry.frequency_response or entry.critical_gain):
         problems.append(Problem("record", "the set holds no record, no frequency_response and no critical_gain"))
     if problems:
@@ -109,49 +113,32 @@ def read_index(path: Path) -> tuple[Index, list[str]]:
     return entry, warnings
 
 
+_ENTRIES: dict[str, type[Record]] = {
+    "record": TimeEntry,
+    "frequency_response": ResponseEntry,
+    "critical_gain": GainEntry,
+}
+
+
 def _known_keys(table: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Integers become floats where figures are meant; unknown keys go, each with a warning."""
+    """What is left of a table without unknown keys, and a warning of each that went."""
     warnings: list[str] = []
-    shapes: dict[str, type[Record]] = {
-        "record": TimeEntry,
-        "frequency_response": ResponseEntry,
-        "critical_gain": GainEntry,
-    }
-    kept: dict[str, Any] = {}
-    for key, value in table.items():
-        if _foreign(key, Index):
-            warnings.append(f"dataset.toml: key {key} is not known here and was left aside")
-        elif key in shapes and isinstance(value, list):
-            rows = []
-            for row in value:
-                unknown = [k for k in row if _foreign(k, shapes[key])] if isinstance(row, dict) else []
-                warnings += [f"dataset.toml: {key}.{k} is not known here and was left aside" for k in unknown]
-                rows.append({k: v for k, v in row.items() if k not in unknown} if unknown else row)
-            kept[key] = rows
-        else:
-            kept[key] = value
+
+    def known(part: dict[str, Any], shape: type[Record], words: str) -> dict[str, Any]:
+        unknown = [key for key in part if _foreign(key, shape)]
+        warnings.extend(f"dataset.toml: {words}{key} is not known here and was left aside" for key in unknown)
+        return {key: value for key, value in part.items() if key not in unknown}
+
+    kept = known(table, Index, "key ")
+    for key, shape in _ENTRIES.items():
+        if isinstance(rows := kept.get(key), list):
+            kept[key] = [known(row, shape, f"{key}.") if isinstance(row, dict) else row for row in rows]
     return kept, list(dict.fromkeys(warnings))
 
 
 def _foreign(key: str, shape: type[Record]) -> bool:
     """Whether a key is none of ours. One that looks like ours is a mistake of unit or letter, to be refused later."""
     return key not in shape.model_fields and not difflib.get_close_matches(key, shape.model_fields, 1, _ALIKE)
-
-
-def _single_tables(table: dict[str, Any]) -> list[Problem]:
-    return [
-        Problem(key, f"must be a list of tables: write [[{key}]] with double brackets")
-        for key in ("record", "frequency_response", "critical_gain")
-        if isinstance(table.get(key), dict)
-    ]
-
-
-def _wrong_files(entry: Index, folder: Path) -> list[Problem]:
-    wrong = (
-        [] if os.path.isfile(folder / entry.prototype) else [Problem("prototype", _no_file(folder, entry.prototype))]
-    )
-    wrong += wrong_files("record.file", [row.file for row in entry.record], folder)
-    return wrong + wrong_files("frequency_response.file", [row.file for row in entry.frequency_response], folder)
 
 
 def wrong_files(key: str, files: Sequence[str], folder: Path) -> list[Problem]:

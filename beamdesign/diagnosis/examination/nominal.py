@@ -6,7 +6,7 @@ current must obey it. Where they do not, either the record is not what it says i
 its own: saturate, lag, have another gain.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import pi
 
@@ -231,25 +231,13 @@ def controller_fit(record: TimeRecord, sensor_gain: float) -> ControllerFit | No
         return None
     residual, noise = mismatch(current, asked)
     gain = _gain(current, asked)
-    delay, with_delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
-    lag, with_lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
+    delay = _shifted(current, asked, record.step, lambda w, t: np.exp(-1j * w * t), both_ways=True)
+    lag = _shifted(current, asked, record.step, lambda w, t: 1 / (1 + 1j * w * t), both_ways=False)
     limit, with_limit, left = _saturated(current, asked) if residual >= _SEEN else (None, residual, noise)
     if residual < max(_TRUSTED * with_limit, _SEEN) or with_limit > max(_LEFT, left):
         limit, with_limit = None, residual
-    return ControllerFit(
-        record.name,
-        residual,
-        noise,
-        gain,
-        mismatch(current, gain * asked)[0],
-        delay,
-        with_delay,
-        lag,
-        with_lag,
-        limit,
-        with_limit,
-        float(np.mean(current - asked)),
-    )
+    with_gain, offset = mismatch(current, gain * asked)[0], float(np.mean(current - asked))
+    return ControllerFit(record.name, residual, noise, gain, with_gain, *delay, *lag, limit, with_limit, offset)
 
 
 def _gain(current: np.ndarray, asked: np.ndarray) -> float:
@@ -329,24 +317,20 @@ class Rival:
 
     controller: Controller
     residual: float
-    words: str = field(default="")
+    words: str
 
 
-def rivals(record: TimeRecord, sensor_gain: float, others: Iterable[tuple[str, Controller]]) -> tuple[Rival, ...]:
-    """Hold a record against other controllers; best first.
+def rival(record: TimeRecord, controller: Controller, words: str, sensor_gain: float) -> Rival | None:
+    """Hold a record against another controller; None where `demanded` cannot tell.
 
     Args:
         record: measured.
+        controller: that one.
+        words: where it comes from.
         sensor_gain: believed, V/m.
-        others: words and controllers.
     """
-    current = record.measured["current_A"]
-    found = [
-        Rival(controller, mismatch(current, asked)[0], words)
-        for words, controller in others
-        if controller != record.controller and (asked := demanded(record, controller, sensor_gain)) is not None
-    ]
-    return tuple(sorted(found, key=lambda rival: rival.residual))
+    asked = demanded(record, controller, sensor_gain)
+    return None if asked is None else Rival(controller, mismatch(record.measured["current_A"], asked)[0], words)
 
 
 def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
@@ -374,5 +358,11 @@ def refitted(record: TimeRecord, sensor_gain: float) -> Rival:
     if breaks := own.lag:
         starts.append((own.gain_A_per_V, breaks.pole_Hz, breaks.zero_Hz))
     fits = (least_squares(lambda z: left(lag(z)), np.log(s), method="lm", max_nfev=60) for s in starts)
-    best = lag(min(fits, key=lambda f: f.cost).x)
-    return Rival(best, mismatch(current / size, current / size - left(best))[0], "the one that fits best")
+    found = rival(record, lag(min(fits, key=lambda f: f.cost).x), "the one that fits best", sensor_gain)
+    assert found is not None  # as above
+    return found
+
+
+def described(controller: Controller) -> str:
+    """A controller in words."""
+    return f"{controller.words()}, {controller.gain_A_per_V:.3g} A/V"

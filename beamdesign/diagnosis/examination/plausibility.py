@@ -4,8 +4,8 @@ Frequency responses and critical gains are looked at here: whether they are in t
 records are looked at in `sound_records`.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from math import pi
 from pathlib import Path
@@ -13,12 +13,19 @@ from pathlib import Path
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain, TimeRecord
-from beamdesign.diagnosis.examination.caution import Caution, contradictions, lost_by_recorder, with_tolerances
-from beamdesign.diagnosis.examination.nominal import ControllerFit, controller_fit, nominal_loop
-from beamdesign.diagnosis.examination.readings import Reading, as_it_stands, other_readings, other_units
+from beamdesign.diagnosis.examination.nominal import controller_fit, nominal_loop
+from beamdesign.diagnosis.examination.readings import (
+    Reading,
+    as_it_stands,
+    contradictions,
+    lost_by_recorder,
+    other_readings,
+    other_units,
+)
 from beamdesign.diagnosis.examination.sound_records import (
     HIGH_HZ,
     LOW_HZ,
+    Caution,
     first,
     law,
     masses,
@@ -28,10 +35,27 @@ from beamdesign.diagnosis.examination.sound_records import (
     twins,
 )
 from beamdesign.loop import critical_gain
-from beamdesign.prototype import Prototype
+from beamdesign.parameters import PARAMETERS
+from beamdesign.prototype import Prototype, Tolerance
 from beamdesign.records import InputError, Problem
 
 __all__ = ["Caution", "Examination", "examine"]
+
+TYPICAL = Tolerance(**{row.tolerance: row.typical for row in PARAMETERS.values()})
+"""Standard deviations of figures taken from drawings and data sheets: what an engineer would grant before a look."""
+
+
+def with_tolerances(prototype: Prototype) -> tuple[Prototype, tuple[Caution, ...]]:
+    """The prototype as it is where it states a tolerance of any figure, else with typical ones and a word on it."""
+    stated = prototype.tolerance.model_dump()
+    if any(value for key, value in stated.items() if not key.endswith("_end_mass")):
+        return prototype, ()
+    taken = ", ".join(f"{key} {value:.2g}" for key, value in TYPICAL.model_dump().items() if value)
+    text = (
+        f"the prototype states no [tolerance] for any figure; typical ones are taken ({taken}): better state your own"
+    )
+    return prototype.but(tolerance=TYPICAL), (Caution("tolerances", "", text),)
+
 
 _UNITS = {
     "mm/N": 1e3, "um/N": 1e6, "in/lbf": 4.4482216 / 0.0254, "mm/kN": 1e6, "m/kN": 1e3, "m/lbf": 4.4482216,
@@ -151,12 +175,10 @@ class Examination:
     Attributes:
         data: the set without records that cannot be used; with typical tolerances where none are stated.
         warnings: named, in words.
-        controllers: how each record that was kept obeys its controller, by name of the record.
     """
 
     data: Dataset
     warnings: tuple[Caution, ...] = ()
-    controllers: Mapping[str, ControllerFit] = field(default_factory=dict)
 
     @property
     def limits_confidence(self) -> bool:
@@ -196,8 +218,7 @@ def examine(data: Dataset) -> Examination:
     warnings += _misread(usable(), data)
     warnings += first(suitability, usable(), prototype)
     warnings += twins(usable())
-    held = {r.name: controller_fit(r, gain) for r in usable()}
-    fits = {name: fit for name, fit in held.items() if fit is not None}
+    fits = {r.name: fit for r in usable() if (fit := controller_fit(r, gain)) is not None}
     warnings = [lost_by_recorder(caution, fits) for caution in warnings]
     stuck = {caution.record for caution in warnings if caution.name == "stuck"}
     warnings += contradictions([r for r in usable() if r.name in fits.keys() - stuck], fits, prototype)
@@ -209,18 +230,11 @@ def examine(data: Dataset) -> Examination:
     records = usable()
     if data.records and not records and not (data.responses or data.gains):
         raise InputError(data.folder, [Problem(w.record or "record", w.text) for w in warnings if w.left_out])
-    warnings = _half_gone(data.records, warnings)
-    kept = {r.name: fits[r.name] for r in records if r.name in fits}
-    return Examination(replace(data, records=records), tuple(warnings), kept)
-
-
-def _half_gone(records: Sequence[TimeRecord], warnings: Sequence[Caution]) -> list[Caution]:
-    """Where half the records had to go, what is left is no ground for confidence."""
-    gone = {caution.record for caution in warnings if caution.left_out}
-    if 2 * len(gone) < len(records) or not gone:
-        return list(warnings)
-    text = f"{len(gone)} of {len(records)} records had to be left out; what remains cannot bear a confident answer"
-    return [*warnings, Caution("few_records", "", text, limits_confidence=True)]
+    gone = len({caution.record for caution in warnings if caution.left_out})
+    if gone and 2 * gone >= len(data.records):  # what is left is no ground for confidence
+        text = f"{gone} of {len(data.records)} records had to be left out; what remains cannot bear a confident answer"
+        warnings.append(Caution("few_records", "", text, limits_confidence=True))
+    return Examination(replace(data, records=records), tuple(warnings))
 
 
 def _misread(records: Sequence[TimeRecord], data: Dataset) -> list[Caution]:

@@ -1,13 +1,12 @@
-"""Other ways to read a record: a column in another unit, of the wrong sign, or under another column's name.
+"""Other ways to read a record: a column in another unit, sign or place, another controller or amplifier than stated.
 
 A record is held against two things. Its controller's equation, which no effect of the rig can bend but saturation;
 and the believed loop, from which a real rig departs, but hardly by a factor of three. A record that does not fit both
 as it stands, and does once one column is read otherwise, is one whose column was written otherwise.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations, product
 from math import log
 from typing import Any, NamedTuple
@@ -15,7 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.nominal import demanded, expected
+from beamdesign.diagnosis.examination.nominal import (
+    ControllerFit,
+    Rival,
+    demanded,
+    described,
+    expected,
+    refitted,
+    rival,
+)
+from beamdesign.diagnosis.examination.sound_records import Caution
 from beamdesign.prototype import Prototype
 
 COLUMNS = ("disturbance_N", "command_V", "current_A", "displacement_m")
@@ -176,7 +184,7 @@ def other_readings(record: TimeRecord, prototype: Prototype) -> tuple[Reading, .
         for reading, changed in candidates(view):
             if bent and not reading.coarse:
                 continue
-            fault = _fault(changed(), bent, compared)
+            fault = _fault(changed, bent, compared)
             if fault is not None:
                 found.append(replace(reading, fault=fault))
         if found:
@@ -205,11 +213,11 @@ def _fault(view: View, bent: bool, compared: bool) -> float | None:
     return equation.fault + 0.2 * sum(part.fault for part in loop)
 
 
-_Candidate = tuple[Reading, Callable[[], View]]
+_Candidate = tuple[Reading, View]
 
 
-def _scaled(view: View, factors: dict[str, float]) -> Callable[[], View]:
-    return lambda: view.having(**{name: view.column(name) / factor for name, factor in factors.items()})
+def _scaled(view: View, factors: dict[str, float]) -> View:
+    return view.having(**{name: view.column(name) / factor for name, factor in factors.items()})
 
 
 def _factor_words(factor: float) -> str:
@@ -231,7 +239,7 @@ def _single(view: View) -> Iterator[_Candidate]:
     for a, b in combinations(COLUMNS, 2):
         if a in driven or b in driven:
             swapped = {a: view.column(b), b: view.column(a)}
-            yield Reading(a, f"it and {b} stand in each other's place"), partial(view.having, **swapped)
+            yield Reading(a, f"it and {b} stand in each other's place"), view.having(**swapped)
     yield from _of_settings(view)
 
 
@@ -240,19 +248,19 @@ def _of_settings(view: View) -> Iterator[_Candidate]:
     record, prototype = view.record, view.prototype
     for unit, factor in _TIMES.items():
         words = f"times are in {unit}, by the speed of the motion: {_factor_words(factor)}"
-        yield Reading("t_s", words), partial(view.of, times=record.times / factor)
+        yield Reading("t_s", words), view.of(times=record.times / factor)
     if (gain := record.controller.gain_A_per_V / 1e3) > 0:  # the least floats have no thousandth
         words = "the gain is in mA/V, by its scale: divide by 1000"
         law = record.controller.but(gain_A_per_V=gain)
-        yield Reading("controller.gain_A_per_V", words), partial(view.of, controller=law)
+        yield Reading("controller.gain_A_per_V", words), view.of(controller=law)
     for unit, factor in _SENSOR_GAINS.items():
         sensor = prototype.sensor.but(gain_V_per_m=prototype.sensor.gain_V_per_m / factor)
         reading = Reading("sensor.gain_V_per_m", f"the prototype's gain is in {unit}, by its scale")
-        yield reading, partial(replace, view, prototype=prototype.but(sensor=sensor))
+        yield reading, replace(view, prototype=prototype.but(sensor=sensor))
     if max(record.outer_end_mass, record.inner_end_mass) > 100:
         masses = {"outer_end_mass": record.outer_end_mass / 1e3, "inner_end_mass": record.inner_end_mass / 1e3}
         reading = Reading("outer_end_mass_kg, inner_end_mass_kg", "the masses are in grams, by their scale")
-        yield reading, partial(view.of, **masses)
+        yield reading, view.of(**masses)
 
 
 def _double(view: View) -> Iterator[_Candidate]:
@@ -263,3 +271,127 @@ def _double(view: View) -> Iterator[_Candidate]:
             words = f"{units}: {_factor_words(factor_a)} and {_factor_words(factor_b)}"
             yield Reading(f"{a}, {b}", words), _scaled(view, {a: factor_a, b: factor_b})
         yield Reading(f"{a}, {b}", "both signs are the other way round"), _scaled(view, {a: -1.0, b: -1.0})
+
+
+DISOBEDIENT = 0.05
+"""Relative residual of the controller's equation from which something must be said."""
+_NOISY = 0.4
+"""The same as a share of the noise, which is known only so well."""
+_GRAVE = 0.1
+_HOPELESS = 0.5
+_EXPLAINED = 0.25  # of the residual may remain
+_SAME_GAIN = 0.02
+_OFFSET = 0.2
+_MOST = 0.6
+
+
+def contradictions(
+    records: Sequence[TimeRecord], fits: Mapping[str, ControllerFit], prototype: Prototype
+) -> list[Caution]:
+    """Say of every record that does not obey its controller what it obeys instead.
+
+    Args:
+        records: usable ones.
+        fits: of each, by name.
+        prototype: believed.
+    """
+    gains = [fits[r.name].gain for r in records]
+    common = max(gains, default=1.0) - min(gains, default=1.0) < _SAME_GAIN * max(map(abs, gains), default=1.0)
+    found = []
+    for record in records:
+        fit = fits[record.name]
+        if _plain(fit.residual, fit):
+            found.append(_verdict(record, fit, records, prototype, common))
+        elif abs(fit.offset_A) > _OFFSET * float(np.std(record.measured["current_A"])):
+            text = (
+                f"a constant {fit.offset_A:.3g} A of the current is none of the controller's doing: check for an offset"
+            )
+            found.append(Caution("offset", record.name, text, limits_confidence=True))
+    return found
+
+
+def _plain(residual: float, fit: ControllerFit) -> bool:
+    return residual > max(DISOBEDIENT, _NOISY * fit.noise)
+
+
+def lost_by_recorder(caution: Caution, fits: Mapping[str, ControllerFit]) -> Caution:
+    """Say of lost samples who lost them: the sensor, so that the controller did not see them either, or the recorder.
+
+    Args:
+        caution: any; others than `stuck` come back as they are.
+        fits: by name of the record.
+    """
+    fit = fits.get(caution.record)
+    if caution.name != "stuck" or fit is None:
+        return caution
+    if _plain(fit.explained, fit):
+        return replace(caution, text=f"{caution.text} by the recorder, for the current went on", left_out=True)
+    return replace(caution, text=f"{caution.text} by the sensor, for the current followed them: repair it")
+
+
+def _verdict(
+    record: TimeRecord, fit: ControllerFit, records: Sequence[TimeRecord], prototype: Prototype, common: bool
+) -> Caution:
+    enough, gain = _EXPLAINED * fit.residual, prototype.sensor.gain_V_per_m
+
+    def contradicts(words: str) -> Caution:
+        return Caution("controller", record.name, f"contradicts its controller{words}", True, True)
+
+    def obeys(other: Rival) -> Caution:
+        return contradicts(
+            f" ({described(record.controller)}), which misses the current by {fit.residual:.0%} of its rms;"
+            f" {other.words} ({described(other.controller)}) misses it by {other.residual:.1%}: correct dataset.toml"
+        )
+
+    laws = () if prototype.controller is None else prototype.controller.laws
+    others = {law: "that of the prototype" for law, _ in laws}
+    others |= {other.controller: f"that of record {other.name}" for other in reversed(records)}
+    known = [rival(record, law, words, gain) for law, words in others.items() if law != record.controller]
+    nearest = min((one for one in known if one is not None), key=lambda one: one.residual, default=None)
+    if nearest is not None and nearest.residual < min(enough, DISOBEDIENT, fit.with_limit):
+        return obeys(nearest)
+    if fit.limit_A is not None:
+        return Caution("saturated_current", record.name, f"the current saturates at {fit.limit_A:.3g} A")
+    if fit.with_gain < enough:
+        words = f"the current is {fit.gain:.3g} times what the stated controller gives"
+        if not common:
+            return contradicts(f": {words}; correct its gain_A_per_V")
+        words += ", as in all records: check gain_A_per_V, sensor.gain_V_per_m, the unit of current_A and the amplifier"
+        return Caution("amplifier_gain", record.name, words, limits_confidence=True)
+    best, late = refitted(record, gain), min(fit.with_delay, fit.with_lag)
+    if best.residual < min(enough, 0.5 * late):
+        return obeys(best)
+    if late < 0.5 * fit.residual:
+        return _late(record, fit)
+    text = (
+        f"{fit.residual:.0%} of the current's rms is not what the stated controller makes of command and displacement"
+    )
+    if fit.residual > _HOPELESS:
+        return contradicts(f": {text} (do the columns belong to one run?)")
+    line = _line(record, gain)
+    text += (
+        f", most of that at {line:.3g} Hz: hum" if line else ": something between sensor and valve is not in the model"
+    )
+    return Caution("controller_mismatch", record.name, text, limits_confidence=fit.residual > _GRAVE)
+
+
+def _line(record: TimeRecord, sensor_gain: float) -> float | None:
+    """Frequency (Hz) that carries most of what the equation leaves, if one does."""
+    if (asked := demanded(record, record.controller, sensor_gain)) is None:
+        return None
+    left = record.measured["current_A"] - asked
+    power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
+    peak = int(np.argmax(power))
+    if power[max(peak - 2, 0) : peak + 3].sum() < _MOST * power.sum():
+        return None
+    return float(np.fft.rfftfreq(len(left), record.step)[peak])
+
+
+def _late(record: TimeRecord, fit: ControllerFit) -> Caution:
+    if fit.with_delay <= fit.with_lag and fit.delay_s < 0:
+        text = f"current_A is {-1e3 * fit.delay_s:.3g} ms ahead of displacement_m: the channels are shifted in time"
+        return Caution("shifted_channels", record.name, text, left_out=True, limits_confidence=True)
+    dead = fit.with_delay < 0.7 * fit.with_lag
+    words = f"by {1e3 * fit.delay_s:.3g} ms" if dead else f"with a time constant of {1e3 * fit.lag_s:.3g} ms"
+    text = f"the current follows the controller late, {words}: an amplifier or coil that lags, or shifted channels"
+    return Caution("amplifier_lag", record.name, text, limits_confidence=fit.residual > _GRAVE)

@@ -10,8 +10,7 @@ from hashlib import sha256
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import TimeRecord
-from beamdesign.diagnosis.examination.caution import Caution, described
-from beamdesign.diagnosis.examination.nominal import demanded, loop_of, mismatch, nominal_loop
+from beamdesign.diagnosis.examination.nominal import demanded, described, loop_of, mismatch, nominal_loop
 from beamdesign.diagnosis.fitting.weighting import TOP, white
 from beamdesign.prototype import Prototype
 from beamdesign.structure.lumped import figures
@@ -25,6 +24,29 @@ _JUMP = 8.0  # in the noise of the signal
 _FEW = 5  # samples
 _BEYOND = 10.0
 _SPIKE = 15.0  # in typical second differences
+
+
+@dataclass(frozen=True)
+class Caution:
+    """Something about a data set that whoever reads a verdict on it should know.
+
+    Attributes:
+        name: short, for programs: `clipped`, `no_content`, `controller`, ...
+        record: name of the record, empty for the set as a whole.
+        text: in words, with what to do.
+        left_out: whether the record was left out.
+        limits_confidence: whether a verdict must not be a confident one.
+    """
+
+    name: str
+    record: str
+    text: str
+    left_out: bool = False
+    limits_confidence: bool = False
+
+    def __str__(self) -> str:
+        out = "; the record was left out" if self.left_out else ""
+        return f"{self.record}: {self.text}{out}" if self.record else f"{self.text}{out}"
 
 
 @dataclass(frozen=True)
@@ -92,38 +114,32 @@ def clipped(signal: np.ndarray) -> Plateau | None:
     A signal that comes to rest at its extreme, or whose recorder rounds, does so slowly; one that is cut off has a
     kink. Where there is noise enough to carry every sample to another step, many equal ones at an extreme say the same.
     """
-    step, low, high = finest_step(signal), float(signal.min()), float(signal.max())
+    step, noise = finest_step(signal), noise_std(signal)
     if step == 0:
         return None
-    noise = noise_std(signal)
-    least = max(_KINK * step, _KINK * noise)
-    noisy = noise > 0.5 * step
-    kinked: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
-    all_runs: dict[str, list[tuple[int, int]]] = {"bottom": [], "top": []}
-    for first, length in _runs(signal, _PLATEAU):
-        level = signal[first]
-        if level not in (low, high):
-            continue
-        after = first + length
-        jumps = []
-        if first >= 2:
-            jumps.append(min(abs(signal[first - 1] - level), 2 * abs(signal[first - 2] - level)))
-        if after + 1 < len(signal):
-            jumps.append(min(abs(signal[after] - level), 2 * abs(signal[after + 1] - level)))
-        side = "top" if level == high else "bottom"
-        all_runs[side].append((first, length))
-        if len(jumps) == 2 and min(jumps) > least:
-            kinked[side].append((first, length))
-    found = {}
-    for side, runs in all_runs.items():
-        cut = kinked[side] if sum(n for _, n in kinked[side]) >= _CUT else []
-        found[side] = runs if noisy and sum(n for _, n in runs) >= _MANY else cut
-    sides = [side for side, runs in found.items() if runs]
-    if not sides:
+    found: dict[str, list[tuple[int, int]]] = {}
+    levels = {"bottom": float(signal.min()), "top": float(signal.max())}
+    for side, level in levels.items():
+        runs = [run for run in _runs(signal, _PLATEAU) if signal[run[0]] == level]
+        kinked = [run for run in runs if _kinked(signal, *run, _KINK * max(step, noise))]
+        if noise > 0.5 * step and sum(n for _, n in runs) >= _MANY:
+            found[side] = runs
+        elif sum(n for _, n in kinked) >= _CUT:
+            found[side] = kinked
+    if not found:
         return None
-    runs = [run for side in sides for run in found[side]]
-    side = sides[0] if len(sides) == 1 else "both"
-    return Plateau(low if side == "bottom" else high, sum(n for _, n in runs), min(a for a, _ in runs), side)
+    side, runs = next(iter(found)), [run for some in found.values() for run in some]
+    samples, start = sum(n for _, n in runs), min(a for a, _ in runs)
+    return Plateau(levels[side if len(found) == 1 else "top"], samples, start, side if len(found) == 1 else "both")
+
+
+def _kinked(signal: np.ndarray, first: int, length: int, least: float) -> bool:
+    """Whether a signal runs into a plateau and out of it at speed."""
+    level, after = signal[first], first + length
+    if first < 2 or after + 1 >= len(signal):
+        return False
+    ends = signal[[first - 1, after]], signal[[first - 2, after + 1]]
+    return bool(np.minimum(np.abs(ends[0] - level), 2 * np.abs(ends[1] - level)).min() > least)
 
 
 def stuck(signal: np.ndarray) -> Plateau | None:

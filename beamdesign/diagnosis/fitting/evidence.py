@@ -34,39 +34,68 @@ class Replay:
 
     Attributes:
         record: measured.
-        prototype: that was believed, with the record's controller.
-        finest: integration steps per sample for which the inputs have been interpolated so far.
+        prototype: that was believed.
     """
 
     record: TimeRecord
     prototype: Prototype
     _inputs: dict[int, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     _believed: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    _substeps: dict[object, int] = field(default_factory=dict, repr=False, compare=False)
 
     def placed(self, placement: Placement) -> Placement:
         """The unknowns of a hypothesis in the equations with the law of this record."""
-        assert self.prototype.controller is not None  # that of the record
-        return placement.under(self.prototype.controller.equations)
+        return placement.under(self.record.controller.equations)
 
     def parameters(self, placement: Placement, z: np.ndarray) -> np.ndarray:
         """(P,) parameters with the unknowns at z, in the order of the assembly of `placed`."""
         effects = placement.assembly.kinds.effects
         if effects not in self._believed:
-            rig = self.prototype.but(effects={name: {} for name in effects})
+            rig = self.prototype.but(controller=self.record.controller, effects={name: {} for name in effects})
             figures = parameters_of(rig, self.record.outer_end_mass, self.record.inner_end_mass)
             self._believed[effects] = np.array(list(figures.values()))
         return self.placed(placement).parameters(self._believed[effects], z)
 
-    def inputs(self, substeps: int) -> np.ndarray:
-        """Inputs at every half integration step."""
+    def simulated(self, placement: Placement, z: np.ndarray, channels: tuple[str, ...]) -> np.ndarray | None:
+        """(N, C) channels of the record with the unknowns at z; None where the simulated loop diverges."""
+        found = self._run(placement, z, channels, sloped=False)
+        return None if found is None else found[0]
+
+    def simulated_with_slopes(
+        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
+        return self._run(placement, z, channels, sloped=True)
+
+    def _run(
+        self, placement: Placement, z: np.ndarray, channels: tuple[str, ...], sloped: bool
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        # Steps are counted anew only for another structure, or where the unknowns have gone a long way.
+        key = (placement.assembly.kinds, placement.unknowns, tuple(np.round(z).astype(int)))
+        parameters, placement = self.parameters(placement, z), self.placed(placement)
+        assembly, times, columns = placement.assembly, self.record.times, [OUTPUTS.index(name) for name in channels]
+        try:
+            start = at_rest(placement, parameters)
+        except ValueError:
+            return None
+        if key not in self._substeps:
+            self._substeps[key] = _steps(self.record.step, placement, parameters, start)
+        substeps = self._substeps[key]
         if substeps not in self._inputs:
             self._inputs[substeps] = half_steps(self.record.inputs, substeps)
-        return self._inputs[substeps]
-
-
-def replay(record: TimeRecord, prototype: Prototype) -> Replay:
-    """Prepare a record."""
-    return Replay(record, prototype.but(controller=record.controller))
+        inputs = self._inputs[substeps]
+        if not sloped:
+            y = integrate(assembly.kinds, times, inputs, start, parameters, substeps, FURTHEST_M)
+            return (y[:, columns], np.zeros(0)) if len(y) == len(times) else None
+        names = tuple(assembly.parameters[k] for k in placement.moved)
+        moved = equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names)
+        y, dy = integrate_with_sensitivities(
+            assembly.kinds, times, inputs, start, moved, parameters, names, substeps, FURTHEST_M, columns
+        )
+        if len(y) < len(times) or not np.all(np.isfinite(dy)):
+            return None
+        slopes = placement.slopes(parameters, z)[list(placement.moved)]
+        return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
 
 
 def at_rest(placement: Placement, parameters: np.ndarray) -> np.ndarray:
@@ -94,88 +123,36 @@ def _rigs_own(kinds: Structure) -> list[int]:
     return [k for k, name in enumerate(assemble(kinds).parameters) if name not in _NO_PART]
 
 
-def steps(job: Replay, placement: Placement, z: np.ndarray) -> int:
-    """Integration steps per sample of a record: enough for the fastest pole at rest."""
-    parameters, placement, sample_s = job.parameters(placement, z), job.placed(placement), job.record.step
-    try:
-        points = _working(placement, parameters, at_rest(placement, parameters))
-        fastest = max(
-            float(np.abs(np.linalg.eigvals(linearise(placement.assembly, x, np.zeros(3), parameters).a)).max()) * share
-            for x, share in points
-        )
-    except ValueError:
-        fastest = 1e4
-    return max(1, ceil(sample_s / min(_LONGEST_S, _RADIANS / fastest) - 1e-9))
-
-
-def _working(placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Points of different poles, each with how much its poles count: at rest, and with a joint that has play bearing.
+def _steps(sample_s: float, placement: Placement, parameters: np.ndarray, rest: np.ndarray) -> int:
+    """Integration steps per sample: enough for the fastest pole at rest, and with a joint that has play bearing.
 
     What happens within the short while that a joint bears need be stable, not exact; more so where a record is followed
     than from rest, where it cannot be repeated anyway.
     """
     assembly = placement.assembly
-    if "joint_backlash" not in assembly.kinds.effects:
-        return [(rest, 1.0)]
-    bearing = rest.copy()
-    play = parameters[assembly.parameters.index("joint_backlash.play_m")]
-    inner = rest[assembly.states.index("inner_m")]
-    bearing[assembly.states.index("joint_backlash.rod_m")] = inner + play / 2 + _BEARING_M
-    return [(rest, 1.0), (bearing, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING)]
-
-
-_BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75
-
-
-def simulated(
-    job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
-) -> np.ndarray | None:
-    """(N, C) channels of a record with the unknowns at z; None where the simulated loop diverges."""
-    parameters, placement = job.parameters(placement, z), job.placed(placement)
+    points = [(rest, 1.0)]
+    if PLAY in assembly.kinds.effects:
+        bearing = rest.copy()
+        play = parameters[assembly.parameters.index(f"{PLAY}.play_m")]
+        bearing[assembly.states.index(f"{PLAY}.rod_m")] = rest[assembly.states.index("inner_m")] + play / 2 + _BEARING_M
+        points.append((bearing, _BRIEFLY if assembly.kinds.own_share == 1.0 else _FOLLOWING))
     try:
-        start = at_rest(placement, parameters)
-    except ValueError:
-        return None
-    kinds = placement.assembly.kinds
-    y = integrate(kinds, job.record.times, job.inputs(substeps), start, parameters, substeps, FURTHEST_M)
-    return y[:, _columns(channels)] if len(y) == len(job.record.times) else None
+        fastest = max(
+            float(np.abs(np.linalg.eigvals(linearise(assembly, x, np.zeros(3), parameters).a)).max()) * share
+            for x, share in points
+        )
+    except np.linalg.LinAlgError:
+        fastest = 1e4
+    return max(1, ceil(sample_s / min(_LONGEST_S, _RADIANS / fastest) - 1e-9))
 
 
-def simulated_with_slopes(
-    job: Replay, placement: Placement, z: np.ndarray, channels: tuple[str, ...], substeps: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Channels (N, C) and their derivatives by z (N, C, K); None where the simulated loop diverges."""
-    parameters, placement = job.parameters(placement, z), job.placed(placement)
-    assembly = placement.assembly
-    names = tuple(assembly.parameters[k] for k in placement.moved)
-    try:
-        start = at_rest(placement, parameters)
-    except ValueError:
-        return None
-    columns = _columns(channels)
-    y, dy = integrate_with_sensitivities(
-        assembly.kinds,
-        job.record.times,
-        job.inputs(substeps),
-        start,
-        equilibrium_sensitivity(assembly, start, np.zeros(3), parameters, names),
-        parameters,
-        names,
-        substeps,
-        FURTHEST_M,
-        columns,
-    )
-    if len(y) < len(job.record.times) or not np.all(np.isfinite(dy)):
-        return None
-    slopes = placement.slopes(parameters, z)[list(placement.moved)]
-    return y[:, columns], (dy.reshape(-1, len(names)) @ slopes).reshape(*dy.shape[:2], -1)
-
-
-def _columns(channels: tuple[str, ...]) -> list[int]:
-    return [OUTPUTS.index(name) for name in channels]
+PLAY = "joint_backlash"
+_BEARING_M, _BRIEFLY, _FOLLOWING = 2e-6, 0.45, 0.75  # shares: how much the poles of a joint that bears count
 
 
 DISPLACEMENT = "displacement_m"
+Figure = GainEvidence | ResponseEvidence
+"""What is not a time record."""
 ROUGH = 0.1
 """Relative error of a linear loop that stands for a rig with nonlinear laws."""
 
@@ -193,7 +170,6 @@ class RecordEvidence(Evidence):
     job: Replay
     weight: Weighting
     measured: np.ndarray = field(repr=False)
-    _steps: dict[object, int] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
 
     @property
     def name(self) -> str:
@@ -241,7 +217,7 @@ class RecordEvidence(Evidence):
 
     def predicted(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
         """(N, C) channels of the model."""
-        return simulated(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
+        return self.job.simulated(placement, z, self.weight.channels)
 
     def misfit(self, predicted: np.ndarray) -> np.ndarray:
         """(M,) measured less predicted, weighed."""
@@ -249,30 +225,27 @@ class RecordEvidence(Evidence):
 
     def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """The residual and its derivative by z."""
-        found = simulated_with_slopes(self.job, placement, z, self.weight.channels, self._substeps(placement, z))
+        found = self.job.simulated_with_slopes(placement, z, self.weight.channels)
         if found is None:
             return None
         predicted, slopes = found
         return self.misfit(predicted), -self.weight(slopes)
 
-    def _substeps(self, placement: Placement, z: np.ndarray) -> int:
-        # Counted anew only for another structure, or where the unknowns have gone a long way from where they were.
-        key = (placement.assembly.kinds, tuple(np.round(z).astype(int)))
-        if key not in self._steps:
-            self._steps[key] = steps(self.job, placement, z)
-        return self._steps[key]
-
 
 def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
-    """Everything in a data set: time records, frequency responses, critical gains.
+    """Everything in a data set: time records, frequency responses, critical gains."""
+    return (*record_evidence(data), *figures_of(data))
 
-    Responses and gains are predicted by a linear loop, which is blind to friction, deadband and the like. Beside
-    records, which these laws are fitted to, they count as no better than that loop is where such laws are at work.
+
+def figures_of(data: Dataset) -> tuple[Figure, ...]:
+    """Frequency responses and critical gains of a data set.
+
+    They are predicted by a linear loop, which is blind to friction, deadband and the like. Beside records, which these
+    laws are fitted to, they count as no better than that loop is where such laws are at work.
     """
     rough = ROUGH if data.records else 0.0
-    responses = tuple(ResponseEvidence(taken, data.prototype, share=max(SHARE, rough)) for taken in data.responses)
-    gains = tuple(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains)
-    return (*record_evidence(data), *responses, *gains)
+    responses = (ResponseEvidence(taken, data.prototype, share=max(SHARE, rough)) for taken in data.responses)
+    return (*responses, *(GainEvidence(taken, data.prototype, rough=rough) for taken in data.gains))
 
 
 def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
@@ -282,14 +255,13 @@ def record_evidence(data: Dataset) -> tuple[RecordEvidence, ...]:
         channels = tuple(record.measured)
         weight = weighting(record, channels)
         measured = np.column_stack([record.measured[name] for name in channels])
-        found.append(RecordEvidence(replay(record, data.prototype), weight, measured))
+        found.append(RecordEvidence(Replay(record, data.prototype), weight, measured))
     return tuple(found)
 
 
 OWN_SHARE = 0.3
 """Share of its own volts that the model's controller hears: one less the gain of the output injection. With none the
 loop is open, and the least error in flow adds up to a drift that no fit can heed."""
-PLAY = "joint_backlash"
 _SHARE = 0.15
 _MEMBERS = 4
 
@@ -387,7 +359,7 @@ def spread(piece: InjectedRecord, placement: Placement, z: np.ndarray) -> np.nda
     for _ in range(_MEMBERS):
         inputs = piece.record.inputs.copy()
         inputs[:, 1] += noise_V * random.standard_normal(len(inputs))
-        found = replace(piece, job=Replay(replace(piece.record, inputs=inputs), rig), _steps={}).predicted(placement, z)
+        found = replace(piece, job=Replay(replace(piece.record, inputs=inputs), rig)).predicted(placement, z)
         if found is None:
             return None
         motions.append(weight.lines(found))

@@ -5,7 +5,7 @@ Fits are kept on disk as they are made, so that a diagnosis that was interrupted
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,7 +15,7 @@ import numpy as np
 
 from beamdesign.code_digest import code_digest
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Placement, Unknown
+from beamdesign.diagnosis.fitting.hypothesis import Hypothesis, Unknown
 from beamdesign.files import read_bytes, write_whole
 from beamdesign.prototype import Prototype
 
@@ -26,8 +26,42 @@ _HUGE = 1e9
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 
 
-class Evidence(Protocol):
-    """A piece of what was measured, in units of misfit: a kind says what its model predicts and how that is weighed."""
+class Moved(Protocol):
+    """How a hypothesis enters a model; a fit knows of it the numbers that it may move."""
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """In the order of z."""
+        ...
+
+
+class Fitted(Protocol):
+    """What a fit brings down, in units of misfit; its `placement` is that of a hypothesis in its kind of model."""
+
+    def predicted(self, placement: Any, z: np.ndarray) -> Any:
+        """What the model makes of it; None where it cannot say (its loop diverges)."""
+        ...
+
+    def misfit(self, predicted: Any) -> np.ndarray:
+        """(M,) measured less predicted, weighed."""
+        ...
+
+    def linearised(self, placement: Any, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """The residual, and (M, K) its derivative by z."""
+        ...
+
+    def residual(self, placement: Any, z: np.ndarray) -> np.ndarray | None:
+        """(M,) measured less predicted, weighed; None where the model cannot say."""
+        found = self.predicted(placement, z)
+        return None if found is None else self.misfit(found)
+
+    def error(self, residual: np.ndarray) -> float:
+        """Mean square of the displacement's error over that of the displacement; 0 for what is no record of it."""
+        return 0.0
+
+
+class Evidence(Fitted, Protocol):
+    """A piece of what was measured: a kind says what its model predicts and how that is weighed."""
 
     @property
     def name(self) -> str:
@@ -44,30 +78,9 @@ class Evidence(Protocol):
         """Misfit that noise alone leaves."""
         ...
 
-    def predicted(self, placement: Placement, z: np.ndarray) -> Any:
-        """What the model makes of it; None where it cannot say (its loop diverges)."""
-        ...
-
-    def misfit(self, predicted: Any) -> np.ndarray:
-        """(M,) measured less predicted, weighed."""
-        ...
-
-    def linearised(self, placement: Placement, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """The residual, and (M, K) its derivative by z."""
-        ...
-
-    def residual(self, placement: Placement, z: np.ndarray) -> np.ndarray | None:
-        """(M,) measured less predicted, weighed; None where the model cannot say."""
-        found = self.predicted(placement, z)
-        return None if found is None else self.misfit(found)
-
     @property
     def floor(self) -> float:
         """Mean square of the displacement's noise over that of the displacement; 0 for what is no record of it."""
-        return 0.0
-
-    def error(self, residual: np.ndarray) -> float:
-        """Mean square of the displacement's error over that of the displacement; 0 for what is no record of it."""
         return 0.0
 
 
@@ -139,8 +152,8 @@ class Fit:
 
 def fit(
     hypothesis: Hypothesis,
-    placement: Placement,
-    evidence: Sequence[Evidence],
+    placement: Moved,
+    evidence: Sequence[Fitted],
     start: np.ndarray,
     iterations: int = ITERATIONS,
 ) -> Fit:
@@ -209,24 +222,31 @@ def _step(
     return np.clip(z + move * min(1.0, _FURTHEST / max(largest, 1e-12)), low, high)
 
 
-def _shares(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray) -> list[Share] | None:
-    shares = []
+def linearised(
+    evidence: Sequence[Fitted], placement: Moved, z: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]] | None:
+    """Residual (M,) and derivative (M, K) of every piece; None where the model cannot say, or is about to diverge."""
+    rows = []
     for piece in evidence:
         found = piece.linearised(placement, z)
-        if found is None:
+        if found is None or not (np.abs(found[0]).max() < _HUGE and np.abs(found[1]).max() < _HUGE):
             return None
-        r, j = found
-        if not (np.abs(r).max() < _HUGE and np.abs(j).max() < _HUGE):  # a loop on the way to diverge
-            return None
-        shares.append(Share(float(r @ r), j.T @ r, j.T @ j, piece.error(r)))
-    return shares
+        rows.append(found)
+    return rows
+
+
+def _shares(evidence: Sequence[Fitted], placement: Moved, z: np.ndarray) -> list[Share] | None:
+    rows = linearised(evidence, placement, z)
+    if rows is None:
+        return None
+    return [Share(float(r @ r), j.T @ r, j.T @ j, piece.error(r)) for piece, (r, j) in zip(evidence, rows, strict=True)]
 
 
 def _cost(shares: Sequence[Share], z: np.ndarray) -> float:
     return float(sum(s.c for s in shares) + z @ z)
 
 
-def misfit_at(evidence: Sequence[Evidence], placement: Placement, z: np.ndarray, enough: float = np.inf) -> float:
+def misfit_at(evidence: Sequence[Fitted], placement: Moved, z: np.ndarray, enough: float = np.inf) -> float:
     """Cost at z without a fit, or infinity as soon as it is known to be more than enough."""
     total = float(z @ z)
     for piece in evidence:
@@ -336,17 +356,17 @@ def digest(data: Dataset) -> str:
     """SHA-256 of everything in a data set that a fit can see: figures, not files, so that its place does not matter."""
     sha = hashlib.sha256(data.prototype.model_dump_json().encode())
 
-    def words(*values: object) -> None:
-        sha.update(repr(values).encode())
+    def see(*values: object) -> None:
+        for value in values:
+            if isinstance(value, Mapping):
+                see(*value.items())
+            elif isinstance(value, tuple):
+                see(*value)
+            else:
+                array = isinstance(value, np.ndarray)
+                sha.update(np.ascontiguousarray(value).tobytes() if array else f"{value!r},".encode())
 
-    for record in data.records:
-        words(record.name, record.outer_end_mass, record.inner_end_mass, record.controller, *record.measured)
-        for array in (record.times, record.inputs, *record.measured.values()):
-            sha.update(np.ascontiguousarray(array).tobytes())
-    for taken in data.responses:
-        words(taken.name, taken.has_phase, taken.amplitude_N, taken.outer_end_mass, taken.inner_end_mass)
-        words(taken.controller)
-        for array in (taken.frequencies_Hz, taken.response):
-            sha.update(np.ascontiguousarray(array).tobytes())
-    words(data.gains)
+    everything: tuple[Any, ...] = (*data.records, *data.responses, *data.gains)
+    for taken in everything:
+        see(*(getattr(taken, f.name) for f in fields(taken) if f.name != "source"))
     return sha.hexdigest()

@@ -19,7 +19,7 @@ import numpy as np
 
 from beamdesign.diagnosis.data.dataset import FrequencyResponse
 from beamdesign.diagnosis.fitting.fit import Evidence
-from beamdesign.diagnosis.fitting.hypothesis import Placement
+from beamdesign.diagnosis.fitting.hypothesis import Placement, together
 from beamdesign.diagnosis.fitting.weighting import INDEPENDENT, SHARE
 from beamdesign.plant.assembly import INPUTS, OUTPUTS, Assembly, Structure, assemble, parameters_of
 from beamdesign.plant.equilibrium import Linearisation, equilibrium, linearise, scales
@@ -160,6 +160,11 @@ class LinearEvidence(Evidence):
     prototype: Prototype
     load: float = 0.0
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
+
+    def believed(self, *effects: str) -> Any:
+        """What the model makes of it with every figure as believed, and effects at their usual sizes; None: nothing."""
+        placement = together(*effects).placement(self.prototype)
+        return self.predicted(placement, np.zeros(len(placement.unknowns)))
 
     def model(self, placement: Placement) -> LinearModel:
         """The linear loop of this setting."""

@@ -193,19 +193,16 @@ def search(
                 (Task(h, null.values) for h in alone), lambda k: progress(0.05 + 0.5 * k / len(alone), "single causes")
             )
         )
-        expected = sum(piece.expected for piece in fitters.evidence)
-        state = Search(
-            null,
-            tuple(_sorted(found)),
-            expected,
-            tuple(e.name for e in fitters.evidence),
-            sum(e.floor for e in fitters.evidence),
-            tuple(e.condition for e in fitters.evidence),
-        )
+        pieces = fitters.evidence
+        names, conditions = tuple(e.name for e in pieces), tuple(e.condition for e in pieces)
+        expected, floor = sum(e.expected for e in pieces), sum(e.floor for e in pieces)
+        state = Search(null, tuple(_sorted(found)), expected, names, floor, conditions)
         if null.misfit > _SMALL * expected and _DONE < state.excess(state.fits[0]) < worth:
             values = {f.hypothesis: f.values for f in reversed(state.fits) if not f.reason}
             tried = _promising(state)
-            hardest = _hardest(state.fits[0])
+            shares = state.fits[0].shares  # the half of the evidence that the best single cause leaves most of
+            worst = sorted(range(len(shares)), key=lambda k: -shares[k].c)[: max(1, round(_HALF * len(shares)))]
+            hardest = tuple(sorted(worst))
             tasks = [Task(h, *_halves(h, values), hardest) for h in tried]
             quick = list(fitters(tasks, lambda k: progress(0.55 + 0.35 * k / len(tasks), "pairs")))
             leading = set(pairs(tuple(f.hypothesis for f in state.fits[:_LEADING])))
@@ -213,7 +210,10 @@ def search(
             best = [f for k, f in enumerate(ranked) if k < _BEST_PAIRS or f.hypothesis in leading]
             final = fitters(Task(f.hypothesis, _halves(f.hypothesis, values)[0], f.values) for f in best)
             final += fitters(_other_laws(_sorted(final)[:_TAKEN_APART], values))
-            found = _better(found, fitters(_parts(final[:_TAKEN_APART])), final)
+            # The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that.
+            paired = [one for one in final[:_TAKEN_APART] if not one.reason]
+            parts = [Task(Hypothesis((name,)), one.values) for one in paired for name in one.hypothesis.names]
+            found = _better(found, fitters(parts), final)
         progress(1.0, "done")
         return replace(state, fits=tuple(_sorted(found)))
 
@@ -274,11 +274,6 @@ def _other_laws(fits: Sequence[Fit], values: Mapping[Hypothesis, dict[str, float
     return list(tasks.values())
 
 
-def _parts(fits: Sequence[Fit]) -> list[Task]:
-    """The causes of pairs alone, from where the pair has found them: a fit may have stopped short of that."""
-    return [Task(Hypothesis((name,)), one.values) for one in fits if not one.reason for name in one.hypothesis.names]
-
-
 def _better(*found: Sequence[Fit]) -> list[Fit]:
     """Of all fits, the best one of every hypothesis."""
     best: dict[Hypothesis, Fit] = {}
@@ -286,13 +281,6 @@ def _better(*found: Sequence[Fit]) -> list[Fit]:
         if one.hypothesis not in best or one.cost < best[one.hypothesis].cost:
             best[one.hypothesis] = one
     return list(best.values())
-
-
-def _hardest(best: Fit) -> tuple[int, ...]:
-    """The half of the evidence that the best single cause leaves most of."""
-    count = max(1, round(_HALF * len(best.shares)))
-    ranked = sorted(range(len(best.shares)), key=lambda k: -best.shares[k].c)
-    return tuple(sorted(ranked[:count]))
 
 
 def _halves(of: Hypothesis, values: Mapping[Hypothesis, dict[str, float]]) -> tuple[dict[str, float], dict[str, float]]:

@@ -68,7 +68,7 @@ def white(power: np.ndarray) -> float:
     return float(np.median(power)) / float(np.log(2))  # the median of an exponential distribution
 
 
-def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHARE) -> Weighting:
+def weighting(record: TimeRecord, channels: tuple[str, ...]) -> Weighting:
     """Weigh a record.
 
     Noise is taken to be white and read off the top fifth of the spectrum, where a rig of this kind moves no more.
@@ -76,7 +76,6 @@ def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHAR
     Args:
         record: measured.
         channels: those of `record.measured` that count.
-        share: relative error of a model that counts as one unit.
     """
     count = len(record.times)
     frequencies = np.fft.rfftfreq(count, record.step)
@@ -86,7 +85,7 @@ def weighting(record: TimeRecord, channels: tuple[str, ...], share: float = SHAR
     signals = np.column_stack([record.measured[name] for name in channels])
     power = np.abs(np.fft.rfft(signals * taper[:, None], axis=0)) ** 2
     noise = np.array([white(column) for column in power[top].T])
-    unit = (noise + share**2 * banded(power, frequencies) + 1e-300)[kept].T
+    unit = (noise + SHARE**2 * banded(power, frequencies) + 1e-300)[kept].T
     each = INDEPENDENT / int(kept.sum())
     expected = float(sum(np.sum(each * n / line) for n, line in zip(noise, unit, strict=True)))
     scale, noise_std = np.sqrt(each / unit), np.sqrt(noise / count)

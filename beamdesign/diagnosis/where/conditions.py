@@ -88,19 +88,16 @@ class Setting:
 
 def setting(found: Sequence[Residual]) -> Setting:
     """Look at the residuals of all records by frequency, size, payload, input and direction."""
-    units = np.array([_banded_units(item) for item in found])
-    excess = np.maximum(units - np.array([_expected(item) for item in found]), 0.0)
-    totals = excess.sum(0)
-    band = _narrowest(totals)
+    units, noise = (np.array(parts) for parts in zip(*map(_by_band, found), strict=True))
+    band = _narrowest(np.maximum(units - noise, 0.0).sum(0))
     relative = [_relative(item) for item in found]
     distortions, asymmetries, slow = [], [], []
     for item in found:
         record, weight = item.evidence.record, item.evidence.weight
-        column = item.channels.index("displacement_m")
         drive = record.inputs[:, 1 if driven_by(item) == "command" else 0]
-        shaped = item.left[:, column] * weight.fade
+        shaped = item.left[:, item.column] * weight.fade
         measured = record.measured["displacement_m"]
-        seen = lines_of(drive, measured, shaped, float(weight.noise_std[column]))
+        seen = lines_of(drive, measured, shaped, float(weight.noise_std[item.column]))
         if seen is not None and seen.excited + seen.between > 0:
             distortions.append(seen.between**2 / (seen.between**2 + seen.excited**2))
         parts = [shaped[measured * sign > 0] for sign in (1, -1)]
@@ -114,14 +111,9 @@ def setting(found: Sequence[Residual]) -> Setting:
         "relative_error": tuple(relative),
     }
     table |= {name: tuple(float(v) for v in units[:, k]) for k, name in enumerate(names)}
-    return Setting(
-        band,
-        _words(_ratios(found, relative)),
-        float(np.median(distortions)) if distortions else np.nan,
-        float(np.median(asymmetries)) if asymmetries else 0.0,
-        float(np.median(slow)) if slow else 0.0,
-        table,
-    )
+    sizes = ((distortions, np.nan), (asymmetries, 0.0), (slow, 0.0))
+    distortion, asymmetry, slowness = (float(np.median(some)) if some else none for some, none in sizes)
+    return Setting(band, _words(_ratios(found, relative)), distortion, asymmetry, slowness, table)
 
 
 def words_of(item: Residual) -> str:
@@ -148,26 +140,19 @@ def driven_by(item: Residual) -> str:
     return "disturbance" if command < _LITTLE * force else "both"
 
 
-def _banded_units(item: Residual) -> np.ndarray:
-    """Misfit of the displacement per band."""
-    weight = item.evidence.weight
-    column, lines = item.channels.index("displacement_m"), len(weight.frequencies_Hz)
-    whole = weight(item.left).reshape(2, lines, len(item.channels))
-    power = np.sum(whole[:, :, column] ** 2, axis=0)
-    return np.histogram(weight.frequencies_Hz, BANDS_HZ, weights=power)[0]
-
-
-def _expected(item: Residual) -> np.ndarray:
-    weight = item.evidence.weight
-    column = item.channels.index("displacement_m")
-    power = weight.scale[column] ** 2 * weight.noise_std[column] ** 2 * len(item.left)
-    return np.histogram(weight.frequencies_Hz, BANDS_HZ, weights=power)[0]
+def _by_band(item: Residual) -> tuple[np.ndarray, np.ndarray]:
+    """Misfit of the displacement per band, and what noise alone leaves of it."""
+    weight, column = item.evidence.weight, item.column
+    lines = weight(item.left).reshape(2, -1, len(item.channels))[:, :, column]
+    noise = (weight.scale[column] * weight.noise_std[column]) ** 2 * len(item.left)
+    powers = np.sum(lines**2, axis=0), noise
+    misfit, expected = (np.histogram(weight.frequencies_Hz, BANDS_HZ, weights=power)[0] for power in powers)
+    return misfit, expected
 
 
 def _relative(item: Residual) -> float:
     """Rms error of the displacement over its rms, noise taken out."""
-    column = item.channels.index("displacement_m")
-    left = float(np.mean(item.left[:, column] ** 2)) - float(item.evidence.weight.noise_std[column]) ** 2
+    left = float(np.mean(item.left[:, item.column] ** 2)) - float(item.evidence.weight.noise_std[item.column]) ** 2
     power = float(np.var(item.evidence.record.measured["displacement_m"]))
     return float(np.sqrt(max(left, 0.0) / power)) if power > 0 else 0.0
 
@@ -191,11 +176,11 @@ def _ratios(found: Sequence[Residual], relative: Sequence[float]) -> dict[str, f
     """Relative errors of groups of records over those of their counterparts, all else alike as far as can be."""
     records = [item.evidence.record for item in found]
 
-    def mean(chosen: list[int]) -> float:
-        return float(np.sqrt(np.mean([relative[k] ** 2 for k in chosen])))
-
-    def ratio(one: list[int], other: list[int]) -> float | None:
-        return mean(one) / max(mean(other), 1e-9) if one and other else None
+    def ratio(*groups: list[int]) -> float | None:
+        if not all(groups):
+            return None
+        one, other = (float(np.sqrt(np.mean([relative[k] ** 2 for k in group]))) for group in groups)
+        return one / max(other, 1e-9)
 
     loaded = [k for k, r in enumerate(records) if r.outer_end_mass > 0]
     bare = [k for k in range(len(records)) if k not in loaded]

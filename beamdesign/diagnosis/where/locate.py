@@ -33,16 +33,19 @@ class WeighedIndicator:
     Attributes:
         name: of the indicator.
         votes: by subsystem, from 0 to 1 in all.
-        weight: of this kind of indicator against the others.
         text: in words.
         table: for a report.
     """
 
     name: str
     votes: Mapping[str, float]
-    weight: float
     text: str
     table: Mapping[str, tuple[object, ...]] = field(default_factory=dict)
+
+    @property
+    def weight(self) -> float:
+        """Of this kind of indicator against the others."""
+        return _WEIGHTS[self.name]
 
     @property
     def favourite(self) -> str:
@@ -67,50 +70,27 @@ def weighed(indicators: Sequence[WeighedIndicator]) -> dict[str, float]:
     return dict(sorted(total.items(), key=lambda item: -item[1]))
 
 
-_POSTERIOR, _CONTROLLER, _LAWS, _FIGURES = 4.0, 2.0, 1.5, 0.8
+_FITS, _CONTROLLER, _LAWS = "the fits", "the controller's equation", "the laws of each equation"
+_FIGURES = "the tolerated figures"
+_WEIGHTS = {_FITS: 4.0, _CONTROLLER: 2.0, _LAWS: 1.5, _FIGURES: 0.8}
 _SEEN = 0.03  # residual of the controller's equation that is worth a word
 _STRAINED = 3.0  # tolerances
 _FIRST = 1.05  # what the first place counts for more, where two share alike
 _TUNED_AWAY = 4.0  # times the misfit of noise: what tolerances leave beyond it, they do not explain
 
 
-def posterior(search: Search, chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedIndicator:
-    """Subsystems of the causes found, by their probability; of several at once the dominant one counts.
+def about_fits(chosen: Fit, causes: Sequence[Cause], unknown: float) -> WeighedIndicator:
+    """The subsystem of the dominant cause, by its probability.
 
     Args:
-        search: all fits.
         chosen: held responsible.
-        causes: with probabilities, dominant first; none: from `search`.
+        causes: its causes with probabilities, the dominant one first.
         unknown: probability that the cause is not in the library.
     """
-    votes: dict[str, float] = {}
-    if causes:
-        inside = [c for c in causes if c.name in chosen.hypothesis.causes] or list(causes[:1])
-        lead = inside[0]
-        votes[lead.subsystem] = lead.probability
-        for c in causes:
-            if c not in inside:
-                votes[c.subsystem] = votes.get(c.subsystem, 0.0) + c.probability * (1 - lead.probability)
-    else:
-        names = _by_share(search, chosen)
-        if names:
-            votes[subsystem(names[0])] = 1.0
-    total = max(sum(votes.values()), 1.0)
-    votes = {name: value / total * (1 - unknown) for name, value in votes.items()}
+    votes = {lead.subsystem: lead.probability * (1 - unknown) for lead in causes[:1]}
     named = ", ".join(chosen.hypothesis.causes) or "no cause of the library"
     text = f"The fits hold {named} responsible; a cause outside the library has a probability of {unknown:.0%}."
-    return WeighedIndicator("the fits", votes, _POSTERIOR, text)
-
-
-def _by_share(search: Search, chosen: Fit) -> list[str]:
-    """Names of a fit, first the one without which most of the gap comes back."""
-    alone = {f.hypothesis.names: search.excess(f) for f in search.fits if not f.reason}
-
-    def without(name: str) -> float:
-        rest = tuple(n for n in chosen.hypothesis.names if n != name)
-        return alone.get(rest, 1.0)
-
-    return sorted(chosen.hypothesis.names, key=lambda name: -without(name))
+    return WeighedIndicator(_FITS, votes, text)
 
 
 def about_controller(prototype: Prototype, found: Sequence[Residual]) -> WeighedIndicator:
@@ -119,19 +99,14 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Weighed
     fits = [fit for fit in held if fit is not None]
     if not fits:
         text = "No record holds all that its controller hears, so that its equation says nothing."
-        return WeighedIndicator("the controller's equation", {}, _CONTROLLER, text, {})
+        return WeighedIndicator(_CONTROLLER, {}, text)
     # What is left of a quiet record, once its noise is taken out, is known no better than about half that noise.
     worst = max(fits, key=lambda f: f.residual if f.residual > f.noise else 0.0)
-    table: dict[str, tuple[object, ...]] = {
-        "record": tuple(f.record for f in fits),
-        "residual": tuple(f.residual for f in fits),
-        "gain": tuple(f.gain for f in fits),
-        "delay_s": tuple(f.delay_s for f in fits),
-        "limit_A": tuple(f.limit_A for f in fits),
-    }
+    columns = ("record", "residual", "gain", "delay_s", "limit_A")
+    table = {name: tuple(getattr(f, name) for f in fits) for name in columns}
     if worst.residual < max(_SEEN, worst.noise):
         text = "Every record obeys its controller's equation."
-        return WeighedIndicator("the controller's equation", {}, _CONTROLLER, text, table)
+        return WeighedIndicator(_CONTROLLER, {}, text, table)
     if worst.limit_A is not None:
         place, why = "amplifier", f"the current saturates at {worst.limit_A * 1e3:.3g} mA"
     elif worst.with_delay < 0.5 * worst.with_gain:
@@ -142,7 +117,7 @@ def about_controller(prototype: Prototype, found: Sequence[Residual]) -> Weighed
         place, why = "controller", "no gain, delay or limit explains it"
     strength = float(np.clip(worst.residual / 0.1, 0.0, 1.0))
     text = f"Record {worst.record} misses its controller's equation by {worst.residual:.1%} of the current: {why}."
-    return WeighedIndicator("the controller's equation", {place: strength}, _CONTROLLER, text, table)
+    return WeighedIndicator(_CONTROLLER, {place: strength}, text, table)
 
 
 def about_equations(laws: Sequence[Explanation]) -> WeighedIndicator:
@@ -161,12 +136,9 @@ def about_equations(laws: Sequence[Explanation]) -> WeighedIndicator:
         + ", ".join(f"{e.subsystem} {max(e.share, 0.0):.0%}" for e in laws[1:3])
         + "."
     )
-    table: dict[str, tuple[object, ...]] = {
-        "subsystem": tuple(e.subsystem for e in laws),
-        "share": tuple(e.share for e in laws),
-        "terms": tuple(", ".join(e.terms) for e in laws),
-    }
-    return WeighedIndicator("the laws of each equation", votes, _LAWS, text, table)
+    table = {name: tuple(getattr(e, name) for e in laws) for name in ("subsystem", "share")}
+    table["terms"] = tuple(", ".join(e.terms) for e in laws)
+    return WeighedIndicator(_LAWS, votes, text, table)
 
 
 def about_figures(null: Fit, expected: float) -> WeighedIndicator:
@@ -178,18 +150,18 @@ def about_figures(null: Fit, expected: float) -> WeighedIndicator:
         null: that fit.
         expected: misfit that noise alone leaves.
     """
-    if null.reason or not len(null.z):
-        return WeighedIndicator("the tolerated figures", {}, _FIGURES, "No tolerated figure could be fitted.")
+    if not len(null.z):
+        return WeighedIndicator(_FIGURES, {}, "No tolerated figure could be fitted.")
     moved = {u.name: float(z) for u, z in zip(null.unknowns, null.z, strict=True)}
     furthest = max(moved, key=lambda name: abs(moved[name]))
     text = f"Fitted alone, {furthest} moves furthest: {moved[furthest]:+.1f} tolerances."
     table: dict[str, tuple[object, ...]] = {"figure": tuple(moved), "tolerances": tuple(moved.values())}
     if abs(moved[furthest]) < _STRAINED:
-        return WeighedIndicator("the tolerated figures", {}, _FIGURES, text, table)
+        return WeighedIndicator(_FIGURES, {}, text, table)
     place = subsystem(WRONG + RIG_TOLERANCES[furthest])
     strength = float(np.clip((abs(moved[furthest]) - _STRAINED) / _STRAINED, 0.0, 1.0))
     strength *= float(np.clip((_TUNED_AWAY - null.misfit / expected) / (_TUNED_AWAY - 1), 0.0, 1.0))
-    return WeighedIndicator("the tolerated figures", {place: strength}, _FIGURES, text, table)
+    return WeighedIndicator(_FIGURES, {place: strength}, text, table)
 
 
 _DRIFT = 0.5  # of the residual's power
@@ -201,10 +173,7 @@ def kind_of_effect(name: str) -> str:
     """Kind of a cause of the library: by its memory, and by whether its equations are linear in the states."""
     if name.startswith(WRONG):
         return "linear"
-    effect = library().get(name)
-    if effect is None:
-        return ""
-    if effect.memory:
+    if library()[name].memory:
         return "hysteretic"
     assembly = assemble(Structure(LAG, False, (name,)))
     t, x, u, p = (ca.SX.sym(n, *assembly.function.size_in(k)) for k, n in enumerate("txup"))
@@ -244,7 +213,7 @@ def locate(
         search: all fits.
         chosen: the fit held responsible; that of the null where there is no gap, or no known cause.
         evidence: pieces of the data set; those that are time records testify.
-        causes: of the verdict with their probabilities, the dominant one first; none: worked out from the search.
+        causes: of that fit with their probabilities, the dominant one first.
         unknown: probability that the cause is not in the library.
 
     Returns:
@@ -252,8 +221,8 @@ def locate(
     """
     if not chosen.hypothesis.names and unknown <= 0.5:
         return NO_GAP
-    found = () if search.null.reason else residuals(data.prototype, search.null, evidence)
-    indicators = [posterior(search, chosen, causes, unknown)]
+    found = residuals(data.prototype, search.null, evidence)
+    indicators = [about_fits(chosen, causes, unknown)]
     laws: tuple[Explanation, ...] = ()
     seen: Setting | None = None
     if found:
@@ -262,9 +231,8 @@ def locate(
     indicators.append(about_figures(search.null, search.expected))
     scores = weighed(indicators)
     place = next(iter(scores))
-    dominant = causes[0].name if causes else next(iter(chosen.hypothesis.names), "")
-    known = dominant and unknown <= 0.5 and indicators[0].favourite == place
-    kind = kind_of_effect(dominant) if known else ""
+    known = causes and unknown <= 0.5 and indicators[0].favourite == place
+    kind = kind_of_effect(causes[0].name) if known else ""
     shown = [o.indicator for o in indicators]
     band, condition = (0.0, 0.0), ""
     if seen is not None:

@@ -130,7 +130,6 @@ def _resonances(words: str, of: tuple[str, str], signals: tuple[str], order: int
 
 
 def _low_pass(hz: float, s: np.ndarray) -> np.ndarray:
-
     return np.asarray(1 / (1 + s / (2 * np.pi * hz)) - 1)
 
 
@@ -266,7 +265,8 @@ class Regression:
         total = 0.0
         for group in self.groups:
             out = list(group)
-            theta = self._solved(self._whole[0] - self.gram[out].sum(0), self._rest(out), columns)
+            rest = self._whole[1] - self.right[out].sum(0)
+            theta = self._solved(self._whole[0] - self.gram[out].sum(0), rest, columns)
             total += self._misfit(out, theta, columns)
         return total
 
@@ -278,18 +278,13 @@ class Regression:
             np.sum((self.start + theta[:k]) ** 2) - np.sum(self.start**2)
         )
 
-    def _rest(self, out: list[int]) -> np.ndarray:
-        return np.asarray(self._whole[1] - self.right[out].sum(0))
-
     def _chosen(self, columns: Sequence[int]) -> np.ndarray:
         return np.array([*range(self.tolerated), *columns])
 
     def _solved(self, gram: np.ndarray, right: np.ndarray, columns: Sequence[int]) -> np.ndarray:
         at, k = self._chosen(columns), self.tolerated
         a, b = gram[np.ix_(at, at)].copy(), right[at].copy()
-        a[np.arange(len(at)), np.arange(len(at))] += np.where(
-            np.arange(len(at)) < k, 1.0, _RIDGE * self._whole[0][at, at] + 1e-12
-        )
+        a += np.diag(np.where(np.arange(len(at)) < k, 1.0, _RIDGE * self._whole[0][at, at] + 1e-12))
         b[:k] -= self.start
         return np.asarray(np.linalg.solve(a, b))
 
@@ -356,14 +351,11 @@ def _columns(item: Residual, entry: str, chosen: Sequence[Term], signals: Mappin
     return item.evidence.weight(probed.signal(spectra))
 
 
-def explanations(found: Regression, most: int = 4, least_gain: float = 0.01) -> tuple[Explanation, ...]:
-    """Every subsystem's explanation, best first: terms taken one by one while held-out conditions gain by them.
+_MOST, _LEAST_GAIN = 4, 0.01  # terms; of the share, for one term more
 
-    Args:
-        found: the normal equations.
-        most: terms.
-        least_gain: of the share, for one term more.
-    """
+
+def explanations(found: Regression) -> tuple[Explanation, ...]:
+    """Every subsystem's explanation, best first: terms taken one by one while held-out conditions gain by them."""
     nothing = found.held_out(())
     gap = max(nothing - found.expected, 1e-9)
     results = []
@@ -371,13 +363,13 @@ def explanations(found: Regression, most: int = 4, least_gain: float = 0.01) -> 
         own = [found.tolerated + k for k, term in enumerate(found.terms) if term[1] == name]
         chosen: list[int] = []
         reached = 0.0
-        for _ in range(most):
+        for _ in range(_MOST):
             rest = (k for k in own if k not in chosen)
             best = min(rest, key=lambda k: found.fitted([*chosen, k]), default=None)
             if best is None:
                 break
             share = (nothing - found.held_out([*chosen, best])) / gap
-            if share < reached + least_gain:
+            if share < reached + _LEAST_GAIN:
                 break
             chosen.append(best)
             reached = share

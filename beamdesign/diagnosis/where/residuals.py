@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from beamdesign.diagnosis.fitting.evidence import RecordEvidence, Replay, simulated_with_slopes, steps
+from beamdesign.diagnosis.fitting.evidence import RecordEvidence, Replay
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Placement
 from beamdesign.plant.assembly import PORTS, Structure, assemble
@@ -161,6 +161,11 @@ class Residual:
     slopes: np.ndarray = field(repr=False)
 
     @property
+    def column(self) -> int:
+        """Of the displacement among the channels."""
+        return self.channels.index("displacement_m")
+
+    @property
     def noise(self) -> np.ndarray:
         """(C,) white noise of the channels, at least a millionth of what they hold."""
         rms = np.sqrt(np.mean(self.evidence.measured**2, axis=0))
@@ -220,8 +225,7 @@ def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tu
     for piece in evidence:
         if not isinstance(piece, RecordEvidence):
             continue
-        substeps = steps(piece.job, placement, null.z)
-        made = simulated_with_slopes(piece.job, placement, null.z, piece.weight.channels, substeps)
+        made = piece.job.simulated_with_slopes(placement, null.z, piece.weight.channels)
         if made is None:
             continue
         predicted, slopes = made
@@ -230,6 +234,5 @@ def residuals(prototype: Prototype, null: Fit, evidence: Sequence[object]) -> tu
         key = (taken.outer_end_mass, taken.inner_end_mass, taken.controller, len(taken.times), taken.step)
         if key not in probes:
             probes[key] = probe(piece.job, placement, null.z)
-        probed = probes[key]
-        found.append(Residual(piece, probed, channels, piece.measured - predicted, slopes))
+        found.append(Residual(piece, probes[key], channels, piece.measured - predicted, slopes))
     return tuple(found)

@@ -9,18 +9,38 @@ from math import exp, log, tau
 from typing import Any
 
 import numpy as np
+from scipy.special import expit, logsumexp
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import Diagnosis, Gap, RecordGap, Verdict, Where, diagnosis_fields, in_words
+from beamdesign.diagnosis.diagnosis import (
+    Diagnosis,
+    Gap,
+    RecordGap,
+    Verdict,
+    Where,
+    diagnosis_fields,
+    in_words,
+    updated_prototype,
+)
+from beamdesign.diagnosis.fitting.evidence import Figure, figures_of
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.gain_evidence import GainEvidence
-from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, subsystem
-from beamdesign.diagnosis.gains.next_gain import another_size, next_experiment
-from beamdesign.diagnosis.gains.search import Figure, figures_of, log_posterior, search_few
-from beamdesign.diagnosis.gains.shares import CommonFactor, GainShares, common_factor, gain_shares
+from beamdesign.diagnosis.fitting.hypothesis import FREE, NOTHING, Hypothesis, pairs, singles, subsystem
+from beamdesign.diagnosis.fitting.search import Search
+from beamdesign.diagnosis.fitting.starts import fit_from_starts
+from beamdesign.diagnosis.gain_findings import (
+    CommonFactor,
+    GainShares,
+    another_size,
+    factor_of,
+    gain_shares,
+    next_experiment,
+    notes_of,
+    notes_on_predictions,
+)
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import LEAST_PROBABILITY, THRESHOLDS, Judgement, cause_sets, causes, judge, odds
-from beamdesign.diagnosis.updated_prototype import updated_prototype
+from beamdesign.diagnosis.judgement import evidence as marginal_likelihood
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Prototype
 from beamdesign.records import InputError
@@ -84,24 +104,23 @@ def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[st
         InputError: where it has neither, or where the believed model oscillates at no gain, or where a response was
             taken, whatever its figures within their tolerances.
     """
-    evidence = figures_of(data)
+    evidence = figures_of(replace(data, records=()))
     if not evidence:
         raise InputError(data.folder, [("critical_gain", "missing; the set holds no frequency_response either")])
     if not any(taken.predicted_gain for taken in data.gains):
         return _explained(data, evidence, progress, among)
-    placement = NOTHING.placement(data.prototype)
-    nominal = np.zeros(len(placement.unknowns))
     moved = tuple(
         replace(piece, offset=log(foreseen / at.gain))
         if isinstance(piece, GainEvidence)
         and (foreseen := piece.measured.predicted_gain) is not None
-        and (at := piece.predicted(placement, nominal)) is not None
+        and (at := piece.believed()) is not None
         else piece
         for piece in evidence
     )
     own = _explained(data, evidence, lambda share, words: progress(share / 2, words), among)
     other = _explained(data, moved, lambda share, words: progress(0.5 + share / 2, words), among)
-    more = notes_on_predictions(evidence, other.factor, other.sentences)
+    gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
+    more = notes_on_predictions(gains, other.factor, other.sentences)
     return replace(own, on_predictions=other, notes=(*own.notes, *more))
 
 
@@ -113,34 +132,33 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
         raise InputError(data.folder, [(key, words)])
     fits = [f for f in (found.null, *found.fits) if not f.reason]
     spread = max(1.0, min(f.misfit for f in fits) / found.expected)
-    logs = [log_posterior(f, spread) for f in fits]
-    outside = log_outside(evidence, found.null, spread)
-    leading = max(logs)
-    weights = [exp(value - leading) for value in logs]
-    order = sorted(range(len(fits)), key=lambda k: -logs[k])
+    fits.sort(key=lambda f: -log_posterior(f, spread))
+    logs = np.array([log_posterior(f, spread) for f in fits])
+    known = float(logsumexp(logs))
     # What the best explanation leaves of a gap speaks for something else as well, as with time records.
-    margin = float(np.clip(outside - leading - log(sum(weights)), -_CERTAIN, _CERTAIN))
-    unknown = max(1 / (1 + exp(-margin)), judge(found).unknown)
-    of = {fits[k].hypothesis: weights[k] / sum(weights) * (1 - unknown) for k in order}
-    judged = Judgement(of, unknown, fits[order[0]])
-    rivals = rivals_of([fits[k] for k in order], [logs[k] for k in order], silent)
+    margin = np.clip(log_outside(evidence, found.null, spread) - known, -_CERTAIN, _CERTAIN)
+    unknown = max(float(expit(margin)), judge(found).unknown)
+    weights = np.exp(logs - known) * (1 - unknown)
+    judged = Judgement({f.hypothesis: float(w) for f, w in zip(fits, weights, strict=True)}, unknown, fits[0])
+    rivals = rivals_of(fits, logs, silent)
     verdict = verdict_of(judged, rivals, silent)
-    chosen = chosen_of(verdict, rivals)
+    named = verdict in ("effect", "ambiguous")
+    alike = rivals if verdict == "ambiguous" else rivals[: int(named)]
+    common = set.intersection(*(set(f.hypothesis.names) for f in alike)) if alike else set()
+    chosen = tuple(name for name in rivals[0].hypothesis.names if name in common)  # sure, or what all rivals share
     holder = next((f for f in fits if f.hypothesis == Hypothesis(tuple(sorted(chosen)))), found.null)
-    after = rivals[0] if verdict in ("effect", "ambiguous") else found.null
+    after = rivals[0] if named else found.null
     listed = tuple(c for c in causes(found, judged) if c.name not in silent)
     names = [str(f.hypothesis) for f in rivals]
-    if unknown > of[judged.best.hypothesis] * exp(-THRESHOLDS.separate):
+    if unknown > judged.of[judged.best.hypothesis] * exp(-THRESHOLDS.separate):
         names.append(OUTSIDE)
-    classes = (tuple(names),) if verdict in ("effect", "ambiguous") and len(names) > 1 else ()
+    classes = (tuple(names),) if named and len(names) > 1 else ()
     gains = [piece for piece in evidence if isinstance(piece, GainEvidence)]
-    factor = factor_of(gains)
-    shares = gain_shares(gains)
+    factor, shares = factor_of(gains), gain_shares(gains)
     gap = figures_of_gap(evidence, found.null, after)
-    asked = None
+    asked = another_size(data) if verdict in ("ambiguous", "unknown") else None
     if verdict == "ambiguous":
-        asked = next_experiment(data, rivals, [of[f.hypothesis] for f in rivals])
-    asked = another_size(data) if verdict == "unknown" or (asked is None and verdict == "ambiguous") else asked
+        asked = next_experiment(data, rivals, [judged.of[f.hypothesis] for f in rivals]) or asked
     progress(1.0, "done")
     return GainDiagnosis(
         data.name,
@@ -149,7 +167,7 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
         listed,
         chosen,
         unknown,
-        where_of(verdict, rivals, evidence, found.null),
+        where_of(alike, evidence, found.null),
         gap,
         classes,
         asked,
@@ -164,24 +182,22 @@ def _explained(data: Dataset, evidence: Sequence[Figure], progress: Progress, am
     )
 
 
-def log_outside(evidence: Sequence[Figure], null: Fit, spread: float = 1.0) -> float:
+def log_outside(evidence: Sequence[Figure], null: Fit, spread: float) -> float:
     """Logarithm of the probability, on the scale of `log_posterior`, that something outside the library is at work.
 
     It is taken to change every figure by a factor of its own, of the same spread as that of a plainly wrong figure.
     """
     nominal = np.zeros(len(null.z))
     placement = NOTHING.placement(evidence[0].prototype)
-    rows = [(piece, piece.linearised(placement, nominal)) for piece in evidence]
-    r = np.concatenate([row[0] for _, row in rows if row is not None])
-    j = np.vstack([row[1] for _, row in rows if row is not None])
-    units = np.concatenate([piece.units for piece, row in rows if row is not None])
+    found = [(*row, piece.units) for piece in evidence if (row := piece.linearised(placement, nominal)) is not None]
+    r, j, units = (np.concatenate(parts) for parts in zip(*found, strict=True))
     r, j, units = r / np.sqrt(spread), j / np.sqrt(spread), units * np.sqrt(spread)
     covariance = np.eye(len(r)) + j @ j.T + np.diag((FREE / units) ** 2)
     _, volume = np.linalg.slogdet(covariance)
     return -0.5 * (float(r @ np.linalg.solve(covariance, r)) + float(volume)) + THRESHOLDS.effect_odds
 
 
-def rivals_of(ranked: Sequence[Fit], logs: Sequence[float], silent: Sequence[str]) -> list[Fit]:
+def rivals_of(ranked: Sequence[Fit], logs: np.ndarray, silent: Sequence[str]) -> list[Fit]:
     """Hypotheses that the data cannot tell from the best, without those that hold one of the others and are no better.
 
     An effect that leaves no trace is no rival. The null is one where it comes near enough; a cause is a rival beside it
@@ -212,17 +228,7 @@ def verdict_of(judged: Judgement, rivals: Sequence[Fit], silent: Sequence[str]) 
     return "effect" if named and sure else "ambiguous"
 
 
-def chosen_of(verdict: Verdict, rivals: Sequence[Fit]) -> tuple[str, ...]:
-    """The causes that are sure, or what all rivals share."""
-    if verdict in ("no_gap", "unknown"):
-        return ()
-    if verdict == "effect":
-        return rivals[0].hypothesis.names
-    common = set.intersection(*(set(f.hypothesis.names) for f in rivals))
-    return tuple(name for name in rivals[0].hypothesis.names if name in common)
-
-
-def where_of(verdict: Verdict, rivals: Sequence[Fit], evidence: Sequence[Figure], null: Fit) -> Where:
+def where_of(rivals: Sequence[Fit], evidence: Sequence[Figure], null: Fit) -> Where:
     """The subsystem that all rivals share, and the band of the oscillations or the lines."""
     at = []
     for piece in evidence:
@@ -232,27 +238,11 @@ def where_of(verdict: Verdict, rivals: Sequence[Fit], evidence: Sequence[Figure]
         else:
             at += list(piece.measured.frequencies_Hz[[0, -1]])
     band = (float(f"{min(at):.3g}"), float(f"{max(at):.3g}")) if at else (0.0, 0.0)
-    if verdict not in ("effect", "ambiguous"):
+    if not rivals:
         return Where("", band, "", "linear")
-    places = {
-        subsystem(name) for f in (rivals if verdict == "ambiguous" else rivals[:1]) for name in f.hypothesis.names
-    }
+    places = {subsystem(name) for f in rivals for name in f.hypothesis.names}
     worst = max(evidence, key=lambda piece: left_out(piece, NOTHING, np.zeros(len(null.z))))
     return Where(places.pop() if len(places) == 1 else "", band, f"most in: {worst.name}", "linear")
-
-
-def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
-    """One common factor on the believed gains; None without gains, or where the model oscillates at none."""
-    if not gains:
-        return None
-    placement = NOTHING.placement(gains[0].prototype)
-    model = [piece.predicted(placement, np.zeros(len(placement.unknowns))) for piece in gains]
-    if any(at is None for at in model):
-        return None
-    nominal = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True) if at is not None]
-    return common_factor(
-        [piece.measured.gain for piece in gains], nominal, [piece.measured.relative_std for piece in gains]
-    )
 
 
 _DRAWS = 2000
@@ -303,7 +293,6 @@ def figures_of_gap(evidence: Sequence[Figure], null: Fit, after: Fit) -> Gap:
     return gap_of_pieces(np.array(rows), records, 0, _DRAWS, most=1.0)
 
 
-_DIFFERS = 0.1  # of a gain, from which the model is said to be another than the designers'
 _SHOWN = 5
 
 
@@ -330,53 +319,78 @@ def sentences(verdict: Verdict, rivals: Sequence[str], chosen: Sequence[str], ga
     return f"{first} {errors}"
 
 
-def notes_of(silent: Sequence[str], shares: GainShares | None, factor: CommonFactor | None) -> tuple[str, ...]:
-    """What else has to be said."""
-    said = [
-        "Critical gains and responses are those of the linear loop at small motion beyond deadband, hysteresis, play"
-        " and dry friction; of unequal sides the smaller one governs the gain."
-    ]
-    if silent:
-        said.append(f"Of no consequence here whatever their size, so neither found nor excluded: {', '.join(silent)}.")
-    if factor is not None:
-        said.append(
-            f"One common factor of {factor.factor:.2f} +- {factor.std:.2f} on the model's gains takes away"
-            f" {factor.explained:.0%} of the mean square distance ({factor.before:.0%} to {factor.left:.0%})."
-            " Flow gain, sensor gain and piston area all act as such a factor."
-        )
-    if shares is not None:
-        parts = ", ".join(
-            f"{s.name} {s.share:+.2f} (alone {s.alone:+.2f})" for s in shares.shares if s.name != "common_factor"
-        )
-        said.append(
-            f"Of the mean ln(measured/model) of {shares.total:+.2f}, the published rig's filter and smaller piston side"
-            f" would carry {shares.together:+.2f} together: {parts}, means over the orders of adding them;"
-            f" {shares.total - shares.together:+.2f} would be left to a common factor."
-        )
-    return tuple(said)
-
-
-def notes_on_predictions(evidence: Sequence[Figure], factor: CommonFactor | None, explained: str) -> tuple[str, ...]:
-    """What measurement and the designers' own predictions say, and where the believed model is another than theirs."""
-    said = []
-    if factor is not None:
-        said.append(
-            f"Against the designers' own predictions one common factor of {factor.factor:.2f} +- {factor.std:.2f} takes"
-            f" away {factor.explained:.0%} of the mean square distance ({factor.before:.0%} to {factor.left:.0%})."
-        )
-    said.append(f"From these predictions, with the model telling the changes only: {explained}")
-    for piece in evidence:
-        if not isinstance(piece, GainEvidence) or piece.measured.predicted_gain is None:
-            continue
-        placement = NOTHING.placement(piece.prototype)
-        foreseen, at = piece.measured.predicted_gain, piece.predicted(placement, np.zeros(len(placement.unknowns)))
-        if at is not None and abs(at.gain / foreseen - 1) > _DIFFERS:
-            said.append(
-                f"{piece.name}: the believed model gives {1e3 * at.gain:.3g} mA/V where the designers predicted"
-                f" {1e3 * foreseen:.3g}, so that its gap holds what their models differ in."
-            )
-    return tuple(said)
-
-
 def _said(name: str) -> str:
     return "something unknown" if name == OUTSIDE else in_words(name)
+
+
+_SINGLES = 0.3  # of the work
+_QUICK = 3  # iterations, which show whether a pair is worth settling
+_BEST = 5  # single causes that pairs are made with
+_EXPLAINED = 1.5  # times the misfit of noise: what a single cause leaves at most where it explains the figures
+_HOPEFUL = 4.0  # in the logarithm of the probability
+
+
+def search_few(
+    evidence: Sequence[Figure],
+    prototype: Prototype,
+    progress: Progress = silent,
+    among: Sequence[str] = (),
+) -> tuple[Search, tuple[str, ...]]:
+    """Fit tolerances alone, every cause, and pairs of which one is an effect.
+
+    Pairs are tried though a single cause may suffice: with few figures they decide how sure it can be. They are those
+    with one of the most probable single causes, or all where none of these explains the figures. Pairs far from the
+    most probable are left where a few iterations have brought them. Two plainly wrong figures at once are not tried.
+
+    Args:
+        evidence: what is to be explained.
+        prototype: that was believed.
+        progress: told the share done and what is being done.
+        among: names of the causes that come into question; all where empty.
+
+    Returns:
+        the fits, and the effects that do not show in such data at all; these are in no pair.
+    """
+    progress(0.0, "tolerances")
+    null = fit_from_starts(NOTHING, prototype, evidence, {}, most=1)
+    expected, names = sum(piece.expected for piece in evidence), tuple(e.name for e in evidence)
+    if null.reason:
+        return Search(null, (), expected, names), ()
+    own = [h for h in singles(prototype) if h.names == h.causes]  # gains tell no two laws of one effect apart
+    listed = [h for h in own if not among or h.names[0] in among]
+    alone = {}
+    for k, hypothesis in enumerate(listed):
+        alone[hypothesis] = fit_from_starts(hypothesis, prototype, evidence, null.values)
+        progress(_SINGLES * (k + 1) / len(listed), "single causes")
+    silent = tuple(h.names[0] for h, found in alone.items() if h.effects and not found.reason and not _shows(found))
+    visible = tuple(h for h in listed if h.names[0] not in silent)
+    best = sorted((h for h in visible if not alone[h].reason), key=lambda h: -log_posterior(alone[h]))[:_BEST]
+    every = bool(best) and alone[best[0]].misfit > _EXPLAINED * expected
+    tried = [p for p in pairs(visible) if p.effects and (every or any({*h.names} < {*p.names} for h in best))]
+    found = list(alone.values())
+    for k, hypothesis in enumerate(tried):
+        parts = (alone[Hypothesis((name,))] for name in hypothesis.names)
+        known = null.values | {name: value for part in parts if not part.reason for name, value in part.values.items()}
+        found.append(fit_from_starts(hypothesis, prototype, evidence, known, most=1, iterations=_QUICK))
+        progress(_SINGLES + (1 - _SINGLES) * (k + 1) / len(tried), "pairs")
+    least = max(log_posterior(f) for f in (null, *found)) - _HOPEFUL
+    for k, hopeful in enumerate(found):
+        if len(hopeful.hypothesis.names) == 2 and log_posterior(hopeful) > least:
+            found[k] = fit_from_starts(hopeful.hypothesis, prototype, evidence, hopeful.values, most=1)
+    return Search(null, tuple(sorted(found, key=lambda f: f.cost)), expected, names), silent
+
+
+def log_posterior(found: Fit, spread: float = 1.0) -> float:
+    """Logarithm of a fit's probability, up to a constant: Laplace's marginal likelihood and the odds of its causes.
+
+    Args:
+        found: the fit.
+        spread: how much larger the best misfit is than the measurements' errors explain; 1 where these are right.
+    """
+    return marginal_likelihood(found, spread) + odds(found.hypothesis)
+
+
+def _shows(found: Fit) -> bool:
+    """Whether some parameter of the effect has a part in what was measured."""
+    own = [k for k, u in enumerate(found.unknowns) if u.kind == "effect"]
+    return bool(np.any(np.abs(np.array([share.a for share in found.shares])[:, own]) > 0))

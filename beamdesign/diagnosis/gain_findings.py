@@ -1,8 +1,12 @@
-"""Which further critical gain or frequency response would tell rival explanations apart, and how well."""
+"""What follows from critical gains: what lies between measured and predicted ones, and which would tell more.
 
-from collections.abc import Iterator, Sequence
+Between them lie one factor, the simplest answer after none, or known causes, each at a stated size: it is told how much
+of the distance they carry. Of what could be measured next, it is told what would tell rival explanations apart best.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, permutations
 from math import exp, log, sqrt, tau
 
 import numpy as np
@@ -11,10 +15,180 @@ from beamdesign.controllers import Controller
 from beamdesign.diagnosis.data.dataset import Dataset, FrequencyResponse, MeasuredGain
 from beamdesign.diagnosis.diagnosis import NextExperiment
 from beamdesign.diagnosis.experiment import distance
-from beamdesign.diagnosis.fitting.fit import Fit
+from beamdesign.diagnosis.fitting.evidence import Figure
+from beamdesign.diagnosis.fitting.fit import Fit, linearised
 from beamdesign.diagnosis.fitting.gain_evidence import FREQUENCY_STD, GainEvidence
 from beamdesign.diagnosis.fitting.linear_evidence import ResponseEvidence
-from beamdesign.diagnosis.gains.search import Figure
+from beamdesign.plant.effects import library
+
+
+@dataclass(frozen=True)
+class CommonFactor:
+    """The one factor on all predictions that suits measured gains best.
+
+    Attributes:
+        factor: measured over predicted.
+        std: of the factor, from the errors of the measurements alone.
+        before: rms of ln(measured/predicted).
+        left: rms that remains with the factor.
+        noise: rms of the measurements' own relative errors.
+    """
+
+    factor: float
+    std: float
+    before: float
+    left: float
+    noise: float
+
+    @property
+    def explained(self) -> float:
+        """Share of the mean square of ln(measured/predicted) that the factor takes away."""
+        return 1 - (self.left / self.before) ** 2 if self.before > 0 else 0.0
+
+
+def common_factor(measured: Sequence[float], predicted: Sequence[float], relative_std: Sequence[float]) -> CommonFactor:
+    """Fit one factor to gains by weighted least squares in their logarithms.
+
+    Raises:
+        ValueError: without gains, or where the three differ in length.
+    """
+    ratios = np.array([np.log(m / p) for m, p in zip(measured, predicted, strict=True)])
+    errors = np.array(relative_std, dtype=float)
+    if not len(ratios) or len(errors) != len(ratios):
+        raise ValueError(f"{len(ratios)} gains with {len(errors)} errors")
+    weights = errors**-2
+    mean = float(weights @ ratios / weights.sum())
+    factor = exp(mean)
+    rms = [float(np.sqrt(np.mean(values**2))) for values in (ratios, ratios - mean, errors)]
+    return CommonFactor(factor, factor / sqrt(float(weights.sum())), *rms)
+
+
+def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
+    """One common factor on the believed gains; None without gains, or where the model oscillates at none."""
+    model = [piece.believed() for piece in gains]
+    if not model or None in model:
+        return None
+    nominal = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True)]
+    taken = [piece.measured for piece in gains]
+    return common_factor([one.gain for one in taken], nominal, [one.relative_std for one in taken])
+
+
+SUSPECTS = ("sensor_lag", "unequal_piston_areas")
+"""What Zalucky and Hardt (1984) had in their rig and not in their model: the sensor's filter, the smaller side."""
+
+
+@dataclass(frozen=True)
+class GainShare:
+    """What one cause carries of the mean of ln(measured/predicted).
+
+    Attributes:
+        name: of the effect, or `common_factor` for what is left to one factor on all gains.
+        parameters: the size it is taken at.
+        alone: mean change of ln(gain) by it alone.
+        share: mean, over all orders in which the causes may be added, of what it adds (L. S. Shapley, Contributions to
+            the Theory of Games II (1953) 307); for the factor, what the others leave.
+    """
+
+    name: str
+    parameters: Mapping[str, float]
+    alone: float
+    share: float
+
+
+@dataclass(frozen=True)
+class GainShares:
+    """Of all causes; their shares add up to the total.
+
+    Attributes:
+        total: mean of ln(measured/predicted).
+        together: mean change of ln(gain) by all stated causes at once.
+        shares: one per cause, the common factor last.
+        left: rms of ln(measured/predicted) that is left with all of them, the factor included.
+    """
+
+    total: float
+    together: float
+    shares: tuple[GainShare, ...]
+    left: float
+
+
+def gain_shares(gains: Sequence[GainEvidence]) -> GainShares | None:
+    """Share out the distance between measured and predicted gains, all figures of the rig as believed.
+
+    Args:
+        gains: measured.
+
+    Returns:
+        None without gains, or where the model with some of `SUSPECTS` oscillates at no gain.
+    """
+    if not gains:
+        return None
+    logs: dict[frozenset[str], np.ndarray] = {}
+    for chosen in (some for count in range(len(SUSPECTS) + 1) for some in combinations(SUSPECTS, count)):
+        found = [piece.believed(*chosen) for piece in gains]
+        if None in found:
+            return None
+        logs[frozenset(chosen)] = np.log([at.gain for at in found])
+    base, everything = logs[frozenset()], logs[frozenset(SUSPECTS)]
+    measured = np.array([log(piece.measured.gain) - piece.offset for piece in gains])
+    total, carried = float(np.mean(measured - base)), float(np.mean(everything - base))
+    shares = []
+    for name in SUSPECTS:
+        before = [frozenset(order[: order.index(name)]) for order in permutations(SUSPECTS)]
+        steps = [float(np.mean(logs[others | {name}] - logs[others])) for others in before]
+        sizes = {q.name: float(q.default) for q in library()[name].parameters}
+        shares.append(GainShare(name, sizes, float(np.mean(logs[frozenset({name})] - base)), float(np.mean(steps))))
+    shares.append(GainShare("common_factor", {"factor": float(np.exp(total - carried))}, total, total - carried))
+    return GainShares(total, carried, tuple(shares), float(np.std(measured - everything)))
+
+
+_DIFFERS = 0.1  # of a gain, from which the model is said to be another than the designers'
+
+
+def notes_of(silent: Sequence[str], shares: GainShares | None, factor: CommonFactor | None) -> tuple[str, ...]:
+    """What else has to be said."""
+    said = [
+        "Critical gains and responses are those of the linear loop at small motion beyond deadband, hysteresis, play"
+        " and dry friction; of unequal sides the smaller one governs the gain."
+    ]
+    if silent:
+        said.append(f"Of no consequence here whatever their size, so neither found nor excluded: {', '.join(silent)}.")
+    if factor is not None:
+        said.append(
+            f"One common factor of {factor.factor:.2f} +- {factor.std:.2f} on the model's gains takes away"
+            f" {factor.explained:.0%} of the mean square distance ({factor.before:.0%} to {factor.left:.0%})."
+            " Flow gain, sensor gain and piston area all act as such a factor."
+        )
+    if shares is not None:
+        parts = ", ".join(
+            f"{s.name} {s.share:+.2f} (alone {s.alone:+.2f})" for s in shares.shares if s.name != "common_factor"
+        )
+        said.append(
+            f"Of the mean ln(measured/model) of {shares.total:+.2f}, the published rig's filter and smaller piston side"
+            f" would carry {shares.together:+.2f} together: {parts}, means over the orders of adding them;"
+            f" {shares.total - shares.together:+.2f} would be left to a common factor."
+        )
+    return tuple(said)
+
+
+def notes_on_predictions(gains: Sequence[GainEvidence], factor: CommonFactor | None, explained: str) -> tuple[str, ...]:
+    """What measurement and the designers' own predictions say, and where the believed model is another than theirs."""
+    said = []
+    if factor is not None:
+        said.append(
+            f"Against the designers' own predictions one common factor of {factor.factor:.2f} +- {factor.std:.2f} takes"
+            f" away {factor.explained:.0%} of the mean square distance ({factor.before:.0%} to {factor.left:.0%})."
+        )
+    said.append(f"From these predictions, with the model telling the changes only: {explained}")
+    for piece in gains:
+        foreseen, at = piece.measured.predicted_gain, piece.believed()
+        if foreseen is not None and at is not None and abs(at.gain / foreseen - 1) > _DIFFERS:
+            said.append(
+                f"{piece.name}: the believed model gives {1e3 * at.gain:.3g} mA/V where the designers predicted"
+                f" {1e3 * foreseen:.3g}, so that its gap holds what their models differ in."
+            )
+    return tuple(said)
+
 
 _LOAD_SHARE = 0.3  # of what the piston can hold at the supply
 _LINES = np.geomspace(1.0, 300.0, 30)
@@ -95,11 +269,10 @@ def separations(pieces: Sequence[Figure], rivals: Sequence[Fit]) -> np.ndarray |
     predicted = []
     for rival in rivals:
         placement = rival.hypothesis.placement(pieces[0].prototype)
-        rows = [piece.linearised(placement, rival.z) for piece in pieces]
-        if any(row is None for row in rows):
+        rows = linearised(pieces, placement, rival.z)
+        if rows is None:
             return None
-        r = np.concatenate([row[0] for row in rows if row is not None])
-        j = np.vstack([row[1] for row in rows if row is not None])
+        r, j = (np.concatenate(parts) for parts in zip(*rows, strict=True))
         predicted.append((r, j @ np.linalg.cholesky(rival.covariance)))
     found = np.zeros((len(rivals), len(rivals)))
     for (i, (a, free_a)), (k, (b, free_b)) in combinations(enumerate(predicted), 2):

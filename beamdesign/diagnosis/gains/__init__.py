@@ -1,1 +1,0 @@
-"""Diagnosis from critical gains and frequency responses alone."""
