@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset, TimeRecord
-from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where, updated_prototype
+from beamdesign.diagnosis.diagnosis import Cause, Diagnosis, Gap, Verdict, Where, listed, updated_prototype
 from beamdesign.diagnosis.examination.plausibility import examine
 from beamdesign.diagnosis.experiment import next_experiment
 from beamdesign.diagnosis.fitting.evidence import RecordEvidence, evidence_of, with_output_injection
@@ -212,22 +212,18 @@ def sentences(
         f"({gap.tuned:.1%} with tolerances re-tuned) to {gap.after:.1%}; "
         f"the sensor's noise alone is {gap.noise_floor:.1%}."
     )
-    by_name = {cause.name: cause for cause in causes}
+    words = {c.name: f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes}
+    named = listed([words[name] for name in chosen])
     match verdict:
         case "no_gap":
             first = "There is no gap that the tolerances of the prototype would not explain."
         case "effect":
-            first = f"The gap is caused by {_listed([by_name[name] for name in chosen])}."
+            first = f"The gap is caused by {named}."
         case "ambiguous":
-            others = [c for c in causes if c.name not in chosen][:3]
-            rivals = f"; it may as well be {_listed(others, 'or')}" if others else ""
-            first = f"The gap is most probably caused by {_listed([by_name[name] for name in chosen])}{rivals}."
+            others = [words[c.name] for c in causes if c.name not in chosen][:3]
+            rivals = f"; it may as well be {listed(others, 'or')}" if others else ""
+            first = f"The gap is most probably caused by {named}{rivals}."
         case _:
             place = f" It lies in the {where.subsystem}." if where.subsystem else ""
             first = f"Nothing that is known here explains the gap.{place}"
     return f"{first} {errors}"
-
-
-def _listed(causes: Sequence[Cause], word: str = "and") -> str:
-    named = [f"{c.name.replace('parameter:', 'a wrong ')} ({c.probability:.0%})" for c in causes]
-    return named[0] if len(named) == 1 else f"{', '.join(named[:-1])} {word} {named[-1]}"

@@ -3,7 +3,7 @@
 The prototype is the believed one with what a fit has found: figures re-tuned, effects added.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, sqrt
 from typing import Any, ClassVar, Generic, Literal, TypeVar
@@ -289,6 +289,11 @@ class Diagnosis(Generic[Rig], Result):
 def in_words(names: str) -> str:
     """Names of causes as sentences have them."""
     return names.replace("parameter:", "a wrong ").replace("_", " ")
+
+
+def listed(names: Sequence[str], word: str = "and") -> str:
+    """Names in a sentence, with a word before the last of several."""
+    return f"{', '.join(names[:-1])} {word} {names[-1]}" if len(names) > 1 else "".join(names)
 
 
 _LISTED = 12  # sets of causes

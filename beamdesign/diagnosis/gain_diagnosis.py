@@ -113,7 +113,7 @@ def explain_gains(data: Dataset, progress: Progress = silent, among: Sequence[st
         replace(piece, offset=log(foreseen / at.gain))
         if isinstance(piece, GainEvidence)
         and (foreseen := piece.measured.predicted_gain) is not None
-        and (at := piece.believed()) is not None
+        and (at := piece.nominal()) is not None
         else piece
         for piece in evidence
     )

@@ -65,7 +65,7 @@ def common_factor(measured: Sequence[float], predicted: Sequence[float], relativ
 
 def factor_of(gains: Sequence[GainEvidence]) -> CommonFactor | None:
     """One common factor on the believed gains; None without gains, or where the model oscillates at none."""
-    model = [piece.believed() for piece in gains]
+    model = [piece.nominal() for piece in gains]
     if not model or None in model:
         return None
     nominal = [at.gain * exp(piece.offset) for at, piece in zip(model, gains, strict=True)]
@@ -125,7 +125,7 @@ def gain_shares(gains: Sequence[GainEvidence]) -> GainShares | None:
         return None
     logs: dict[frozenset[str], np.ndarray] = {}
     for chosen in (some for count in range(len(SUSPECTS) + 1) for some in combinations(SUSPECTS, count)):
-        found = [piece.believed(*chosen) for piece in gains]
+        found = [piece.nominal(*chosen) for piece in gains]
         if None in found:
             return None
         logs[frozenset(chosen)] = np.log([at.gain for at in found])
@@ -181,7 +181,7 @@ def notes_on_predictions(gains: Sequence[GainEvidence], factor: CommonFactor | N
         )
     said.append(f"From these predictions, with the model telling the changes only: {explained}")
     for piece in gains:
-        foreseen, at = piece.measured.predicted_gain, piece.believed()
+        foreseen, at = piece.measured.predicted_gain, piece.nominal()
         if foreseen is not None and at is not None and abs(at.gain / foreseen - 1) > _DIFFERS:
             said.append(
                 f"{piece.name}: the believed model gives {1e3 * at.gain:.3g} mA/V where the designers predicted"

@@ -22,7 +22,7 @@ from beamdesign.diagnosis.fitting.evidence import (
     InjectedRecord,
     RecordEvidence,
     Replay,
-    injected_evidence,
+    evidence_of,
     record_evidence,
 )
 from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, fit, misfit_at
@@ -64,7 +64,7 @@ def backlash_impacts(
     Returns:
         None where play explains less than half of what the tolerances, or that other cause, leave.
     """
-    evidence = injected_evidence(data)
+    evidence = evidence_of(data, synchronised=True)
     rig = data.prototype
     progress(0.0, "play, looked for")
     base = beside or before.null
@@ -131,7 +131,7 @@ def refit_backlash_impacts(data: Dataset, best: Fit) -> Fit:
         best: the fit.
     """
     placement = best.hypothesis.placement(data.prototype)
-    seen = _blurred(injected_evidence(data), placement, best.z)
+    seen = _blurred(evidence_of(data, synchronised=True), placement, best.z)
     again = fit(best.hypothesis, placement, seen, best.z, _LOOK) if seen is not None else best
     return best if again.reason else again
 

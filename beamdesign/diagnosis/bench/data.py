@@ -5,6 +5,7 @@ one condition come from two runs.
 """
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +18,7 @@ from beamdesign import records
 from beamdesign.bench_prototype import BenchPrototype, read_bench_prototype
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.diagnosis.data.dataset import refuse_missing
-from beamdesign.diagnosis.data.dataset_index import index_of, wrong_files
+from beamdesign.diagnosis.data.dataset_index import SetFile, index_of, wrong_files
 from beamdesign.records import FileName, InputError, Problem, Record
 
 LEAST_SAMPLES = 200
@@ -48,6 +49,11 @@ class BenchRun:
     command_V: np.ndarray = field(repr=False)
     displacement_m: np.ndarray = field(repr=False)
     pressure_Pa: np.ndarray = field(repr=False)
+
+    @property
+    def channels(self) -> dict[str, np.ndarray]:
+        """(N,) what was measured, by column."""
+        return {"displacement_m": self.displacement_m, f"pressure_{self.side}_Pa": self.pressure_Pa}
 
 
 @dataclass(frozen=True)
@@ -80,12 +86,8 @@ class _Entry(Record):
     replicate: Annotated[int, Field(ge=0, description="number of the run within its condition")] = 1
 
 
-class _File(Record):
-    name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
+class _File(SetFile):
     rig: Annotated[str, Field(description="kind of rig it came from: actuator_bench")]
-    prototype: Annotated[FileName, Field(description="file of the model that was believed, beside dataset.toml")] = (
-        "prototype.toml"
-    )
     record: Annotated[tuple[_Entry, ...], Field(min_length=1, description="one run out or back each")]
 
 
@@ -120,7 +122,7 @@ def read_bench_set(folder: str | Path) -> BenchSet:
         alone.append(Problem("record.condition", "one condition only; what is held out of a fit must be another one"))
     if alone:
         raise InputError(path, alone)
-    warnings = [words for run in runs for words in _odd(run, prototype)]
+    warnings = [words for run in runs for words in _odd(run)]
     return BenchSet(entry.name, path.parent, prototype, runs, tuple(dict.fromkeys(warnings)))
 
 
@@ -162,20 +164,17 @@ def _contradictions(run: BenchRun, prototype: BenchPrototype) -> list[Problem]:
     signs = {int(np.sign(volts)) for _, _, volts in stretches(run.command_V)}
     if signs != {1, -1}:
         return [Problem("command_V", "needs one stretch of constant positive and one of constant negative command")]
-    found, actuator = [], prototype.actuator
+    found, stroke = [], prototype.actuator.stroke_m
     out, back = (float(np.median(run.displacement_m[held(run, sign)])) for sign in (1, -1))
     travel = out - back
     if travel < 0:
         found.append(Problem("displacement_m", "falls under positive commands: turned round, or the command is"))
-    elif travel > 20 * actuator.stroke_m:
-        found.append(Problem("displacement_m", f"travels {travel:.3g} m of {actuator.stroke_m:g} m: in mm, it seems"))
-    elif not 0.5 * actuator.stroke_m < travel < 1.2 * actuator.stroke_m:
-        found.append(
-            Problem(
-                "displacement_m", f"travels {travel:.3g} m; the stroke is {actuator.stroke_m:g} m from stop to stop"
-            )
-        )
-    key, supply = f"pressure_{run.side}_Pa", actuator.supply_pressure_Pa
+    elif travel > 20 * stroke:
+        found.append(Problem("displacement_m", f"travels {travel:.3g} m of {stroke:g} m: in mm, it seems"))
+    elif not 0.5 * stroke < travel < 1.2 * stroke:
+        words = f"travels {travel:.3g} m; the stroke is {stroke:g} m from stop to stop"
+        found.append(Problem("displacement_m", words))
+    key, supply = f"pressure_{run.side}_Pa", prototype.actuator.supply_pressure_Pa
     extended, retracted = (float(np.median(run.pressure_Pa[held(run, sign)])) for sign in (1, -1))
     top = max(extended, retracted)
     if top < 0.05 * supply:
@@ -192,22 +191,18 @@ def _contradictions(run: BenchRun, prototype: BenchPrototype) -> list[Problem]:
 
 def saturates_at(data: BenchSet) -> float | None:
     """Reading (m) at which the displacement of any run is clipped; None where it is of none."""
-    tops = [
-        float(run.displacement_m.max()) for run in data.runs if _clipped(run.displacement_m, run.displacement_m.max())
-    ]
-    return max(tops, default=None)
+    found = [run.displacement_m for run in data.runs]
+    return max((float(x.max()) for x in found if _clipped(x, float(x.max()))), default=None)
 
 
 def _clipped(values: np.ndarray, extreme: float) -> bool:
     return bool(np.mean(values == extreme) > _CLIPPED)
 
 
-def _odd(run: BenchRun, prototype: BenchPrototype) -> list[str]:
+def _odd(run: BenchRun) -> Iterator[str]:
     """What is odd about a run, in words."""
-    found = []
-    for name, values in (("displacement_m", run.displacement_m), (f"pressure_{run.side}_Pa", run.pressure_Pa)):
+    for name, values in run.channels.items():
         for extreme in (float(values.max()), float(values.min())):
             if _clipped(values, extreme):
                 share = 100 * float(np.mean(values == extreme))
-                found.append(f"{run.name}: {name} is clipped at {extreme:g} ({share:.0f} % of its samples)")
-    return found
+                yield f"{run.name}: {name} is clipped at {extreme:g} ({share:.0f} % of its samples)"

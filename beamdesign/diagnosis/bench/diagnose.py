@@ -25,16 +25,7 @@ from beamdesign.diagnosis.bench.hypothesis import (
     subsystem,
 )
 from beamdesign.diagnosis.bench.motions import CHANNELS, Observations, averaged, scatter, steady, steady_motions
-from beamdesign.diagnosis.diagnosis import (
-    Cause,
-    CauseSet,
-    Diagnosis,
-    Gap,
-    Indicator,
-    NextExperiment,
-    Verdict,
-    Where,
-)
+from beamdesign.diagnosis.diagnosis import Cause, CauseSet, Diagnosis, Gap, Indicator, NextExperiment, Verdict, Where
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.gap_metrics import gap_of_pieces
 from beamdesign.diagnosis.judgement import SUSPICIOUS, THRESHOLDS, Judgement
@@ -162,11 +153,11 @@ def _gap(
     seen: Observations,
     floor: Mapping[str, float],
 ) -> Gap:
-    believed = SteadyPlacement((), ORIFICES in retuned.hypothesis.names, figures)
+    plain = SteadyPlacement((), ORIFICES in retuned.hypothesis.names, figures)
     rows = []
     for condition in seen.conditions:
         left = SteadyEvidence(seen.of([condition]), prototype.actuator.supply_pressure_Pa, floor)
-        missed = averaged(left.seen, left.predicted(believed, np.zeros(0)))
+        missed = averaged(left.seen, left.predicted(plain, np.zeros(0)))
         side = left.seen.rows.side
         runs = {"speed": len(side) / 2} | {f"pressure_{s}": np.sum(side == s) / 2 for s in "ab"}
         noise = [floor[channel] ** 2 / runs[channel] for channel in CHANNELS]
@@ -255,8 +246,8 @@ def notes_on(
     kinds = dict.fromkeys(("none", *FRICTIONS), 0.0)
     for each in ranked:
         kinds[next((name for name in each.hypothesis.names if name in FRICTIONS), "none")] += each.probability
-    told = sorted(((kind, p) for kind, p in kinds.items() if p > 0.01), key=lambda item: -item[1])
-    listed = ", ".join(f"{kind.removeprefix('seal_friction (').removesuffix(')')} {p:.2f}" for kind, p in told)
+    shown = sorted(((kind, p) for kind, p in kinds.items() if p > 0.01), key=lambda item: -item[1])
+    listed = ", ".join(f"{kind.removeprefix('seal_friction (').removesuffix(')')} {p:.2f}" for kind, p in shown)
     yield f"friction by kind: {listed}"
     yield from (f"cannot be told apart: {words}" for words in correlated(best.fit))
     left = ((value, channel, condition) for condition, each in best.error.items() for channel, value in each.items())

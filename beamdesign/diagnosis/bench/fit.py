@@ -19,7 +19,7 @@ from beamdesign.plant.bench_simulation import BENCH_COLUMNS, replay
 _STALL, _STALL_STD = "stall", 0.01  # of the supply: pressures at a stop are the supply's and tank's, to gauges' errors
 _DEGREES = 4.0  # of freedom of Student's distribution: the deviation comes from few conditions
 _ROUNDS = 3
-_FIRST_DEVIATION = 0.03
+_FIRST_DEVIATION, _LEAST_DEVIATION = 0.03, 1e-6
 _DIFFERENCE, _INSIDE = 1e-4, 0.05  # of a prior standard deviation
 
 
@@ -69,7 +69,8 @@ class SteadyEvidence(Fitted):
     def weighed_by(self, placement: SteadyPlacement, z: np.ndarray, floor: Mapping[str, float]) -> "SteadyEvidence":
         """The same with deviations that follow what is left at z, at least `floor`."""
         left = self.predicted(placement, z)
-        own = {c: max(least, float(np.sqrt(np.mean(left[c] ** 2)))) for c, least in floor.items()}
+        rms = {c: float(np.sqrt(np.mean(left[c] ** 2))) for c in floor}
+        own = {c: max(least, rms[c], _LEAST_DEVIATION) for c, least in floor.items()}
         return replace(self, deviation={**self.deviation, **own})
 
 
@@ -226,12 +227,10 @@ def simulated(prototype: BenchPrototype, run: BenchRun) -> np.ndarray:
     return replay(prototype.but(sensors=sensors), run.times, run.command_V)
 
 
-def _channels(prototype: BenchPrototype, run: BenchRun) -> dict[str, tuple[np.ndarray, float]]:
-    """Measured channels of a run, and what their errors are told over."""
-    return {
-        "displacement_m": (run.displacement_m, prototype.actuator.stroke_m),
-        f"pressure_{run.side}_Pa": (run.pressure_Pa, prototype.actuator.supply_pressure_Pa),
-    }
+def _over(prototype: BenchPrototype, channel: str) -> float:
+    """What errors of a channel are told over."""
+    actuator = prototype.actuator
+    return actuator.stroke_m if channel == "displacement_m" else actuator.supply_pressure_Pa
 
 
 def _errors(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, float]:
@@ -241,17 +240,18 @@ def _errors(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, fl
         key = run.command_V.tobytes()
         if key not in made:
             made[key] = simulated(prototype, run)
-        for channel, (measured, over) in _channels(prototype, run).items():
+        for channel, measured in run.channels.items():
             error = made[key][:, BENCH_COLUMNS.index(channel)] - measured
-            squares[channel].append(float(np.mean(error**2)) / over**2)
+            squares[channel].append(float(np.mean(error**2)) / _over(prototype, channel) ** 2)
     return {channel: float(np.sqrt(np.mean(values))) for channel, values in squares.items()}
 
 
 def _floor(prototype: BenchPrototype, runs: Sequence[BenchRun]) -> dict[str, float]:
     squares: dict[str, list[float]] = {channel: [] for channel in REPLAYED}
     for one, other in combinations(runs, 2):
-        theirs = _channels(prototype, other)
-        for channel, (measured, over) in _channels(prototype, one).items():
-            if channel in theirs and len(theirs[channel][0]) == len(measured):
-                squares[channel].append(float(np.mean((theirs[channel][0] - measured) ** 2)) / 2 / over**2)
+        for channel, measured in one.channels.items():
+            theirs = other.channels.get(channel, np.zeros(0))
+            if len(theirs) == len(measured):
+                half = float(np.mean((theirs - measured) ** 2)) / 2
+                squares[channel].append(half / _over(prototype, channel) ** 2)
     return {c: float(np.sqrt(np.mean(values))) if values else float("nan") for c, values in squares.items()}

@@ -130,9 +130,6 @@ class BenchHypothesis(Hypothesis):
     def __str__(self) -> str:
         return " + ".join(self.names) or "tolerances only"
 
-    def __or__(self, other: Hypothesis) -> "BenchHypothesis":
-        return laws(*self.names, *other.names)
-
     def steady(self, prototype: BenchPrototype, largest_V: float) -> SteadyPlacement:
         """Everything a fit may move: within tolerances of a prototype, then under the priors of the library's effects.
 
@@ -182,13 +179,12 @@ def nominal(prototype: BenchPrototype) -> tuple[BenchHypothesis, dict[str, float
     found = laws(*(name for name, held in there.items() if held))
     if "seal_friction" not in effects:
         return found, at
-    kind = "coulomb"
-    if at["coulomb_N"] == 0:
-        kind = "viscous"
-    elif at["constant_load_N"] != 0:
-        kind = "coulomb with offset"
-    elif at["breakaway_ratio"] > 1:
-        kind = "stribeck"
+    kinds = {
+        "viscous": at["coulomb_N"] == 0,
+        "coulomb with offset": at["constant_load_N"] != 0,
+        "stribeck": at["breakaway_ratio"] > 1,
+    }
+    kind = next((kind for kind, there in kinds.items() if there), "coulomb")
     return found | laws(f"seal_friction ({kind})"), at
 
 

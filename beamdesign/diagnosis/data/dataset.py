@@ -12,14 +12,7 @@ from scipy.fft import dct, idct
 from beamdesign import records
 from beamdesign.columns import read_columns, uniform_times
 from beamdesign.controllers import Controller
-from beamdesign.diagnosis.data.dataset_index import (
-    GainEntry,
-    ResponseEntry,
-    Taken,
-    TimeEntry,
-    index_of,
-    read_index,
-)
+from beamdesign.diagnosis.data.dataset_index import GainEntry, ResponseEntry, Taken, TimeEntry, index_of, read_index
 from beamdesign.prototype import Prototype, read_prototype
 from beamdesign.records import InputError, Problem, Record
 

@@ -58,14 +58,19 @@ class GainEntry(Taken):
     predicted_gain_A_per_V: Annotated[q.LawGain | None, Field(description="what its builders had predicted")] = None
 
 
-class Index(Record):
-    """The whole file."""
+class SetFile(Record):
+    """What every dataset.toml says."""
 
     name: Annotated[str, Field(description="what the set is called in reports")] = "data set"
     rig: Annotated[str, Field(description="kind of rig it came from: twin_beam or actuator_bench")] = "twin_beam"
     prototype: Annotated[FileName, Field(description="file of the model that was believed, beside dataset.toml")] = (
         "prototype.toml"
     )
+
+
+class Index(SetFile):
+    """The whole file."""
+
     record: tuple[TimeEntry, ...] = ()
     frequency_response: tuple[ResponseEntry, ...] = ()
     critical_gain: tuple[GainEntry, ...] = ()

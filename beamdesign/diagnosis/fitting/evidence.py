@@ -232,9 +232,15 @@ class RecordEvidence(Evidence):
         return self.misfit(predicted), -self.weight(slopes)
 
 
-def evidence_of(data: Dataset) -> tuple[Evidence, ...]:
-    """Everything in a data set: time records, frequency responses, critical gains."""
-    return (*record_evidence(data), *figures_of(data))
+def evidence_of(data: Dataset, synchronised: bool = False) -> tuple[Evidence, ...]:
+    """Everything in a data set: time records, frequency responses, critical gains.
+
+    Args:
+        data: read.
+        synchronised: whether its time records are ones that a model follows, see `InjectedRecord`.
+    """
+    records = record_evidence(data)
+    return (*(map(with_output_injection, records) if synchronised else records), *figures_of(data))
 
 
 def figures_of(data: Dataset) -> tuple[Figure, ...]:
@@ -338,13 +344,6 @@ def with_output_injection(taken: RecordEvidence) -> InjectedRecord:
     inputs = record.inputs.copy()
     inputs[:, 1] -= (1 - OWN_SHARE) * rig.sensor.gain_V_per_m * record.measured["displacement_m"]
     return InjectedRecord(Replay(replace(record, inputs=inputs), rig), taken.weight, taken.measured, taken)
-
-
-def injected_evidence(data: Dataset) -> tuple[Evidence, ...]:
-    """Everything in a data set, its time records as ones that a model follows."""
-    return tuple(
-        with_output_injection(piece) if isinstance(piece, RecordEvidence) else piece for piece in evidence_of(data)
-    )
 
 
 def spread(piece: InjectedRecord, placement: Placement, z: np.ndarray) -> np.ndarray | None:

@@ -263,13 +263,21 @@ _KEY = 16  # hexadecimal digits
 _FITTED_BY = "beamdesign.diagnosis.fitting.search"
 
 
-class Job(Protocol):
-    """A fit to be made; its `repr` tells everything that decides what comes of it."""
+@dataclass(frozen=True)
+class Task:
+    """One fit to be made; its `repr` tells everything that decides what comes of it.
 
-    @property
-    def hypothesis(self) -> Hypothesis:
-        """To be fitted."""
-        ...
+    Attributes:
+        hypothesis: to be fitted.
+        known: SI values from a simpler fit.
+        hints: SI values of what it lacks, from another.
+        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
+    """
+
+    hypothesis: Hypothesis
+    known: dict[str, float]
+    hints: dict[str, float] = field(default_factory=dict)
+    on: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -291,7 +299,7 @@ class FitCache:
     key: str
     part: tuple[str, ...] = ()
 
-    def recall(self, job: Job) -> Fit | None:
+    def recall(self, job: Task) -> Fit | None:
         """A fit that was made before; what is not there, not whole, or not what was kept for this job is made again."""
         path = self._path(job)
         try:
@@ -308,7 +316,7 @@ class FitCache:
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
 
-    def keep(self, job: Job, found: Fit) -> None:
+    def keep(self, job: Task, found: Fit) -> None:
         """Write a fit down, whole or not at all.
 
         Raises:
@@ -329,7 +337,7 @@ class FitCache:
         """How many fits are kept."""
         return len(list(self.folder.glob(f"{self.key}-*.npz")))
 
-    def _path(self, job: Job) -> Path:
+    def _path(self, job: Task) -> Path:
         return self.folder / f"{self.key}-{hashlib.sha256(repr((job, self.part)).encode()).hexdigest()[:_KEY]}.npz"
 
 

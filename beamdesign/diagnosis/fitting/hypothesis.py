@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import combinations
 from math import exp, isclose, log
+from typing import Self
 
 import numpy as np
 
@@ -227,8 +228,8 @@ class Hypothesis:
     def __str__(self) -> str:
         return " + ".join(self.causes) or "tolerances only"
 
-    def __or__(self, other: "Hypothesis") -> "Hypothesis":
-        return together(*self.names, *other.names)
+    def __or__(self, other: "Hypothesis") -> Self:
+        return type(self)(tuple(sorted({*self.names, *other.names})))
 
     def unknowns(self, prototype: Prototype) -> tuple[Unknown, ...]:
         """Everything a fit of it may move."""

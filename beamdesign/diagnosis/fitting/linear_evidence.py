@@ -161,7 +161,7 @@ class LinearEvidence(Evidence):
     load: float = 0.0
     _models: dict[object, LinearModel] = field(default_factory=dict, repr=False, compare=False, kw_only=True)
 
-    def believed(self, *effects: str) -> Any:
+    def nominal(self, *effects: str) -> Any:
         """What the model makes of it with every figure as believed, and effects at their usual sizes; None: nothing."""
         placement = together(*effects).placement(self.prototype)
         return self.predicted(placement, np.zeros(len(placement.unknowns)))

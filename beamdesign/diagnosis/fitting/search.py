@@ -12,8 +12,8 @@ from signal import SIG_IGN, SIGINT, signal
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.fitting.evidence import evidence_of, injected_evidence
-from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache
+from beamdesign.diagnosis.fitting.evidence import evidence_of
+from beamdesign.diagnosis.fitting.fit import Evidence, Fit, FitCache, Task
 from beamdesign.diagnosis.fitting.hypothesis import NOTHING, Hypothesis, cause, pairs, singles
 from beamdesign.diagnosis.fitting.starts import fit_from_starts, resonances
 from beamdesign.plant.effects import library
@@ -24,28 +24,11 @@ from beamdesign.records import InputError
 _QUICK = 3  # iterations that show whether a pair is worth fitting
 
 
-@dataclass(frozen=True)
-class Task:
-    """One fit to be made.
-
-    Attributes:
-        hypothesis: to be fitted.
-        known: SI values from a simpler fit.
-        hints: SI values of what it lacks, from another.
-        on: positions of the pieces of evidence for a quick look; empty for a fit to all of it.
-    """
-
-    hypothesis: Hypothesis
-    known: dict[str, float]
-    hints: dict[str, float] = field(default_factory=dict)
-    on: tuple[int, ...] = ()
-
-
 class Fitters:
     """Processes that make fits, or this one where one worker is enough."""
 
     def __init__(self, data: Dataset, workers: int, kept: FitCache | None = None, synchronised: bool = False):
-        self.data, self.evidence = data, _evidence(data, synchronised)
+        self.data, self.evidence = data, evidence_of(data, synchronised)
         # The same task to records that are followed is another fit.
         self._kept = replace(kept, part=(*kept.part, "in step")) if kept is not None and synchronised else kept
         self._others = active_children()
@@ -95,11 +78,7 @@ _here: tuple[Prototype, tuple[Evidence, ...]] | None = None
 def _begin(data: Dataset, synchronised: bool) -> None:
     global _here
     signal(SIGINT, SIG_IGN)  # an interruption is for the process that began it
-    _here = data.prototype, _evidence(data, synchronised)
-
-
-def _evidence(data: Dataset, synchronised: bool) -> tuple[Evidence, ...]:
-    return injected_evidence(data) if synchronised else evidence_of(data)
+    _here = data.prototype, evidence_of(data, synchronised)
 
 
 def _fitted_here(task: Task) -> Fit:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from beamdesign.diagnosis.data.dataset import Dataset
-from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where
+from beamdesign.diagnosis.diagnosis import Cause, Indicator, Where, listed
 from beamdesign.diagnosis.examination.nominal import controller_fit
 from beamdesign.diagnosis.fitting.fit import Fit
 from beamdesign.diagnosis.fitting.hypothesis import WRONG, subsystem
@@ -292,11 +292,7 @@ def _sentence(
     total = sum(scores.values()) or 1.0
     where = f" between {band[0]:g} and {band[1]:g} Hz" if band[1] > 0 else ""
     what = f", {kind}," if kind else ""
-    sentence = f"The gap{what} lies in the {place}{where}: so say {_listed(agree)}"
+    sentence = f"The gap{what} lies in the {place}{where}: so say {listed(agree) or 'none alone'}"
     if others:
-        sentence += "; " + ", ".join(f"{_listed(names)} would have it in the {sub}" for sub, names in others.items())
+        sentence += "; " + ", ".join(f"{listed(names)} would have it in the {sub}" for sub, names in others.items())
     return f"{sentence}. Weighed, {scores[place] / total:.0%} is for the {place}."
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "none alone"
