@@ -88,6 +88,7 @@ def test_every_command_is_quiet_on_demand_writes_json_and_says_in_one_line_what_
         options = {option for parameter in command.params for option in parameter.opts}
         assert {"--quiet", "-q", "--json"} <= options, name
         assert not command.get_short_help_str(70).endswith("..."), name
+        assert [parameter.name for parameter in command.params if not getattr(parameter, "help", "")] == [], name
 
 
 def test_the_help_leads_a_newcomer_from_a_template_to_a_built_rig() -> None:

@@ -73,16 +73,16 @@ def arm(
     within = None if within_m is None else _three(within_m, "--within-m", "Distance")
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
 
-    def worked_out(stage: "InStage") -> tuple[dict[str, Any], bool]:
-        force = _force(stage.prototype, force_N, stage.outer_end_mass_kg[1], prototype)
-        folder = out and out / stage.suffix[1:]
-        return _worked_out(stage, force, within, allowed_mm, folder)
-
-    return by_stage(record, masses, worked_out)
+    return by_stage(record, masses, lambda stage: _worked_out(stage, prototype, force_N, within, allowed_mm, out))
 
 
 def _worked_out(
-    stage: "InStage", force: "Vector", within: "Vector | None", allowed_mm: float | None, out: Path | None
+    stage: "InStage",
+    source: Path,
+    force_N: str | None,
+    within: "Vector | None",
+    allowed_mm: float | None,
+    out: Path | None,
 ) -> tuple[dict[str, Any], bool]:
     """Work out, say and write of one law; what is known of it, and whether both loops are proved stable."""
     from beamdesign.proofs.arm.both_planes import prove_anywhere
@@ -91,6 +91,7 @@ def _worked_out(
     from beamdesign.proofs.arm.result import work_out
 
     record, masses, _ = stage
+    force = _force(record, force_N, masses[1], source)
     found = work_out(record, masses, force)
     _echo_figures(record, found)
     _echo_proof(record, found)
@@ -123,10 +124,11 @@ def _worked_out(
         _echo_remedy(remedy)
     files: dict[str, Any] = {}
     if out is not None:
-        with fresh_folder(out, ("certificate_*.toml",)) as fresh:
+        folder = out / stage.suffix[1:]
+        with fresh_folder(folder, ("certificate_*.toml",)) as fresh:
             written = _written(record, found, force, places, fresh)
-        files = settled(written, fresh, out)
-        echo(f"folder: {out}")
+        files = settled(written, fresh, folder)
+        echo(f"folder: {folder}")
     fields = found.to_dict() | {
         "force_N": force,
         "offset_for_goal_m": most,

@@ -68,8 +68,8 @@ def command(
         typer.Exit: with status 1 where the answer is no.
     """
     about, helps = _told(work)
-    hints = {name: hint for name, hint in get_type_hints(work, include_extras=True).items() if name in helps}
-    hints = {name: _marked(name, hint, helps[name]) for name, hint in hints.items()}
+    hints = {name: hint for name, hint in get_type_hints(work, include_extras=True).items() if name != "return"}
+    hints = {name: _marked(name, hint, helps.get(name)) for name, hint in hints.items()}
     marks = {name: hint.__metadata__[0] for name, hint in hints.items()}
     figures = {name: mark for name, mark in marks.items() if isinstance(mark, Figure)}
 
@@ -106,7 +106,7 @@ def _told(work: Callable[..., Any]) -> tuple[str, dict[str, str]]:
     return about, {name: " ".join(f"{words[:1].upper()}{words[1:]}".split()) for name, words in each}
 
 
-def _marked(name: str, hint: Any, help: str) -> Any:
+def _marked(name: str, hint: Any, help: str | None) -> Any:
     """The type of an option with the mark by which typer knows it."""
     given, mark = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, typer.Option())
     mark = copy(mark)

@@ -82,6 +82,7 @@ def stiffness(
     from beamdesign.polynomial import exact
     from beamdesign.proofs.contact import Wall
     from beamdesign.prototype import read_prototype
+    from beamdesign.quantity_text import mass_range_text
 
     record = read_prototype(prototype)
     stiffest = figures_of("--wall-N-per-m", wall_N_per_m, "WallStiffness", "two figures as LO:HI", ":", 2)
@@ -89,13 +90,31 @@ def stiffness(
     wall = Wall((exact(stiffest[0]), exact(stiffest[1])), (exact(damping[0]), exact(damping[1])))
     servo = _servo(record, prototype) if keep_controller else None
     masses = mass_range(outer_end_mass, record.outer_end_mass_kg, prototype)
-    if end_stiffness_N_per_m is None:
+    if end_stiffness_N_per_m is not None:
+        return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out)
 
-        def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
-            return _judged(stage, prototype, wall, CONTACTS[contact], out and out / stage.suffix[1:])
+    from beamdesign.synthesis.end_stiffness import judge
+    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
 
-        return by_stage(record, masses, judged)
-    return give_stiffness(record, end_stiffness_N_per_m, masses, wall, CONTACTS[contact], servo, rigs, out)
+    def judged(stage: "InStage") -> tuple[dict[str, Any], bool]:
+        rig, own, _ = stage
+        try:
+            found = judge(rig, None, own, wall)
+        except ValueError as error:
+            refuse(prototype, ("controller", str(error)))
+        rows = [*_kept(found), ("for every outer end mass", mass_range_text(own))]
+        echo_table(f"{rig.name}: its end, with the controller as it is", ("figure", "value"), rows)
+        for line in in_words(found, wall):
+            echo(line)
+        paths: dict[str, Path] = {}
+        if out is not None:
+            text = contact_text(rig, found, own, wall)
+            paths = write_set(out / stage.suffix[1:], {"certificate_contact": (CONTACT_NAME, text)})
+            echo(f"certificate_contact: {paths['certificate_contact']}")
+        met = next((one for one in CONTACTS.values() if found.meets(one)), None)
+        return _fields(found, wall) | {"met": met, "reason": "", **paths}, found.meets(CONTACTS[contact])
+
+    return by_stage(record, masses, judged)
 
 
 def give_stiffness(
@@ -165,31 +184,6 @@ def give_stiffness(
     paths = {} if out is None else write_set(out, texts)
     fields = _fields(best, wall) | picked(found, "met reason")
     return CommandResult(fields | {"drawn": others, **robust, **paths}, files=paths.values())
-
-
-def _judged(
-    stage: "InStage", source: Path, wall: "Wall", need: "Need", out: Path | None
-) -> tuple[dict[str, Any], bool]:
-    """Say what the end of a prototype is like with one law of its own; what is known, and whether that is as asked."""
-    from beamdesign.quantity_text import mass_range_text
-    from beamdesign.synthesis.end_stiffness import judge
-    from beamdesign.synthesis.stiffness_run import CONTACT_NAME, contact_text, in_words
-
-    record, masses, _ = stage
-    try:
-        found = judge(record, None, masses, wall)
-    except ValueError as error:
-        refuse(source, ("controller", str(error)))
-    rows = [*_kept(found), ("for every outer end mass", mass_range_text(masses))]
-    echo_table(f"{record.name}: its end, with the controller as it is", ("figure", "value"), rows)
-    for line in in_words(found, wall):
-        echo(line)
-    paths: dict[str, Path] = {}
-    if out is not None:
-        paths = write_set(out, {"certificate_contact": (CONTACT_NAME, contact_text(record, found, masses, wall))})
-        echo(f"certificate_contact: {paths['certificate_contact']}")
-    met = next((one for one in CONTACTS.values() if found.meets(one)), None)
-    return _fields(found, wall) | {"met": met, "reason": "", **paths}, found.meets(need)
 
 
 def _kept(found: "EndStiffness") -> list[tuple[str, Any]]:

@@ -166,7 +166,7 @@ def diff(
         first: folder of results.
         second: another, of the same or a changed sweep.
     """
-    from beamdesign.sweep.store import difference
+    from beamdesign.sweep.store import difference, relative
 
     found = difference(first, second)
     for line in found.unsound:
@@ -177,35 +177,22 @@ def diff(
     else:
         echo(f"{len(found.changed)} of {len(found.cases)} common cases have other results{code}")
         if found.inputs:
-            rows = [(key, _shown(before), _shown(after)) for key, (before, after) in found.inputs.items()]
-            echo_wide("inputs that changed in every case", ("key", first.name, second.name), rows)
-        _echo_cases(found, first, second)
+            common = [(key, *map(_shown, change)) for key, change in found.inputs.items()]
+            echo_wide("inputs that changed in every case", ("key", first.name, second.name), common)
+        rows = []
+        for case in found.cases:
+            own = {key: change for key, change in case.inputs.items() if key not in found.inputs}
+            for key, change in (*own.items(), *case.outputs.items()):
+                what, share = f"input {key}" if key in own else key, relative(change)
+                off = "" if share is None else f"{100 * share:+.3g} %"
+                rows.append((_varied(case.varied), what, *map(_shown, change), off))
+        if rows:
+            more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
+            echo_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
         for name, only in ((first.name, found.only_first), (second.name, found.only_second)):
             if only:
                 echo(f"only in {name}: {len(only)} cases, such as {_varied(only[0])}")
     return CommandResult({**found.__dict__, "same": found.same}, found.same)
-
-
-def _echo_cases(found: Any, first: Path, second: Path) -> None:
-    from beamdesign.sweep.store import relative
-
-    rows = []
-    for case in found.cases:
-        own = {key: change for key, change in case.inputs.items() if key not in found.inputs}
-        for key, change in (*own.items(), *case.outputs.items()):
-            share = relative(change)
-            rows.append(
-                (
-                    _varied(case.varied),
-                    f"input {key}" if key in own else key,
-                    _shown(change[0]),
-                    _shown(change[1]),
-                    "" if share is None else f"{100 * share:+.3g} %",
-                )
-            )
-    if rows:
-        more = f" (the first {_MOST} of {len(rows)})" if len(rows) > _MOST else ""
-        echo_wide(f"what differs{more}", ("case", "what", first.name, second.name, "change"), rows[:_MOST], True)
 
 
 def _varied(varied: dict[str, Any]) -> str:

@@ -132,7 +132,12 @@ def price_words(prices: dict[str, float]) -> list[str]:
         prices: kg per unit, by names such as "tip_force_kg_per_percent".
     """
     dear = sorted((name for name in prices if abs(prices[name]) > NEGLIGIBLE_KG), key=lambda name: -abs(prices[name]))
-    said = [_sentence(name, prices[name]) for name in dear]
+    said = []
+    for name in dear:
+        requirement, unit = _split(name)
+        step, share = _STEPS.get(unit, (f"one {unit} more", 1.0))
+        effect = f"{'costs' if prices[name] > 0 else 'saves'} {decimal(abs(prices[name]) * share, 3)} kg"
+        said.append(f"{step[:1].upper()}{step[1:]} {requirement} {effect} of beam mass.")
     free = [_split(name)[0] for name in prices if name not in dear]
     if free:
         said.append(f"A little more or less of these changes nothing: {', '.join(free)}.")
@@ -142,10 +147,3 @@ def price_words(prices: dict[str, float]) -> list[str]:
 def _split(name: str) -> tuple[str, str]:
     requirement, _, unit = name.partition("_kg_per_")
     return _REQUIREMENTS.get(requirement, requirement.replace("_", " ")), unit
-
-
-def _sentence(name: str, price: float) -> str:
-    requirement, unit = _split(name)
-    step, share = _STEPS.get(unit, (f"one {unit} more", 1.0))
-    effect = f"{'costs' if price > 0 else 'saves'} {decimal(abs(price) * share, 3)} kg"
-    return f"{step[:1].upper()}{step[1:]} {requirement} {effect} of beam mass."

@@ -14,8 +14,9 @@ from typing import Any, Literal, cast
 from beamdesign import records
 from beamdesign.code_digest import code_digest
 from beamdesign.json_text import finite, picked
+from beamdesign.prototype import Prototype
 from beamdesign.records import InputError, Problem, Record
-from beamdesign.sweep.tasks import TASKS, Answer, Task, of_all
+from beamdesign.sweep.tasks import TASKS, Answer, of_all
 
 Status = Literal["done", "no", "refused", "failed"]
 """The answer is yes; it is no, with its reason; the inputs are bad; the program failed."""
@@ -119,7 +120,7 @@ def _digest(task: str, document: str, options: str) -> str:
 
 
 def compute(found: Case) -> dict[str, Any]:
-    """Put a case through its task; whatever happens is a result.
+    """Put a case through its task, law by law where a controller has several; whatever happens is a result.
 
     Returns:
         the record that is kept: inputs, status, reason, outputs, details, and how long it took.
@@ -131,7 +132,16 @@ def compute(found: Case) -> dict[str, Any]:
         if found.problems:
             raise InputError(found.task, found.problems)
         record, options = parsed(found.task, found.document, found.options)
-        answer = _answer(TASKS[found.task], record, options)
+        task = TASKS[found.task]
+        module, _, name = task.place.partition(":")
+        work = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
+        if isinstance(record, Prototype) and record.schedule is not None and "controller" in task.needs:
+            mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
+            range_kg = record.outer_end_mass_kg if mass is None else (mass, mass)
+            assert range_kg is not None  # laws have their payloads
+            answer = of_all({one.prototype.name: work(one.prototype, options) for one in record.stages(range_kg)})
+        else:
+            answer = work(record, options)
         outputs, details, reason = answer.outputs, answer.details, answer.reason
         status = "no" if reason else "done"
     except InputError as error:
@@ -140,20 +150,6 @@ def compute(found: Case) -> dict[str, Any]:
         status, reason = "failed", f"{type(error).__name__}: {error}"
         details = {"traceback": traceback.format_exc()}
     return kept(found, status, reason, finite(outputs), finite(details), time.perf_counter() - begun)
-
-
-def _answer(task: Task, record: Any, options: Any) -> Answer:
-    """The answer of a task; of a controller with several laws that of the stage that governs, with all in the details.
-
-    That is the first whose answer is no, else the one of the least bandwidth.
-    """
-    module, _, name = task.place.partition(":")
-    compute = cast("Callable[[Any, Any], Answer]", getattr(import_module(module), name))
-    if "controller" not in task.needs or record.schedule is None:
-        return compute(record, options)
-    mass = getattr(options, "outer_end_mass_kg", None)  # of tasks at one mass
-    stages = record.stages(record.outer_end_mass_kg if mass is None else (mass, mass))
-    return of_all({stage.prototype.name: compute(stage.prototype, options) for stage in stages})
 
 
 def in_words(problems: Iterable[Problem]) -> str:
