@@ -1,6 +1,5 @@
 """Rationals at the border of a proof: bounds of balls, simple numbers in a gap, text without loss, safe rounding."""
 
-from fractions import Fraction
 from math import inf, nextafter
 
 from flint import arb, fmpq
@@ -66,7 +65,7 @@ def shortened(value: fmpq, digits: int, up: bool = False) -> fmpq:
 def rounded_down(value: fmpq) -> float:
     """The largest float that is not above a rational."""
     near = nearest(value)
-    return near if _rational(near) <= value else nextafter(near, -inf)
+    return near if fmpq(*near.as_integer_ratio()) <= value else nextafter(near, -inf)
 
 
 def rounded_up(value: fmpq) -> float:
@@ -77,8 +76,3 @@ def rounded_up(value: fmpq) -> float:
 def nearest(value: fmpq) -> float:
     """The float nearest to a rational: the way back from `beamdesign.polynomial.exact`."""
     return int(value.p) / int(value.q)  # a quotient of whole numbers is rounded once, to the nearest float
-
-
-def _rational(value: float) -> fmpq:
-    fraction = Fraction(value)
-    return fmpq(fraction.numerator, fraction.denominator)

@@ -83,7 +83,10 @@ class Expression:
             {*late} & {*leaves} | {"s"} & {*late, *leaves, *self.variables} | {*late} & {*self.variables}
         ):
             raise Unreadable(f"these names stand for more than one thing: {', '.join(clash)[:200]}")
-        self.packs = [Table({"pack": pack}, "bound").words("pack") for pack in _optional_list(table, "bound")]
+        self.packs = [
+            Table({"pack": pack}, "bound").words("pack")
+            for pack in (table.entries("bound") if "bound" in table else [])
+        ]
         enumerated = [name for pack in self.packs for name in pack]
         if not all(self.packs) or len(set(enumerated)) < len(enumerated) or not {*enumerated} <= leaves.keys():
             raise Unreadable("bound must hold lists of leaves, each leaf once")
@@ -220,7 +223,8 @@ class Expression:
 
     def member(self, parameters: Mapping[str, fmpq]) -> tuple[fmpq_poly, fmpq_poly, fmpq]:
         """Plain part, late part that exp(-s delay) multiplies, and delay, at one value of every parameter."""
-        value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in self.merged(_points(parameters)).items()}
+        ranges = self.merged({name: (value, value) for name, value in parameters.items()})
+        value = {n: 1 / a if n in self.reciprocal else a for n, (a, _) in ranges.items()}
 
         def at(node: Node) -> Polynomials:
             if node.kind == "delay":
@@ -245,14 +249,6 @@ class Expression:
 def degrees(terms: Sequence[Term], names: Sequence[str]) -> dict[str, int]:
     """The highest power of each variable."""
     return {name: max(term.powers.get(name, 0) for term in terms) for name in names}
-
-
-def _points(parameters: Mapping[str, fmpq]) -> dict[str, Pair]:
-    return {name: (value, value) for name, value in parameters.items()}
-
-
-def _optional_list(table: Table, key: str) -> list[list[str]]:
-    return table.entries(key) if key in table else []
 
 
 def _text(table: Table, key: str) -> str:

@@ -253,6 +253,12 @@ def least_limits(goal: Goal, least: Callable[[Kind, float], float]) -> list[Aske
     return [replace(one, limit=least(one.kind, one.from_Hz)) for one in asked]
 
 
+def limits(proved: Iterable[Asked]) -> tuple[float, float | None, float | None]:
+    """Peak sensitivity, loop gain and effort of what is proved, as they end what is guaranteed."""
+    found = {one.kind: one.limit for one in proved}
+    return found["peak_sensitivity"], found.get("loop_gain"), found.get("controller_effort")
+
+
 def as_claims(proved: Iterable[Asked], outer_end_mass_kg: tuple[float, float]) -> list[Claim]:
     """What is proved over a range of masses as claims, without what says nothing."""
     return [one.decided(outer_end_mass_kg, True) for one in proved if one.limit < inf and one.bandwidth_Hz > 0]

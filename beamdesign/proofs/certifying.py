@@ -21,6 +21,7 @@ from beamdesign.proofs.certificate import (
     describe,
     implies,
     least_limits,
+    limits,
 )
 from beamdesign.proofs.mass_tables import KIND, claim_tables, common_table, loop_table, stability_table
 from beamdesign.proofs.performance import bandwidth, least_limit, prove
@@ -284,10 +285,7 @@ def _guarantees(proved: Sequence[Proved], goal: Goal, ends: tuple[float, float])
     performing = [part.performing for part in proved if part.performing is not None]
     reached = Asked("compliance", goal.compliance_m_per_N, bandwidth(performing, goal.compliance_m_per_N))
     peak, *others = least_limits(goal, lambda kind, from_Hz: least_limit(performing, kind, from_Hz))
-    figures = {one.kind: one.limit for one in (peak, *others)}
-    guaranteed = Guaranteed(
-        reached.bandwidth_Hz, peak.limit, figures.get("loop_gain"), figures.get("controller_effort")
-    )
+    guaranteed = Guaranteed(reached.bandwidth_Hz, *limits((peak, *others)))
     return guaranteed, as_claims((peak, reached, *others), ends)
 
 

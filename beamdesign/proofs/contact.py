@@ -132,18 +132,12 @@ def active_bands(tip: Tip) -> tuple[Band, ...]:
     bands = []
     for start, end in pairwise([(fmpq(0), fmpq(0)), *edges, None]):
         assert start is not None  # None ends the list
-        sample = _clear_sample(value, start[1], None if end is None else end[0])
+        low, high = start[1], 2 * start[1] + 2 if end is None else end[0]
+        while value(sample := simple_between(low, high)) == 0:  # a double root in the middle
+            high = sample
         if value(sample) < 0:
             bands.append(Band(start, end, sample))
     return tuple(bands)
-
-
-def _clear_sample(value: fmpq_poly, start: fmpq, end: fmpq | None) -> fmpq:
-    """A rational inside a cell at which the polynomial does not vanish: in its middle unless a double root is there."""
-    end = 2 * start + 2 if end is None else end
-    while value(sample := simple_between(start, end)) == 0:
-        end = sample
-    return sample
 
 
 def _hertz(square: tuple[fmpq, fmpq]) -> float:

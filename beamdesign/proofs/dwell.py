@@ -200,8 +200,9 @@ def verified_dwell(families: Families, functions: Sequence[Coefficients], low: f
 def _enough(changes: Sequence[Change], functions: Sequence[Coefficients], decay: fmpq) -> Course:
     """The time between changes that is enough for functions that fall at a rate between them; the check is exact."""
     factor = least_factor((floats(after), floats(before)) for before, after in changes)
-    across, dwell = grows_at_most(changes, factor), least_dwell(factor, decay)
-    if not across.holds or dwell is None:
+    across = grows_at_most(changes, factor)
+    dwell = shortened(exact(log(nearest(factor)) / (2 * nearest(decay)) * (1 + 1e-6)), 4, up=True)
+    if not across.holds or not dwell_suffices(dwell, factor, decay):
         return Course("undecided", across.reason or NONE_FOUND)
     return Course("proved", functions=tuple(functions), dwell_s=dwell, factor=factor, decay_per_s=decay)
 
@@ -215,9 +216,3 @@ def least_factor(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> fmpq:
         ratio = inverse @ (after * np.outer(scale, scale)) @ inverse.T
         largest = max(largest, float(np.linalg.eigvalsh((ratio + ratio.T) / 2)[-1]))
     return shortened(exact(largest * (1 + 1e-5)), 6, up=True)
-
-
-def least_dwell(factor: fmpq, decay: fmpq) -> fmpq | None:
-    """A little more than log(factor) / (2 decay), s; None where that is not proved to be enough."""
-    dwell = shortened(exact(log(nearest(factor)) / (2 * nearest(decay)) * (1 + 1e-6)), 4, up=True)
-    return dwell if dwell_suffices(dwell, factor, decay) else None

@@ -25,7 +25,7 @@ from beamdesign.proofs.arm.plane import (
 )
 from beamdesign.proofs.arm.remaining import Remaining, Vector, at_point, held, remaining, tip_compliance
 from beamdesign.proofs.box import BoxVerdict
-from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits
+from beamdesign.proofs.certificate import Asked, Claim, Decided, Kind, as_claims, describe, least_limits, limits
 from beamdesign.proofs.mass_family import floats
 from beamdesign.proofs.mass_tables import claim_tables, stability_table
 from beamdesign.proofs.performance import kept_up_to_Hz, least_of, slack
@@ -107,18 +107,10 @@ def _guarantees(closed: PlaneLoop, goal: Goal, low_kg: float, high_kg: float) ->
     masses, limit = (exact(low_kg), exact(high_kg)), exact(goal.compliance_m_per_N)
     kinds: tuple[Kind, Kind] = ("tip_compliance", "load_compliance")
     bands = [Asked(kind, goal.compliance_m_per_N, kept_up_to_Hz(slack(kind, closed, limit), *masses)) for kind in kinds]
-    limits = least_limits(goal, lambda kind, from_Hz: least_of(kind, closed, masses, from_Hz))
-    figures = {one.kind: one.limit for one in limits}
+    others = least_limits(goal, lambda kind, from_Hz: least_of(kind, closed, masses, from_Hz))
     static = nearest(closed.load.constant(0) / closed.characteristic.constant(0))  # the payload stands beside s^2
-    guaranteed = PlaneGuaranteed(
-        bands[0].bandwidth_Hz,
-        bands[1].bandwidth_Hz,
-        static,
-        figures["peak_sensitivity"],
-        figures.get("loop_gain"),
-        figures.get("controller_effort"),
-    )
-    return guaranteed, as_claims((*bands, *limits), (low_kg, high_kg))
+    guaranteed = PlaneGuaranteed(bands[0].bandwidth_Hz, bands[1].bandwidth_Hz, static, *limits(others))
+    return guaranteed, as_claims((*bands, *others), (low_kg, high_kg))
 
 
 def _summary(prototype: Prototype, name: Name, stability: StabilityMap, claims: Sequence[Claim]) -> str:
@@ -260,16 +252,12 @@ def work_out(prototype: Prototype, masses: tuple[float, float], force_N: Vector)
     """
     figures, arm = arm_figures(prototype), arm_of(prototype)
     model = both_planes(prototype)
-    planes: tuple[PlaneCertificate, ...] = ()
-    both: BoxVerdict | None = None
+    both = model.prove(*masses) if couples_both(prototype) else None
+    planes = () if both is not None else tuple(certify_plane(prototype, name, *masses) for name in PLANES)
     sampled: tuple[tuple[float, bool], ...] = ()
-    if couples_both(prototype):
-        both = model.prove(*masses)
-        if not both.stable:
-            payloads = map(float, np.linspace(*masses, SAMPLES))
-            sampled = tuple((mass, bool(model.poles(mass).real.max() < 0)) for mass in payloads)
-    else:
-        planes = tuple(certify_plane(prototype, name, *masses) for name in PLANES)
+    if both is not None and not both.stable:
+        payloads = map(float, np.linspace(*masses, SAMPLES))
+        sampled = tuple((mass, bool(model.poles(mass).real.max() < 0)) for mass in payloads)
     stable = both.stable if both is not None else all(plane.stable for plane in planes)
     closed = None
     if stable:
