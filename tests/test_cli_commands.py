@@ -18,10 +18,11 @@ from beamdesign.controllers import Lag
 from beamdesign.report.canvas import new_figure
 from beamdesign.report.figures import plot_remedies
 from beamdesign.structure.section import SquareTube
-from beamdesign.synthesis import codesign, remedies
 from beamdesign.synthesis import codesign as front_room
+from beamdesign.synthesis import remedies
+from beamdesign.synthesis.checks import Check
 from beamdesign.synthesis.codesign import Codesign, CodesignPoint
-from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.remedies import Remedy
 from beamdesign.templates import start
 
@@ -34,12 +35,6 @@ def call(folder: Path, *arguments: str, status: int = 0) -> tuple[dict[str, Any]
     done = CliRunner().invoke(app, [*arguments, "--json", str(answer)])
     assert done.exit_code == status, done.output + str(done.exception)
     return json.loads(answer.read_text()), done.output
-
-
-@pytest.fixture(autouse=True)
-def one_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(codesign, "STARTS", 1)
-    monkeypatch.setattr(codesign, "SAMPLES", 512)
 
 
 def test_run_carries_the_template_of_a_study_to_a_certified_prototype(tmp_path: Path) -> None:
@@ -81,14 +76,12 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
     # What the first command found is not searched for again; and 400 Hz stand for what cannot be had.
     problem = read_problem(study)
     held = CodesignPoint(
-        read_prototype(fields["prototype"]),
-        SquareTube(**fields["outer"]),
-        SquareTube(**fields["inner"]),
-        fields["beam_mass_kg"],
-        fields["inner_end_mass_kg"],
-        Proved(Lag(**fields["controller"]), fields["inner_end_mass_kg"], 3.8, 2.0, np.zeros(0)),
-        (),
-        fields["governing"],
+        outer=SquareTube(**fields["outer"]),
+        inner=SquareTube(**fields["inner"]),
+        beam_mass_kg=fields["beam_mass_kg"],
+        checks=(Check(fields["governing"], 1.0, 1.0, "1"),),
+        prototype=read_prototype(fields["prototype"]),
+        proved=Proved(Lag(**fields["controller"]), fields["inner_end_mass_kg"], 3.8, 2.0, np.zeros(0)),
     )
     known = {3.8: Codesign(3.8, PAYLOAD, held, ()), 400.0: Codesign(400.0, PAYLOAD, None, (), "400 Hz are too many")}
     monkeypatch.setattr(front_room, "codesign", lambda asked, masses, bandwidth_Hz, *rest, **more: known[bandwidth_Hz])
@@ -105,8 +98,6 @@ def test_codesign_and_front_of_the_template_are_proved_and_agree(
 
 
 def test_remedies_are_compared_on_the_template(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remedies, "SAMPLES", 8)
-    monkeypatch.setattr(remedies, "STARTS", 1)
     monkeypatch.setattr(remedies, "SCHEDULE_PARTS", 2)
     monkeypatch.setattr(remedies, "FREEDOMS", (remedies.UNTOUCHED, remedies.FREEDOMS[3]))
     (study,) = start("codesign", tmp_path / "link.toml")

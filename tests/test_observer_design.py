@@ -19,9 +19,10 @@ from beamdesign.loop import loop, rig_loop
 from beamdesign.plant.members import family
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.synthesis.bandwidth import LawRefinement
-from beamdesign.synthesis.law_search import Effort, Search
-from beamdesign.synthesis.loop_samples import samples, slacks
+from beamdesign.synthesis.law_task import Effort, Search
+from beamdesign.synthesis.loop_samples import samples
+from beamdesign.synthesis.loop_slacks import slacks
+from beamdesign.synthesis.refinement import LawRefinement
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
     StateSpace,

@@ -19,10 +19,10 @@ from beamdesign.plant.members import paper_model
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, Tolerance, read_prototype, write_prototype
 from beamdesign.records import InputError
-from beamdesign.synthesis.design_run import claims_of, draw_rigs, least_share
-from beamdesign.synthesis.law_search import worst_of
-from beamdesign.synthesis.loop_samples import Samples, samples, slacks, worst_samples
-from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.design_run import claims_of, draw_rigs, least_share, worst_of
+from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.loop_samples import Samples, samples, worst_samples
+from beamdesign.synthesis.loop_slacks import slacks
 from beamdesign.synthesis.rig_spread import RigSpread, rig_spread
 from beamdesign.synthesis.tuning import LawOptions, Tuning, tune, tune_law
 

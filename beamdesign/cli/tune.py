@@ -274,7 +274,7 @@ def certified_rigs(
     Certificates go beside that of the nominal rig.
     """
     from beamdesign.proofs.certifying import certify
-    from beamdesign.synthesis.law_search import worst_of
+    from beamdesign.synthesis.design_run import worst_of
     from beamdesign.synthesis.rig_spread import rig_spread
 
     spread = rig_spread(with_stated_tolerances(record).but(guarantee=None), masses[1], sigmas, shape)

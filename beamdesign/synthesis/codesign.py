@@ -3,70 +3,47 @@
 And the Pareto front of moving mass against guaranteed bandwidth against payload range, every point proved.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import log
 
-import casadi as ca
 import numpy as np
-from pydantic import ValidationError
-from scipy.stats import qmc
 
 from beamdesign.controllers import KINDS
-from beamdesign.controllers.form import Form, form_of
-from beamdesign.plant.members import VertexModel, family
+from beamdesign.controllers.form import form_of
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Payload, Prototype
 from beamdesign.records import InputError
-from beamdesign.structure.lumped import beam_figures, fixed_dashpot, hydraulic_figures
-from beamdesign.structure.section import SquareTube
-from beamdesign.synthesis.checks import Check, beam_mass, check_sections, checks, materials
-from beamdesign.synthesis.free_search import SIZE_UNITS, THICKEST_SHARE, sizing_program, start_variables
-from beamdesign.synthesis.refinement import LoopProgram, Proved, refine
-from beamdesign.synthesis.starts import best_starts
+from beamdesign.synthesis.checks import CheckedPair, check_sections
+from beamdesign.synthesis.free_search import free_optimum, start_variables
+from beamdesign.synthesis.law_search import Found, Start, from_seeds, search
+from beamdesign.synthesis.law_task import Effort, Search
+from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.sections import free_sections, rounded_tubes
 
-SAMPLES = 2048
-"""Of the coarse search over sections, inner end mass and controller shape."""
+SIZED_EFFORT = Effort(rounds=10, starts=2, candidates=2, proofs=20)
+"""Where the sections of the beams are searched as well."""
 
-STARTS = 3
-"""How many of the samples are refined."""
-
-_MASS_PER_MISSING_BANDWIDTH = 100.0
-"""Exact penalty, kg per unit of log(bandwidth): far above what bandwidth costs, so that it is met where it can be."""
-
-_NEARLY_CHECKED = 0.2
-"""Share of its limit by which a sampled section may miss a check; refinement mends that."""
-
-ROUNDED_SLACK = 1e-4
-"""Relative slack of every structural check, so that rounded sizes stay on its right side."""
-
-_ROUND = 7  # decimals of a size in m
+_LARGER = (1.0, 1.2, 1.5)
+"""Of how many times the size of the lightest sections others are begun with."""
 
 
 @dataclass(frozen=True)
-class CodesignPoint:
-    """A design with every guarantee proved.
+class CodesignPoint(CheckedPair):
+    """A design with every guarantee proved and every check satisfied.
 
     Attributes:
         prototype: sections, controller and inner end mass.
-        outer: outer tube.
-        inner: inner tube.
-        beam_mass_kg: both tubes over their full lengths.
-        inner_end_mass_kg: mass added to the inner tip.
         proved: the guaranteed figures, and the variables to start a neighbouring problem from.
-        checks: structural checks, all satisfied.
-        governing: the structural check that is used most.
     """
 
     prototype: Prototype
-    outer: SquareTube
-    inner: SquareTube
-    beam_mass_kg: float
-    inner_end_mass_kg: float
     proved: Proved
-    checks: tuple[Check, ...]
-    governing: str
+
+    @property
+    def inner_end_mass_kg(self) -> float:
+        """Mass added to the inner tip."""
+        return self.proved.inner_end_mass_kg
 
     @property
     def moving_mass_kg(self) -> float:
@@ -93,139 +70,12 @@ class Codesign:
     reason: str = ""
 
 
-def rounded_tubes(section_variables: np.ndarray) -> tuple[SquareTube, SquareTube]:
-    """Rounded tubes, as they will be written down."""
-    sizes = [round(float(size), _ROUND) for size in section_variables[:4] * SIZE_UNITS]
-    return SquareTube(sizes[0], sizes[1]), SquareTube(sizes[2], sizes[3])
-
-
-def _symbolic_figures(problem: DesignProblem) -> Callable[[ca.MX], ca.MX]:
-    """Section variables to the lumped figures of the linear model."""
-    hydraulics = hydraulic_figures(problem.actuator, problem.servovalve, problem.sensor)
-
-    def figures(sections: ca.MX) -> ca.MX:
-        sizes = [float(unit) * sections[i] for i, unit in enumerate(SIZE_UNITS)]
-        lumped: list[ca.MX] = []
-        for alloy, asked, (width, wall) in zip(
-            materials(problem), (problem.outer_beam, problem.inner_beam), (sizes[:2], sizes[2:]), strict=True
-        ):
-            stiffness, mass = beam_figures(alloy, width, wall, 0.0, asked.free_length_m, asked.end_mass_kg)
-            lumped += [stiffness, mass, fixed_dashpot(asked.damping_ratio, stiffness, mass)]
-        return ca.vertcat(*lumped, *hydraulics.values())
-
-    return figures
-
-
-def _members(problem: DesignProblem, tubes: tuple[SquareTube, SquareTube]) -> tuple[VertexModel, ...] | None:
-    """The members of the rig with these tubes; None where the record of it refuses them."""
-    try:
-        return family(problem.prototype(*tubes)).members
-    except ValidationError:
-        return None
-
-
-def sizing_parts(problem: DesignProblem) -> Callable[[ca.MX], tuple[ca.MX, ca.MX]]:
-    """Section variables to the constraints of sizing, none of which may be positive, and the beams' mass (kg)."""
-    sizing = sizing_program(problem)
-    parts = ca.Function("sizing", [sizing.variables, sizing.asked], [sizing.constraints, sizing.mass])
-
-    def at(sections: ca.MX) -> tuple[ca.MX, ca.MX]:
-        constraints, mass = parts(sections, sizing.figures)
-        return constraints, mass
-
-    return at
-
-
-def codesign_program(
-    problem: DesignProblem, form: Form, masses_kg: tuple[float, float], bandwidth_Hz: float
-) -> LoopProgram:
-    """Least moving mass at a given bandwidth."""
-    parts, count = sizing_parts(problem), form.size
-    largest_inner = problem.controller.largest_inner_end_mass_kg
-    aimed = log(bandwidth_Hz * (1 + 1e-5))
-    widest, thinnest = problem.sections.largest_width_m, problem.sections.least_wall_m
-    sizes = [(5 * thinnest, widest), (thinnest, THICKEST_SHARE * widest)] * 2
-    bounds = np.array(
-        [
-            *zip(form.lower, form.upper, strict=True),
-            (0.0, largest_inner),
-            (log(1e-3), aimed),
-            *((low / unit, high / unit) for (low, high), unit in zip(sizes, SIZE_UNITS, strict=True)),
-            *[(0.0, 1.0)] * 4,
-        ]
-    )
-    return LoopProgram(
-        form=form,
-        goal=problem.goal,
-        outer_end_mass_kg=masses_kg,
-        figures=_symbolic_figures(problem),
-        filtered=problem.sensor.filter_Hz is not None,
-        structure=lambda variables: -parts(variables[count + 2 :])[0] - ROUNDED_SLACK,
-        objective=lambda variables: (
-            parts(variables[count + 2 :])[1]
-            + variables[count]
-            + _MASS_PER_MISSING_BANDWIDTH * (aimed - variables[count + 1])
-        ),
-        lower=bounds[:, 0],
-        upper=bounds[:, 1],
-        reach=0.5,
-        tighten_below=1e-3,
-        members=lambda sections: _members(problem, rounded_tubes(sections)),
-        flaw=lambda variables: structural_flaw(problem, variables[count + 2 :]),
-        cost=lambda proved: section_mass(problem, proved.variables[count + 2 :]) + proved.inner_end_mass_kg,
-    )
-
-
-def section_mass(problem: DesignProblem, sections: np.ndarray) -> float:
-    """Mass of both beams, kg."""
-    outer, inner = rounded_tubes(sections)
-    return float(beam_mass(problem, *outer, *inner))
-
-
-def _samples(problem: DesignProblem, program: LoopProgram) -> np.ndarray:
-    """Sampled variables whose sections miss no structural check by much, (k, n)."""
-    sections = problem.sections
-    names = program.form.size
-    unit = qmc.Sobol(4 + names, scramble=True, rng=0).random(SAMPLES)
-    widths = sections.largest_width_m * (0.3 + 0.7 * unit[:, 0])
-    # Walls near the least one are the likelier ones.
-    outer_walls, inner_walls = (sections.least_wall_m * 9 ** (unit[:, k] ** 2) for k in (1, 2))
-    inner_widths = (widths - 2 * outer_walls) * (0.4 + 0.5 * unit[:, 3])
-    found = checks(problem, widths, outer_walls, inner_widths, inner_walls)
-    slack = np.min([check.slack / abs(check.limit) for check in found], axis=0)
-    loops = program.lower[: names + 2] + (program.upper - program.lower)[: names + 2] * np.column_stack(
-        [np.zeros(SAMPLES), unit[:, 4:], np.zeros(SAMPLES)]
-    )
-    return np.array(
-        [
-            [*loops[i], *start_variables(problem, np.array(sizes))]
-            for i, sizes in enumerate(zip(widths, outer_walls, inner_widths, inner_walls, strict=True))
-            if slack[i] > -_NEARLY_CHECKED
-        ]
-    )
-
-
-def structural_flaw(problem: DesignProblem, sections: np.ndarray) -> str:
-    """Which structural checks the rounded sections miss, in words; empty where they pass."""
-    failing = check_sections(problem, *rounded_tubes(sections)).failing
-    return "the refined sections miss: " + ", ".join(check.name for check in failing) if failing else ""
-
-
-def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved, head: int) -> CodesignPoint:
+def _point(problem: DesignProblem, masses_kg: tuple[float, float], proved: Proved) -> CodesignPoint:
     """The finished design of a proved loop, whose sections have no structural flaw."""
-    outer, inner = rounded_tubes(proved.variables[head:])
-    checked = check_sections(problem, outer, inner)
+    pair = check_sections(problem, *rounded_tubes(proved.variables[form_of(proved.controller.kind).size + 1 :]))
     payload = Payload(outer_end_mass_kg=masses_kg, inner_end_mass_kg=proved.inner_end_mass_kg)
-    return CodesignPoint(
-        prototype=problem.prototype(outer, inner).but(controller=proved.controller, payload=payload),
-        outer=outer,
-        inner=inner,
-        beam_mass_kg=float(beam_mass(problem, *outer, *inner)),
-        inner_end_mass_kg=proved.inner_end_mass_kg,
-        proved=proved,
-        checks=checked.checks,
-        governing=checked.governing,
-    )
+    prototype = problem.prototype(pair.outer, pair.inner).but(controller=proved.controller, payload=payload)
+    return CodesignPoint(**vars(pair), prototype=prototype, proved=proved)
 
 
 def codesign(
@@ -252,45 +102,41 @@ def codesign(
     if kind not in KINDS or not any(seed.kind == kind for seed in KINDS[kind].seeds()):
         reason = f"{kind!r} is not for sections and controller together, which are sought with few figures; give a lag"
         raise InputError(problem.name, [("controller.kind", reason)])
+    report(0.0, "lightest sections")
+    tasks = [_task(problem, outer_end_mass_kg, bandwidth_Hz, sizes) for sizes in _start_sizes(problem)]
+    nothing = "" if tasks else "no sections pass the structural checks; `beamdesign size` says which to relax"
     form = form_of(kind)
-    head = form.size + 2
-    report(0.0, "coarse search")
-    program = codesign_program(problem, form, outer_end_mass_kg, bandwidth_Hz)
-    starts, nothing = [point.proved.variables for point in near], ""
-    if not near:
-
-        def score(variables: np.ndarray) -> float:
-            """Moving mass, counted up by the share of bandwidth that is still missing."""
-            missing = max(1.0, bandwidth_Hz / float(np.exp(variables[head - 1])))
-            return missing * (section_mass(problem, variables[head:]) + float(variables[head - 2]))
-
-        samples = _samples(problem, program)
-        starts, _ = best_starts(program, samples, score, STARTS)
-        if not starts:
-            nothing = (
-                "no sampled gain keeps the peak sensitivity over the whole range"
-                if len(samples)
-                else "no sampled sections come near the structural checks; `beamdesign size` says which to relax"
-            )
-    points: list[CodesignPoint] = []
-    attempts: list[float | str] = []
-    for k, start in enumerate(starts):
-        report((k + 1) / (len(starts) + 1), f"refining and proving start {k + 1} of {len(starts)}")
-        refined = refine(program, start, bandwidth_Hz)
-        if refined.proved is None:
-            attempts.append(refined.reason)
-            continue
-        point = _point(problem, outer_end_mass_kg, refined.proved, head)
-        points.append(point)
-        attempts.append(point.moving_mass_kg)
-    if not points:
+    starts: list[Start] = [(form, point.proved.variables) for point in near] or [
+        start for task in tasks for start in from_seeds(task, KINDS[kind].seeds())
+    ]
+    found = search(tasks[0], starts, report=report) if tasks else Found(None, (), 0, nothing)
+    attempts = tuple(
+        one.reason if one.proved is None else _point(problem, outer_end_mass_kg, one.proved).moving_mass_kg
+        for one in found.tried
+    )
+    if found.proved is None:
         low, high = outer_end_mass_kg
         reason = f"no start led to a proved design for {bandwidth_Hz:g} Hz over {low:g} to {high:g} kg: " + (
-            "; ".join(str(attempt) for attempt in dict.fromkeys(attempts)) or nothing
+            "; ".join(dict.fromkeys(one.reason for one in found.tried)) or found.reason
         )
-        return Codesign(bandwidth_Hz, outer_end_mass_kg, None, tuple(attempts), reason)
-    best = min(points, key=lambda point: point.moving_mass_kg)
-    return Codesign(bandwidth_Hz, outer_end_mass_kg, best, tuple(attempts))
+        return Codesign(bandwidth_Hz, outer_end_mass_kg, None, attempts, reason)
+    return Codesign(bandwidth_Hz, outer_end_mass_kg, _point(problem, outer_end_mass_kg, found.proved), attempts)
+
+
+def _start_sizes(problem: DesignProblem) -> list[np.ndarray]:
+    """Sizes (4,) in m of the sections that are begun with: the lightest pair, larger ones like it, the given."""
+    known = [] if problem.given is None else [problem.given]
+    lightest = free_optimum(problem, known)
+    found = [] if lightest is None else [np.ravel((lightest.pair.outer, lightest.pair.inner))]
+    return [factor * sizes for sizes in found for factor in _LARGER] + [np.ravel(pair) for pair in known]
+
+
+def _task(problem: DesignProblem, masses_kg: tuple[float, float], bandwidth_Hz: float, sizes: np.ndarray) -> Search:
+    sections = free_sections(problem, start_variables(problem, sizes), bandwidth_Hz)
+    members = sections.members(sections.start, False)
+    assert members is not None  # they are sizes of tubes
+    inner_kg = (0.0, problem.controller.largest_inner_end_mass_kg)
+    return Search(members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
 
 
 @dataclass(frozen=True)

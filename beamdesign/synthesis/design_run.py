@@ -8,14 +8,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from beamdesign.plant.members import family
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certificate import Asked, Certificate, goal_claims
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.lyapunov import describe, stages_certificate
 from beamdesign.prototype import Guarantee, Prototype
+from beamdesign.records import InputError
 from beamdesign.result import Result
-from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.law_task import Search
+from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.loop_slacks import worst_rigs
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.sizing import Sizing, size
 from beamdesign.synthesis.tuning import Tuning, limited, tune
@@ -220,3 +226,24 @@ def draw_rigs(
         wide += found.stable and all(claim.holds for claim in found.claims if claim.kind == "compliance")
         missed += [] if found.holds else [found.reason]
     return Draws(count, kept, wide, tuple(missed))
+
+
+def worst_of(spread: RigSpread, outer_end_mass_kg: tuple[float, float]) -> tuple[np.ndarray, ...]:
+    """Seek the rigs of a spread that are worst for the limits of the goal, on samples: (d,) standard deviations each.
+
+    Args:
+        spread: of a prototype with a controller.
+        outer_end_mass_kg: range of outer end mass.
+
+    Raises:
+        InputError: for a controller that a tuner has no form for, or none.
+    """
+    prototype, law = spread.prototype, spread.prototype.controller
+    if law is None or (opened := law.form()) is None:
+        reason = "worst rigs are sought for a controller that a tuner has a form for"
+        raise InputError(prototype.name, [("controller.kind", reason)])
+    members = family(prototype, outer_end_mass_kg[1]).members
+    task = Search(members, prototype.goal, outer_end_mass_kg, (0.0, 0.0), law.senses, spread)
+    form, variables = opened
+    inside = prototype.payload.inner_end_mass_kg
+    return worst_rigs(task.points, prototype.goal, form, np.append(variables, inside))

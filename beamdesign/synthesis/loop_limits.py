@@ -6,13 +6,14 @@ The loops are those of all linear members of a rig.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
-from math import inf, log, pi
+from math import inf, log
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from beamdesign.controllers import Controller
-from beamdesign.controllers.form import UNIT, Form
+from beamdesign.controllers.form import UNIT
 from beamdesign.loop import Loop, rig_loop
 from beamdesign.plant.beams_rig import FIGURES
 from beamdesign.plant.linear import UNUSED, LinearModel
@@ -46,6 +47,29 @@ def ends(members: Sequence[VertexModel]) -> list[tuple[LinearModel, float, bool]
         asked = member.gain if inside is None else inside
         found += [(member.rig, factor, inside is not None) for factor in sorted({asked.low, asked.high}) if factor > 0]
     return found
+
+
+LARGEST_BANDWIDTH_HZ = 500.0
+"""Most that is guaranteed, also of a rig that keeps the compliance at every frequency."""
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A loop proved stable and within the peak sensitivity for every outer end mass of the range.
+
+    Attributes:
+        controller: with rounded figures, as it was proved.
+        inner_end_mass_kg: mass added inside.
+        bandwidth_Hz: proved, for every mass of the range.
+        peak_sensitivity: proved bound.
+        variables: of the search, where it was found.
+    """
+
+    controller: Controller
+    inner_end_mass_kg: float
+    bandwidth_Hz: float
+    peak_sensitivity: float
+    variables: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -146,6 +170,12 @@ def _log_size(value: Pair) -> ca.SX:
     return ca.log(value[0] ** 2 + value[1] ** 2) / 2
 
 
+def law_on_axis(coefficients: ca.SX, w: ca.SX) -> tuple[list[Pair], Pair]:
+    """Numerators of a law and their denominator at j w."""
+    *above, below = (on_axis(ca.horzsplit(row), w / UNIT) for row in ca.vertsplit(coefficients))
+    return above, below
+
+
 def slack_of(
     kind: Kind,
     law: tuple[Sequence[Pair], Pair],
@@ -180,23 +210,11 @@ def slack_of(
 
 
 @cache
-def loop_slack(form: Form, filtered: bool, kind: Kind) -> ca.Function:
-    """The slack of a limit at one frequency and one pair of end masses, see `slack_of`, of a rig without effects.
+def plant_of_figures(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
+    """Of a rig without effects, symbols of its `FIGURES`, and polynomials of its plant in terms of them.
 
-    Inputs: figures (16, as `FIGURES`, end masses included), variables of the form, frequency in Hz.
+    These are the denominator, and the numerators from current to volts and from tip force to the tip's displacement.
     """
-    figures, polynomials = _without_effects(filtered)
-    variables, frequency = ca.SX.sym("controller", form.size), ca.SX.sym("frequency")
-    above, below = form.polynomials(ca.vertsplit(variables))
-    w = 2 * pi * frequency
-    plant, control, disturbance = (on_axis(p, w) for p in polynomials)
-    law = [on_axis(p, w / UNIT) for p in above], on_axis(below, w / UNIT)
-    slack = slack_of(kind, law, plant, [control], disturbance)
-    return ca.Function("loop_slack", [figures, variables, frequency], [slack])
-
-
-def _without_effects(filtered: bool) -> tuple[ca.SX, list[list[ca.SX]]]:
-    """Symbols of `FIGURES`, and the plant's denominator, control and disturbance polynomials in terms of them."""
     figures = ca.SX.sym("figures", len(FIGURES))
     given = UNUSED | dict(zip(FIGURES, ca.vertsplit(figures), strict=True))
     values = ca.vertcat(*(given[name] for name in linear_assembly(filtered, ()).parameters))

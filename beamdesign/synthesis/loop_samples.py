@@ -1,6 +1,4 @@
-"""Loops sampled over frequency and end mass, and what a law leaves of every limit there: what a search works on.
-
-The variables are those of a law's form, then the inner end mass in kg. Everything here is sampled and only proposes.
+"""Loops sampled over frequency and end mass: what a search works on. Everything here is sampled and only proposes.
 
 Of samples whose rig may be off each limit is held, at every point, on the worst rig within the tolerances there.
 The logarithms of all plant responses are known to second order in each figure (cross terms left out), from rigs with
@@ -23,7 +21,7 @@ from beamdesign.plant.linear import BilinearPlant, PairOver
 from beamdesign.plant.members import VertexModel
 from beamdesign.polynomial import at_points
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.loop_limits import LIMITED, RELAXED_PEAK, ends, goal_limits
+from beamdesign.synthesis.loop_limits import RELAXED_PEAK, ends
 from beamdesign.synthesis.rig_spread import RigSpread
 
 COARSE_HZ = np.concatenate(
@@ -63,6 +61,7 @@ class Samples:
         control: (p, 2, n) current to what is sensed.
         disturbance: (2, n) force to displacement.
         crossed: (p, 2, n) what feedback of a sensor adds to that, see `beamdesign.plant.linear.Plant`.
+        outer_end_mass: (n,) kg.
         relaxed: (n,) factor on the limit of sensitivity; where it is above one, nothing else is limited.
         spread: of the rigs that are off, on the worst of which limits are held at every point; None for these alone.
         off: d pairs of samples of such rigs, one figure each a step larger, and smaller.
@@ -74,6 +73,7 @@ class Samples:
     control: np.ndarray
     disturbance: np.ndarray
     crossed: np.ndarray
+    outer_end_mass: np.ndarray
     relaxed: np.ndarray
     spread: RigSpread | None = None
     off: tuple[tuple["Samples", "Samples"], ...] = ()
@@ -100,7 +100,7 @@ class Samples:
         """The samples that each limit is held on, as of `Slacks.held_on`: of the worst rig at every point, or these."""
         if self.spread is None:
             return (self,) * 4
-        curves = self._curves(float(variables[-1]))
+        curves = self._curves(float(variables[form.size]))
         sensitivity, compliance, loop_gain = (
             self._shifted(_moved(z, curves)) for z in self._found(form, variables, curves)
         )
@@ -108,12 +108,12 @@ class Samples:
 
     def deviations(self, form: Form, variables: np.ndarray) -> list[np.ndarray]:
         """(d, n) standard deviations of the worst rigs for sensitivity and effort, for compliance, and for |L|."""
-        return self._found(form, variables, self._curves(float(variables[-1])))
+        return self._found(form, variables, self._curves(float(variables[form.size])))
 
     def _found(self, form: Form, variables: np.ndarray, curves: np.ndarray) -> list[np.ndarray]:
         assert self.spread is not None
-        own = form.responses(variables[:-1], 2j * pi * self.frequency_Hz)
-        _, control, disturbance, crossed = self.at(float(variables[-1]))
+        own = form.responses(variables[: form.size], 2j * pi * self.frequency_Hz)
+        _, control, disturbance, crossed = self.at(float(variables[form.size]))
         p = len(own)
         parts = np.concatenate([own * control, disturbance[None], own * crossed])  # as `_responses` lists them
         found = []
@@ -209,6 +209,7 @@ def samples(
         factor * np.array([over(rows(one)) for one in plant.control]),
         over(free[0]),
         factor * np.array([over(one) for one in free[1:]]),
+        np.repeat(masses.ravel(), count),
         np.full(count * len(masses), relaxed),
     )
 
@@ -249,151 +250,3 @@ def worst_samples(
     ways = spread.step * np.eye(len(spread.deviations))
     off = tuple((sampled(spread.members(z)), sampled(spread.members(-z))) for z in ways)
     return replace(sampled(members), spread=spread, off=off)
-
-
-@dataclass(frozen=True)
-class Slacks:
-    """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
-
-    Attributes:
-        values: (4, n) log of limit over |S|, |x / F_d|, |L| and |C S|, C from the displacement sensor's volts, as
-            `LIMITED` lists them; infinite where a limit does not count.
-        slopes: (4, n, v); none where none were asked for.
-        settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell.
-        held_on: for each of these limits the samples that it was held against.
-    """
-
-    values: np.ndarray
-    slopes: np.ndarray
-    settled: bool
-    held_on: tuple[Samples, ...] = ()
-
-    @property
-    def sensitivity(self) -> np.ndarray:
-        """(n,) log of limit over |S|."""
-        return np.asarray(self.values[0])
-
-    @property
-    def compliance(self) -> np.ndarray:
-        """(n,) log of limit over |x / F_d|."""
-        return np.asarray(self.values[1])
-
-    @property
-    def loop_gain(self) -> np.ndarray:
-        """(n,) log of limit over |L|."""
-        return np.asarray(self.values[2])
-
-    @property
-    def effort(self) -> np.ndarray:
-        """(n,) log of limit over |C S|."""
-        return np.asarray(self.values[3])
-
-    @property
-    def violation(self) -> float:
-        """By how much the limits other than the compliance are missed at worst."""
-        return self.violation_inside(0.0)
-
-    def violation_inside(self, inside: float) -> float:
-        """The same for limits that are to be kept with so much to spare."""
-        return max(0.0, inside - float(self.values[OTHERS].min()))
-
-
-COMPLIANCE, OTHERS = 1, [0, 2, 3]
-"""Places in `LIMITED`."""
-
-
-def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True) -> Slacks:
-    """What a law leaves of every limit at every point.
-
-    Args:
-        points: of the loops.
-        goal: its limits; those that are None are kept by an infinite slack.
-        form: of the law.
-        variables: (v,) those of the form, then the mass inside, kg.
-        slopes: whether to work out derivatives.
-    """
-    s, inner = 2j * pi * points.frequency_Hz, float(variables[-1])
-    own = form.responses(variables[:-1], s)
-    of_own = form.slopes(variables[:-1], s) if slopes else None
-    held_on = points.worst(goal, form, variables)
-    distinct = {id(one): one for one in (points, *held_on)}
-    found = {key: slacks_of(one, goal, own, inner, of_own) for key, one in distinct.items()}
-    each = [found[id(one)] for one in held_on]
-    return Slacks(
-        np.array([one.values[k] for k, one in enumerate(each)]),
-        np.array([one.slopes[k] for k, one in enumerate(each)]) if slopes else NONE,
-        found[id(points)].settled,
-        held_on,
-    )
-
-
-NONE = np.empty(0)
-
-
-def counting(points: Samples, goal: Goal) -> np.ndarray:
-    """(4, n) at which points each limit counts."""
-    performs = points.relaxed == 1.0
-    far = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
-    where = np.array([np.full(len(performs), True), performs, far, performs])
-    return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
-
-
-def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
-    """The same of a law whose responses are known.
-
-    Args:
-        points: of the loops.
-        goal: its limits.
-        own: (p, n) the law at the points.
-        inner: mass inside, kg.
-        of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
-    """
-    plant, control, disturbance, crossed = points.at(inner)
-    moved = disturbance + (own * crossed).sum(axis=0)
-    loop = (own * control).sum(axis=0)
-    closed = np.log(np.abs(1 + loop))
-    limits = goal_limits(goal)
-    logarithms = np.log([limits.get(kind, 1.0) for kind in LIMITED])[:, None]
-    with np.errstate(divide="ignore"):
-        left = np.array(
-            [closed, closed - np.log(np.abs(moved)), -np.log(np.abs(loop)), closed - np.log(np.abs(own[0]))]
-        )
-    left = np.where(counting(points, goal), left + logarithms, np.inf)
-    left[0] += np.log(points.relaxed)
-    steps = np.diff(np.angle(1 + loop))
-    steps = (steps + pi) % (2 * pi) - pi
-    same = np.diff(points.row) == 0
-    settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
-    if of_own is None:
-        return Slacks(left, NONE, settled)
-    shrinks = points.denominator / plant
-    of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
-    by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
-    of_loop = np.column_stack([of_loop, by_mass])
-    by_mass = (points.disturbance[1] + (own * points.crossed[:, 1]).sum(axis=0)) / plant - moved * shrinks
-    of_moved = np.column_stack([of_moved, by_mass])
-    of_closed = (of_loop / (1 + loop)[:, None]).real
-    of_effort = of_closed.copy()
-    of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
-    of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
-    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort]), settled)
-
-
-def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
-    """Least frequency (Hz), interpolated, from which some row misses the compliance; 0 where one misses it at once."""
-    reached = np.inf
-    for row in np.unique(points.row):
-        on = points.row == row
-        frequency, slack = points.frequency_Hz[on], compliance[on]
-        reached = min(reached, first_miss(frequency, slack))
-    return float(min(reached, points.frequency_Hz.max()))
-
-
-def first_miss(frequency_Hz: np.ndarray, slack: np.ndarray) -> float:
-    """From where a slack is negative, interpolated, Hz; 0 where it is at once, infinite where it never is."""
-    over = np.nonzero(slack < 0)[0]
-    if not len(over) or over[0] == 0:
-        return 0.0 if len(over) else np.inf
-    k = int(over[0])
-    share = slack[k - 1] / (slack[k - 1] - slack[k])
-    return float(frequency_Hz[k - 1] * (frequency_Hz[k] / frequency_Hz[k - 1]) ** share)

@@ -1,385 +1,381 @@
-"""Refine a proposed loop by interior points on finitely many check points, and let exact proofs add what was missed.
+"""Refinement of a law by interior points on samples: the largest bandwidth, or the least moving mass that has it.
 
-The variables of a program, in this order: logarithms of the controller's parameters, inner end mass (kg), logarithm
-of the guaranteed bandwidth (Hz), and whatever describes the sections. Where a loop comes nearest to its limits is found
-by sampling: these points are for the optimiser, and prove nothing.
+With exact second derivatives the bandwidth is a variable, and compliance is enforced at shares of it. The other limits
+are enforced at sampled points: a coarse set that covers everything, and the worst points of a fine one, chosen anew in
+every round. Where the sections of the beams are variables too, the plant at these points is symbolic in them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from math import exp, log
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import exp, inf, log, pi
 
 import casadi as ca
 import numpy as np
+from flint import fmpq_poly
 
-from beamdesign.controllers import Controller
 from beamdesign.controllers.form import Form
-from beamdesign.loop import Loop, LoopAtMass
-from beamdesign.plant.members import VertexModel
-from beamdesign.proofs.certificate import Claim, Kind
+from beamdesign.plant.linear import BilinearPlant, PairOver
+from beamdesign.proofs.certificate import Kind
 from beamdesign.prototype import Goal
+from beamdesign.rational import nearest
 from beamdesign.synthesis.interruption import interruption_waits
-from beamdesign.synthesis.loop_limits import LoopSet, goal_limits, loop_set, loop_slack
+from beamdesign.synthesis.loop_limits import (
+    LIMITED,
+    Pair,
+    added_up,
+    goal_limits,
+    law_on_axis,
+    on_axis,
+    product,
+    slack_of,
+)
+from beamdesign.synthesis.loop_samples import Samples
+from beamdesign.synthesis.loop_slacks import Slacks, counting, sampled_bandwidth, slacks
+from beamdesign.synthesis.sections import MASS_PER_MISSING_BANDWIDTH, Sections, sized_slack
 
-CheckPoints = Mapping[Kind, np.ndarray]
-"""Where an optimiser enforces each limit of a goal, enlarged by what a proof refutes: (n, 2) frequency in Hz, of the
-compliance as a share of the bandwidth, and outer end mass in kg."""
+_EVERY = 6
+"""Of how many neighbouring points one is enforced wherever it stands."""
 
+_WORST: dict[Kind, int] = {"peak_sensitivity": 100, "loop_gain": 25, "controller_effort": 50}
+"""How many of the worst points of each limit but the compliance are enforced beside these."""
 
-def check_points(low: float, high: float, goal: Goal, frequencies: int = 48) -> CheckPoints:
-    """Points to begin with: both ends of the mass range (kg), frequencies from 2 to 300 Hz; proofs add the others."""
-    begun: dict[Kind, np.ndarray] = {
-        "peak_sensitivity": np.geomspace(2.0, 300.0, frequencies),
-        "compliance": np.array([0.02, 0.5, 0.8, 1.0]),
-        "loop_gain": goal.loop_gain_from_Hz * np.geomspace(1.0, _FAR, 12),
-        "controller_effort": np.append(np.geomspace(2.0, 1000.0, 40), 1e5),
-    }
-    masses = np.unique([low, high])
-    return {kind: np.array([(value, mass) for mass in masses for value in begun[kind]]) for kind in goal_limits(goal)}
+_SHARES = np.concatenate([[5e-4], np.linspace(0.02, 0.37, 8), np.linspace(0.4, 1.0, 21)])
 
+_VIOLATION = 2e-3
+"""Violation between the enforced points that is put up with in a round; the worst of them are enforced in the next."""
 
-_BESIDE = np.array([0.99, 0.997, 1.0, 1.003, 1.01])
-_FAR = 10.0
-"""Up to how many times the frequency at which its limit begins the loop gain is enforced to begin with."""
+WORTH = 10.0
+"""Share of the bandwidth that may be given up to mend a violation, over that violation."""
 
+_MENDED, _MENDED_A_LITTLE = 0.5, 0.9
+"""Share of a violation that a mended one has at most; and where nothing else leads on: as worst rigs change about, the
+violation may have to be mended in several steps."""
 
-def with_peak(points: CheckPoints, kind: Kind, frequency_Hz: float, mass: float, from_Hz: float = 0.0) -> CheckPoints:
-    """Also enforce a limit (from a frequency up) at a peak and beside it, where a sharp peak may move to."""
-    return _enlarged(points, kind, np.maximum(frequency_Hz * _BESIDE, from_Hz), np.array([mass]))
+TOUCH = 5e-4
+"""By how much (logarithm) compliance is kept to spare where it is enforced, so that it is kept between as well."""
 
+NEARLY = 0.02
+"""By how much (logarithm) the compliance may miss its limit where a round begins."""
 
-def with_share(points: CheckPoints, share: float, masses: np.ndarray) -> CheckPoints:
-    """Also enforce the compliance at a share of the bandwidth, for all of the masses."""
-    return _enlarged(points, "compliance", np.array([min(share, 1.0)]), masses)
+_TRIES = 3
+"""How often a step with sections is tried, with the peaks enforced that the last one met, before a shorter one is."""
 
+_STILL = 1e-5
+"""Move of all variables below which a refinement of sections ends."""
 
-def _enlarged(points: CheckPoints, kind: Kind, values: np.ndarray, masses: np.ndarray) -> CheckPoints:
-    return {**points, kind: np.vstack([points[kind], np.column_stack(np.broadcast_arrays(values, masses))])}
-
-
-def guarantee(
-    slack: ca.Function, figures: ca.MX, inner_end_mass: ca.MX, logarithms: ca.MX, frequency: ca.MX, masses: ca.MX
-) -> ca.MX:
-    """Slacks at all check points of a limit, as expressions of the design variables, (n, 1).
-
-    Args:
-        slack: `loop_slack`.
-        figures: its figures less the end masses.
-        inner_end_mass: kg.
-        logarithms: variables of the controller's form.
-        frequency: (n, 1) Hz.
-        masses: (n, 1) outer end masses, kg.
-    """
-    n = masses.shape[0]
-    everything = ca.vertcat(ca.repmat(figures, 1, n), masses.T, ca.repmat(inner_end_mass, 1, n))
-    return slack.map(n)(everything, ca.repmat(logarithms, 1, n), frequency.T).T
-
-
-SHARES = np.linspace(0.0, 1.0, 5)
-"""Masses, as shares of the range, that are looked at."""
-
-
-def magnitude(loop: LoopAtMass, kind: Kind, frequency_Hz: np.ndarray) -> np.ndarray:
-    """|S|, |L| or |C S| at the given frequencies."""
-    match kind:
-        case "peak_sensitivity":
-            return np.abs(loop.sensitivity_response(frequency_Hz))
-        case "loop_gain":
-            return np.abs(loop.loop_response(frequency_Hz))
-        case "controller_effort":
-            return np.abs(loop.effort_response(frequency_Hz))
-    raise ValueError(f"no limit of {kind} is enforced at check points")
-
-
-def peak_near(
-    loop: Loop, kind: Kind, frequency_Hz: float, mass: float, low: float, high: float, from_Hz: float = 0.0
-) -> tuple[float, float]:
-    """Frequency and mass of the peak that a point lies on, by small grids that move and zoom in."""
-    for spread in (0.03, 0.03, 0.03, 0.01, 0.003):
-        frequencies = np.maximum(frequency_Hz * np.geomspace(1 / (1 + spread), 1 + spread, 21), from_Hz)
-        masses = np.unique(np.clip(mass + spread * (high - low) * np.linspace(-3, 3, 7), low, high))
-        peaks = np.array([magnitude(loop.at(float(value)), kind, frequencies) for value in masses])
-        i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
-        frequency_Hz, mass = float(frequencies[j]), float(masses[i])
-    return frequency_Hz, mass
-
-
-def largest_sampled(
-    loop: Loop, kind: Kind, low: float, high: float, from_Hz: float = 0.0
-) -> tuple[float, float, float]:
-    """Largest magnitude on a coarse grid, its frequency and mass; a proof's witness need not be near the worst peak."""
-    start, end = (1.0, 400.0) if kind == "peak_sensitivity" else (max(from_Hz, 1.0), max(4 * from_Hz, 2000.0))
-    frequencies, masses = np.geomspace(start, end, 400), low + SHARES * (high - low)
-    peaks = np.array([magnitude(loop.at(float(mass)), kind, frequencies) for mass in masses])
-    i, j = np.unravel_index(int(peaks.argmax()), peaks.shape)
-    return float(peaks[i, j]), float(frequencies[j]), float(masses[i])
-
-
-def high_peaks(loop: Loop, low: float, high: float, least: float) -> list[tuple[float, float]]:
-    """Frequencies and masses of all sampled peaks of the sensitivity above a value."""
-    found = []
-    frequencies = np.geomspace(1.0, 400.0, 1200)
-    for mass in np.unique(low + SHARES * (high - low)):
-        size = magnitude(loop.at(float(mass)), "peak_sensitivity", frequencies)
-        inner = size[1:-1]
-        peaks = (inner > size[:-2]) & (inner >= size[2:]) & (inner > least)
-        found += [(float(frequency), float(mass)) for frequency in frequencies[1:-1][peaks]]
-    return found
-
-
-ROUNDS = 24
-"""Most rounds of refinement and proof from one start."""
-
-_SMALLEST_REACH = 0.02
-
-_INSIDE = 6e-6
-"""How far inside both limits to stay (in logarithms), so that rounding the figures keeps the proof."""
-
-_STUCK = 1e-4
-"""A move so small that the last check point changed nothing: then too the limit is tightened."""
-
-_HIGH_PEAK = 0.7
-"""Share of the limit from which a peak of the sensitivity counts as high."""
-
-_SPARE: dict[Kind, int] = {"peak_sensitivity": 60, "compliance": 20, "loop_gain": 20, "controller_effort": 40}
-"""Slots for further check points of each limit, before a solver is built anew with more."""
-
-_SMALLEST_SHARE = 1e-3
-"""Least share of the bandwidth at which compliance is enforced: at rest it may vanish, and has no logarithm then."""
-
-LARGEST_BANDWIDTH_HZ = 500.0
-"""Most that is guaranteed, also of a rig that keeps the compliance at every frequency."""
+_SETTLED = 1e-4
+"""Relative growth of the bandwidth in a round below which the refinement ends."""
 
 
 @dataclass(frozen=True)
-class LoopProgram:
-    """What is optimised, over the variables named at the head of this file.
+class LawRefinement:
+    """Interior points for one form of law on one set of samples; called from any start.
 
     Attributes:
-        form: kind of controller.
-        goal: limits of compliance and peak sensitivity.
-        outer_end_mass_kg: range of the guarantee.
-        figures: the section variables to the (14,) lumped figures; to none where they stand.
-        filtered: whether the sensor has a filter.
-        structure: all variables to slacks that must not be negative.
-        objective: all variables to what is minimised.
-        lower: (n,) bounds of all variables.
-        upper: (n,)
-        reach: how far the variables may move in the first round. Beyond a stability boundary the sensitivity is
-            finite again, so that a long step can end in an unstable loop that meets every constraint.
-        tighten_below: excess of |S| (in logarithms) below which a refuted limit is tightened by it; above it, only
-            check points are added, which costs rounds but nothing of the optimum.
-        members: section variables to all linear members of the rig they stand for, rounded as it will be written down,
-            which are all guaranteed; None where they are the sizes of no tubes, or of an inner one that does not go
-            into the outer one.
-        flaw: all variables to the reason why their rounded sections may not be built, empty where they may.
-        cost: of a proved loop, to choose the best one by.
+        points: fine samples of the loops, with sections those of the rig to begin with.
+        goal: the limits.
+        form: of the law.
+        inner_kg: least and most mass inside.
+        plants: the plants and factors on their gain that are to perform, with the number of their first row of samples,
+            that of the least mass.
+        masses: outer end masses (kg) of the rows of a plant.
+        sections: that may be chosen as well; there is but one plant then.
+        resampled: section variables to the samples with them, None where there is no such rig.
     """
 
-    form: Form
+    points: Samples
     goal: Goal
-    outer_end_mass_kg: tuple[float, float]
-    figures: Callable[[ca.MX], ca.MX]
-    filtered: bool
-    structure: Callable[[ca.MX], ca.MX]
-    objective: Callable[[ca.MX], ca.MX]
-    lower: np.ndarray
-    upper: np.ndarray
-    reach: float
-    tighten_below: float
-    members: Callable[[np.ndarray], tuple[VertexModel, ...] | None]
-    flaw: Callable[[np.ndarray], str]
-    cost: Callable[["Proved"], float]
+    form: Form
+    inner_kg: tuple[float, float]
+    plants: Sequence[tuple[BilinearPlant, float, int]]
+    masses: Sequence[float]
+    sections: Sections | None = None
+    resampled: Callable[[np.ndarray], Samples | None] | None = None
+    _solver: ca.Function = field(init=False, repr=False)
 
+    def __post_init__(self) -> None:
+        """Build the program: its points are parameters."""
+        object.__setattr__(self, "_solver", self._program())
 
-@dataclass(frozen=True)
-class Proved:
-    """A loop proved stable and within the peak sensitivity for every outer end mass of the range.
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest variables, those of the form, the mass inside and the sections, (v,) each."""
+        own, inner, sections = self.form, self.inner_kg, self.sections
+        lower, upper = np.append(own.lower, inner[0]), np.append(own.upper, inner[1])
+        if sections is None:
+            return lower, upper
+        return np.append(lower, sections.lower), np.append(upper, sections.upper)
 
-    Attributes:
-        controller: with rounded figures, as it was proved.
-        inner_end_mass_kg: mass added inside.
-        bandwidth_Hz: proved, for every mass of the range.
-        peak_sensitivity: proved bound.
-        variables: of the program, where it was found.
-    """
+    def points_at(self, variables: np.ndarray) -> Samples | None:
+        """Samples of the loops with the sections among these variables."""
+        return self.points if self.resampled is None else self.resampled(variables[self.form.size + 1 :])
 
-    controller: Controller
-    inner_end_mass_kg: float
-    bandwidth_Hz: float
-    peak_sensitivity: float
-    variables: np.ndarray
+    def measured(self, variables: np.ndarray) -> Slacks | None:
+        """What a law leaves of the limits, without derivatives; None where there is no such rig."""
+        points = self.points_at(variables)
+        return None if points is None else slacks(points, self.goal, self.form, variables, slopes=False)
 
+    def __call__(
+        self,
+        start: np.ndarray,
+        inside: float = 0.0,
+        stiffer: float = TOUCH,
+        rounds: int = 20,
+        reach: float = 0.5,
+        worth: float = WORTH,
+    ) -> tuple[np.ndarray, float]:
+        """Variables and sampled value of the best loop found, the start's own where none is better.
 
-@dataclass(frozen=True)
-class Refinement:
-    """Outcome of one start: what was proved, or why nothing was; and how many stability proofs it took."""
+        The value is the bandwidth (Hz), or with sections what they say it is.
 
-    proved: Proved | None
-    certificates: int
-    reason: str = ""
+        Args:
+            start: (v,) variables of a loop that is stable.
+            inside: by how much (logarithm) every limit but the compliance is to be kept with something to spare.
+            stiffer: likewise of the compliance.
+            rounds: at most.
+            reach: how far a variable may move in the first of them.
+            worth: share of the value that may be given up to mend a violation, over that violation.
+        """
+        best = np.clip(start, *self.bounds)
+        now = self.measured(best)
+        if now is None or not now.settled:
+            return best, 0.0
 
+        def judged(variables: np.ndarray, found: Slacks) -> tuple[float, float, float]:
+            """Bandwidth (Hz), value, and what is missed of the other limits."""
+            width = sampled_bandwidth(self.points, found.compliance - stiffer + TOUCH)
+            missed = max(found.violation_inside(inside), self._overdrawn(variables))
+            return width, self.value(variables, width), missed
 
-class _Solver:
-    """IPOPT for one program: the check points are parameters, in slots that repeat a point where unused."""
+        reached, value, violation = judged(best, now)
+        least, widest, met = _MENDED if worth < inf else _MENDED_A_LITTLE, reach, now.values
+        tries, small = 0, _VIOLATION / (100 if self.sections is None or inside else 10)
+        while rounds > 0 and reach > 0.005:
+            rounds -= 1
+            tried, foreseen = self._solved(best, now, met, reached, (inside, stiffer), reach)
+            if self._solver.stats()["success"] and foreseen < value * (1 + _SETTLED) and violation < small:
+                break
+            if self.sections is not None and np.abs(tried - best).max() < _STILL:
+                break
+            then = self.measured(tried)
+            if then is not None:
+                wider, higher, missed = judged(tried, then)
+                mended = missed < min(violation - 1e-7, least * violation) and higher >= value * (1 - worth * violation)
+                better = mended or higher > value * (1 + _SETTLED)
+                if then.settled and missed < max(violation, _VIOLATION) * 1.01 and better:
+                    best, now, reached, value, violation, met = tried, then, wider, higher, missed, then.values
+                    if self.sections is not None:  # a long way to go, whose parts are curved more or less
+                        reach, tries = min(2 * reach, widest), 0
+                    continue
+                met = np.minimum(met, then.values)
+            tries += 1
+            if self.sections is None or tries % _TRIES == 0:
+                reach /= 3
+        return best, value
 
-    def __init__(self, program: LoopProgram, points: CheckPoints):
-        self._slots = {kind: len(given) + _SPARE[kind] for kind, given in points.items()}
-        self._program = program
-        count, n = program.form.size, len(program.lower)
-        variables, inside = ca.MX.sym("variables", n), ca.MX.sym("inside")
-        logarithms, inner, log_bandwidth, sections = ca.vertsplit(variables, [0, count, count + 1, count + 2, n])
-        limits, figures, slacks, places = goal_limits(program.goal), program.figures(sections), [], []
-        for kind, slots in self._slots.items():
-            place = ca.MX.sym(kind, slots, 2)
-            frequency = ca.exp(log_bandwidth) * place[:, 0] if kind == "compliance" else place[:, 0]
-            slack = loop_slack(program.form, program.filtered, kind)
-            found = guarantee(slack, figures, inner, logarithms, frequency, place[:, 1]) + log(limits[kind])
-            slacks.append(found - (_INSIDE if kind == "compliance" else inside))
-            places.append(place)
-        self._solver = ca.nlpsol(
-            "loop",
+    def value(self, variables: np.ndarray, bandwidth_Hz: float) -> float:
+        """What a loop of a bandwidth is worth."""
+        if self.sections is None:
+            return bandwidth_Hz
+        own = self.form.size
+        return self.sections.value(float(variables[own]), variables[own + 1 :], bandwidth_Hz)
+
+    def _overdrawn(self, variables: np.ndarray) -> float:
+        """By how much the sections miss what they are to keep."""
+        if self.sections is None:
+            return 0.0
+        own = self.form.size
+        kept = np.asarray(self.sections.structure(variables[own], variables[own + 1 :]))
+        return max(0.0, -float(kept.min(initial=0.0)))
+
+    def _solved(
+        self,
+        start: np.ndarray,
+        now: Slacks,
+        met: np.ndarray,
+        bandwidth_Hz: float,
+        spare: tuple[float, float],
+        reach: float,
+    ) -> tuple[np.ndarray, float]:
+        """Variables of the program's optimum, and the value that it foresees there."""
+        lower, upper = self.bounds
+        moves = reach * np.append(self.form.moves, np.ones(len(start) - self.form.size))
+        lower, upper = np.maximum(lower, start - moves), np.minimum(upper, start + moves)
+        # A compliance that just misses its limit at rest has no bandwidth, but is a good start.
+        near = sampled_bandwidth(self.points, now.compliance + NEARLY)
+        beta = log(max(bandwidth_Hz, near, 0.5))
+        if (most := self._aimed) < inf:
+            beta = min(beta, most)
+        limited = dict(zip(LIMITED, zip(met if self.sections else now.values, now.held_on, strict=True), strict=True))
+        data = [
+            self._data(on, self._chosen(slack, worst)).ravel(order="F")
+            for (slack, on), worst in ((limited[kind], worst) for kind, worst in _WORST.items())
+        ]
+        off = limited["compliance"][1]
+        data += [self._moved(off, row, np.exp(beta)).ravel(order="F") for _, _, row in self.plants]
+        with interruption_waits():
+            found = self._solver(
+                x0=np.append(start, beta),
+                p=np.concatenate([*data, spare]),
+                lbx=np.append(lower, beta - 1.0),
+                ubx=np.append(upper, min(beta + (0.25 if self.sections is None else 1.0), most)),
+                lbg=0.0,
+                ubg=ca.inf,
+            )
+        *values, foreseen = np.asarray(found["x"]).ravel()
+        if not np.isfinite(values).all():
+            return start, 0.0
+        values = np.clip(values, lower, upper)
+        return values, self.value(values, exp(foreseen))
+
+    @property
+    def _aimed(self) -> float:
+        """Logarithm of the bandwidth (Hz) beyond which nothing is sought."""
+        sections = self.sections
+        return inf if sections is None or sections.needed_Hz is None else log(sections.needed_Hz * (1 + 1e-5))
+
+    def _moved(self, off: Samples, first_row: int, bandwidth_Hz: float) -> np.ndarray:
+        """(2 r, n) logarithms, real and imaginary, of the worst rigs' responses over the nominal ones.
+
+        At shares of a bandwidth. The responses are those from current to each sensor, from force to displacement, and
+        what feedback adds to it.
+        """
+        asked, found = np.log(_SHARES * bandwidth_Hz), []
+        for k in range(len(self.masses)):
+            on = np.nonzero(self.points.row == first_row + k)[0]
+            nearest = on[np.abs(np.log(self.points.frequency_Hz[on])[:, None] - asked).argmin(axis=0)]
+            found.append(np.log(_ratios(off, self.points, nearest)))
+        both = np.stack(found, axis=2).reshape(-1, len(asked) * len(self.masses))
+        return np.concatenate([both.real, both.imag])
+
+    def _program(self) -> ca.Function:
+        own, sized = self.form.size, self.sections
+        count = own + 1 + (0 if sized is None else len(sized.start))
+        variables = ca.MX.sym("variables", count + 1)
+        law, inner, chosen, beta = ca.vertsplit(variables, [0, own, own + 1, count, count + 1])
+        table, _ = self.form.coefficients(law)
+        figures = ca.MX(0, 1) if sized is None else sized.figures(chosen)
+        inside, stiffer = ca.MX.sym("inside"), ca.MX.sym("stiffer")
+        data, found, objective = [], [], -beta
+
+        def held(slack: ca.Function, given: Sequence[ca.MX]) -> ca.MX:
+            """A slack at points side by side, from what is the same for all and what each has of its own."""
+            n = given[0].shape[1]
+            return slack.map(n)(*(ca.repmat(one, 1, n) for one in (ca.vec(table), inner, figures)), *given).T
+
+        # How many points are enforced must not change: as many as ever count.
+        counts = dict(zip(LIMITED, np.where(counting(self.points, self.goal), 0.0, np.inf), strict=True))
+        for kind, worst in _WORST.items():
+            size = len(self._chosen(counts[kind], worst))
+            given = ca.MX.sym(f"data_{kind}", len(self._data(self.points, np.arange(1))), size)
+            data.append(given)
+            if not size:
+                continue
+            limit = log(goal_limits(self.goal)[kind])
+            if sized is None:
+                found.append(held(_point(table.shape, kind), [given]) + limit - inside)
+            else:
+                frequency, relaxed, outer = ca.vertsplit(given)
+                slack = sized_slack(table.shape, kind, sized.filtered)
+                found.append(held(slack, [outer, frequency]) + ca.log(relaxed).T + limit - inside)
+        masses = ca.MX(np.tile(self.masses, len(_SHARES))).T
+        frequencies = ca.exp(beta) * ca.DM(np.repeat(_SHARES, len(self.masses))).T
+        asked = log(self.goal.compliance_m_per_N) - stiffer
+        for k, (plant, factor, _) in enumerate(self.plants):
+            data.append(ca.MX.sym(f"moved_{k}", 2 * (1 + 2 * len(self.form.sensors)), masses.shape[1]))
+            stiffness = _stiffness(table.shape, plant, factor)
+            found.append(held(stiffness, [masses, frequencies, data[-1]]) + asked)
+        if sized is not None:
+            found.append(held(sized_slack(table.shape, "compliance", sized.filtered), [masses, frequencies]) + asked)
+            found.append(ca.MX(sized.structure(inner, chosen)))
+            if sized.needed_Hz is not None:
+                missing = self._aimed - beta
+                objective = sized.moving_mass(inner, chosen) + MASS_PER_MISSING_BANDWIDTH * missing
+        return ca.nlpsol(
+            "refinement",
             "ipopt",
             {
                 "x": variables,
-                "p": ca.vertcat(*map(ca.vec, places), inside),
-                "f": program.objective(variables),
-                "g": ca.vertcat(*slacks, program.structure(variables)),
+                "p": ca.vertcat(*map(ca.vec, data), inside, stiffer),
+                "f": objective,
+                "g": ca.vertcat(*found),
             },
             {
                 "print_time": False,
                 "ipopt.print_level": 0,
                 "ipopt.sb": "yes",
-                "ipopt.max_iter": 150,
-                "ipopt.tol": 1e-8,
+                "ipopt.max_iter": 70,
+                "ipopt.tol": 1e-6,
                 "ipopt.mu_init": 1e-3,
                 "ipopt.bound_relax_factor": 0.0,
             },
         )
 
-    def holds(self, points: CheckPoints) -> bool:
-        """Whether there are slots for all of the points."""
-        return all(len(points[kind]) <= slots for kind, slots in self._slots.items())
+    def _chosen(self, slack: np.ndarray, worst: int) -> np.ndarray:
+        """Indices of every so manieth finite slack and of the worst of the others; fewer where each costs more."""
+        finite = np.nonzero(np.isfinite(slack))[0]
+        even = finite[:: _EVERY if self.sections is None else 6 * _EVERY]
+        rest = np.setdiff1d(finite, even)
+        return np.concatenate([even, rest[np.argsort(slack[rest], kind="stable")[:worst]]])
 
-    def __call__(self, start: np.ndarray, points: CheckPoints, inside: float, reach: float) -> np.ndarray:
-        """Minimise the objective with the guarantee enforced at the points.
-
-        Args:
-            start: variables to begin from.
-            points: where both limits are enforced.
-            inside: how far inside the limit of sensitivity, in logarithms.
-            reach: how far each variable may move.
-
-        Returns:
-            The variables where IPOPT stopped, whatever its status: only a proof of the result counts.
-        """
-        slots = [
-            np.vstack([given, np.repeat(given[:1], self._slots[kind] - len(given), axis=0)]).ravel(order="F")
-            for kind, given in points.items()
-        ]
-        lower, upper = np.maximum(self._program.lower, start - reach), np.minimum(self._program.upper, start + reach)
-        given = np.concatenate([*slots, [inside]])
-        with interruption_waits():
-            found = self._solver(x0=start, p=given, lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
-        return np.clip(np.asarray(found["x"]).ravel(), lower, upper)
+    def _data(self, at: Samples, index: np.ndarray) -> np.ndarray:
+        """What the program reads of some points, (rows, count)."""
+        relaxed = at.relaxed[index]
+        if self.sections is not None:
+            return np.array([at.frequency_Hz[index], relaxed, at.outer_end_mass[index]])
+        values = np.concatenate([at.denominator[index][None], *(control[:, index] for control in at.control)])
+        return np.concatenate([[2 * pi * at.frequency_Hz[index], relaxed], values.real, values.imag])
 
 
-def _with_peaks(points: CheckPoints, program: LoopProgram, anchor: np.ndarray) -> CheckPoints:
-    """Also enforce the sensitivity at the higher peaks of the loop that a refinement departs from.
+def _ratios(off: Samples, nominal: Samples, index: np.ndarray) -> np.ndarray:
+    """(r, n) responses of rigs that are off over the nominal ones; one where nothing responds."""
 
-    A sharp peak between check points is a gap in the fence around the stable loops, through which a step can pass.
-    """
-    count, (low, high) = program.form.size, program.outer_end_mass_kg
-    members = program.members(anchor[count + 2 :])
-    if members is None:
-        return points
-    controller = program.form.record(anchor[:count])
-    loops = loop_set(members, controller, float(anchor[count]), (low, high))
-    for loop in loops.ends():
-        for frequency, mass in high_peaks(loop, low, high, _HIGH_PEAK * program.goal.peak_sensitivity):
-            points = with_peak(points, "peak_sensitivity", frequency, mass)
-    return points
+    def listed(at: Samples) -> np.ndarray:
+        return np.concatenate([at.control[:, 0, index], at.disturbance[:1, index], at.crossed[:, 0, index]])
+
+    here = listed(nominal)
+    return np.divide(listed(off), here, out=np.ones_like(here), where=here != 0)
 
 
-def _with_refuted(
-    points: CheckPoints, loops: LoopSet, refuted: Sequence[tuple[Claim, int]], program: LoopProgram
-) -> CheckPoints:
-    """Also enforce each refuted limit where its proof failed, and at the worst peak that sampling shows."""
-    low, high = program.outer_end_mass_kg
-    for claim, _ in refuted:
-        from_Hz = claim.from_Hz or 0.0
-        assert claim.witness_frequency_Hz is not None
-        assert claim.witness_outer_end_mass_kg is not None
-        witness = (claim.witness_frequency_Hz, claim.witness_outer_end_mass_kg)
-        sampled = [(*largest_sampled(loop, claim.kind, low, high, from_Hz), loop) for loop in loops.ends()]
-        worst = max(sampled, key=lambda found: found[0])
-        for place in (witness, worst[1:3]):
-            peak = peak_near(worst[3], claim.kind, *place, low, high, from_Hz)
-            points = with_peak(points, claim.kind, *peak, from_Hz)
-    return points
+def _point(shape: tuple[int, int], kind: Kind) -> ca.Function:
+    """Slack of a limit at one point, see `slack_of`, from the law's coefficients, mass inside, nothing, and data."""
+    coefficients = ca.SX.sym("coefficients", *shape)
+    half = 2 * shape[0] - 1
+    inner, data = ca.SX.sym("inner"), ca.SX.sym("data", 2 + 2 * half)
+    values: list[Pair] = [(data[2 + k], data[2 + half + k]) for k in range(half)]
+    plant: Pair = (1 + inner * values[0][0], inner * values[0][1])
+    control = [
+        (bare[0] + inner * added[0], bare[1] + inner * added[1])
+        for bare, added in zip(values[1::2], values[2::2], strict=True)
+    ]
+    slack = slack_of(kind, law_on_axis(coefficients, data[0]), plant, control) + ca.log(data[1])
+    return ca.Function("point", [ca.vec(coefficients), inner, ca.SX(0, 1), data], [slack])
 
 
-def refine(program: LoopProgram, start: np.ndarray, needed_Hz: float = 0.0) -> Refinement:
-    """Refine one start in rounds; each enforces what the last proof refuted.
+def _stiffness(shape: tuple[int, int], plant: BilinearPlant, factor: float) -> ca.Function:
+    """log(|F_d / x|) from the law's coefficients, masses inside and outside (kg), frequency (Hz) and moves."""
+    coefficients = ca.SX.sym("coefficients", *shape)
+    p = shape[0] - 1
+    inner, outer, frequency = (ca.SX.sym(name) for name in ("inner", "outer", "frequency"))
+    moves, w = ca.SX.sym("moves", 2 * (1 + 2 * p)), 2 * pi * frequency
 
-    Args:
-        program: what is optimised.
-        start: variables to begin from.
-        needed_Hz: bandwidth below which a proved loop is no answer.
-    """
-    count = program.form.size
-    low, high = program.outer_end_mass_kg
-    points, inside, within = check_points(low, high, program.goal), _INSIDE, program.reach
-    solver = _Solver(program, points)
-    anchor, best = np.clip(start, program.lower, program.upper), None
-    fenced: np.ndarray | None = None  # the anchor whose peaks are check points already
-    reason, certificates = "no round of refinement was proved", 0
-    while certificates < ROUNDS and within > _SMALLEST_REACH:
-        if not solver.holds(points):
-            solver = _Solver(program, points)
-        variables = solver(anchor, points, inside, within)
-        if not np.isfinite(variables).all():
-            return Refinement(best, certificates, "" if best else "the refinement lost its way: figures not finite")
-        members = program.members(variables[count + 2 :])
-        if members is None:
-            reason = "the refined sizes are no pair of tubes"
-            within *= 0.4
-            continue
-        controller = program.form.record(variables[:count])
-        inner = round(float(variables[count]), 6)
-        loops = loop_set(members, controller, inner, (low, high))
-        certificates += 1
-        if loops.unstable():
-            reason = "the refined loop is not stable over the whole range"
-            if fenced is anchor:
-                within *= 0.4
-            else:
-                points, fenced = _with_peaks(points, program, anchor), anchor
-            continue
-        moved, anchor = float(np.abs(variables - anchor).max()), variables
-        refuted = loops.refuted(program.goal)
-        if refuted:
-            reason = f"{refuted[0][0].kind.replace('_', ' ')} refuted: {refuted[0][0].reason}"
-            points = _with_refuted(points, loops, refuted, program)
-            excess = loops.excess(program.goal)
-            if moved < _STUCK:
-                inside += excess
-            else:
-                inside = _INSIDE + (excess if excess < program.tighten_below else 0.0)
-            continue
-        bandwidth = min(*loops.bandwidths(program.goal.compliance_m_per_N).values(), LARGEST_BANDWIDTH_HZ)
-        flaw = program.flaw(variables)
-        if bandwidth < needed_Hz:
-            reason = f"guarantees {bandwidth:.4g} Hz, {needed_Hz:.4g} Hz are needed"
-        elif flaw:
-            reason = flaw
-        else:
-            peak = min(loops.peak_sensitivity(), program.goal.peak_sensitivity)
-            found = Proved(controller, inner, bandwidth, peak, variables)
-            best = found if best is None else min(best, found, key=program.cost)
-        aimed = exp(variables[count + 1])
-        if bandwidth < aimed * (1 - 1e-4) or bandwidth < needed_Hz <= aimed:  # refuted between the check points
-            points = with_share(points, max(bandwidth / aimed, _SMALLEST_SHARE), low + SHARES * (high - low))
-        elif moved < 0.99 * within:
-            break
-    return Refinement(best, certificates, "" if best else reason)
+    def at(*weighted: tuple[ca.SX | float, fmpq_poly]) -> Pair:
+        return on_axis(added_up((by, [nearest(c) for c in polynomial.coeffs()]) for by, polynomial in weighted), w)
+
+    def moved(k: int, value: Pair) -> Pair:
+        size, turn = ca.exp(moves[k]), moves[1 + 2 * p + k]
+        return product(value, (size * ca.cos(turn), size * ca.sin(turn)))
+
+    def over_both(rows: tuple[PairOver, PairOver], by: float = 1.0) -> Pair:
+        (own, within), (slope, both) = rows
+        return at((by, own), (by * inner, within), (by * outer, slope), (by * outer * inner, both))
+
+    slack = slack_of(
+        "compliance",
+        law_on_axis(coefficients, w),
+        over_both(plant.denominator),
+        [moved(k, over_both(rows, factor)) for k, rows in enumerate(plant.control)],
+        moved(p, at((1.0, plant.disturbance[0]), (inner, plant.disturbance[1]))),
+        [moved(p + 1 + k, at((factor, own), (factor * inner, added))) for k, (own, added) in enumerate(plant.crossed)],
+    )
+    return ca.Function("stiffness", [ca.vec(coefficients), inner, ca.SX(0, 1), outer, frequency, moves], [slack])

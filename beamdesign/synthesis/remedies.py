@@ -8,10 +8,9 @@ besides change only what their name says, and may add no more than a given movin
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import inf
 
-import casadi as ca
 import numpy as np
-from scipy.stats import qmc
 
 from beamdesign.controllers import Lag
 from beamdesign.controllers.form import form_of
@@ -19,25 +18,19 @@ from beamdesign.controllers.structured import as_lag
 from beamdesign.problem import DesignProblem
 from beamdesign.progress import Progress, silent
 from beamdesign.structure.section import SquareTube
-from beamdesign.synthesis.codesign import (
-    ROUNDED_SLACK,
-    codesign_program,
-    rounded_tubes,
-    section_mass,
-    sizing_parts,
-    structural_flaw,
-)
+from beamdesign.synthesis.codesign import SIZED_EFFORT
 from beamdesign.synthesis.free_search import start_variables
-from beamdesign.synthesis.refinement import LoopProgram, Proved, refine
-from beamdesign.synthesis.starts import best_starts
+from beamdesign.synthesis.law_search import Found, from_seeds, search
+from beamdesign.synthesis.law_task import Search
+from beamdesign.synthesis.loop_limits import Proved
+from beamdesign.synthesis.sections import free_sections, rounded_tubes, section_mass
 from beamdesign.synthesis.tuning import SMALLEST_BANDWIDTH_HZ
 
 PAPER_BREAKS_HZ = (1.75, 26.0)
 """Lag breaks of the paper, kept where no remedy is applied."""
 
-SAMPLES, STARTS = 128, 2
-_ROUNDED_MASS_KG = 5e-4
-"""By how much rounding the sizes may add to the mass."""
+_LARGER = ((1.0, 1.0), (1.1, 1.6))
+"""Of how many times the given width and wall the sections that may change are begun with."""
 
 SCHEDULE_PARTS = 4
 """Parts of the payload range with a lag of their own."""
@@ -100,48 +93,33 @@ FREEDOMS = (
 SCHEDULED = _Freedom("lag scheduled on the payload")
 
 
-def _program(
-    problem: DesignProblem, freedom: _Freedom, masses_kg: tuple[float, float], added_mass_kg: float
-) -> LoopProgram:
-    """Largest guaranteed bandwidth within a remedy's freedom."""
-    form = form_of("lag")
-    count = form.size
-    base = _given(problem)
-    bare_mass = section_mass(problem, base)
-    lightest = codesign_program(problem, form, masses_kg, bandwidth_Hz=500.0)
-    parts = sizing_parts(problem)
-    lower, upper = lightest.lower.copy(), lightest.upper.copy()
+def _search(
+    problem: DesignProblem,
+    freedom: _Freedom,
+    masses_kg: tuple[float, float],
+    added_mass_kg: float,
+    near: Sequence[Proved] = (),
+) -> Found:
+    """The largest guaranteed bandwidth within a remedy's freedom, from seeds and from proved loops of a like one."""
+    given, inner_kg, free = _given(problem), (0.0, 0.0), list(freedom.sections)
+    if freedom.inner_end_mass:
+        inner_kg = (0.0, min(problem.controller.largest_inner_end_mass_kg, added_mass_kg))
+    form, seeds = form_of("lag"), Lag.seeds()
     if not freedom.breaks:
-        lower[1:count] = upper[1:count] = np.log(PAPER_BREAKS_HZ)
-    upper[count] = min(problem.controller.largest_inner_end_mass_kg, added_mass_kg) if freedom.inner_end_mass else 0.0
-    for index in set(range(4)) - set(freedom.sections):
-        lower[count + 2 + index] = upper[count + 2 + index] = base[index]
-    if not freedom.sections:
-        lower[count + 2 :] = upper[count + 2 :] = base
-
-    def structure(variables: ca.MX) -> ca.MX:
-        constraints, mass = parts(variables[count + 2 :])
-        budget = bare_mass + added_mass_kg - mass - variables[count]
-        return ca.vertcat(-constraints - ROUNDED_SLACK, budget - _ROUNDED_MASS_KG) if freedom.sections else ca.MX(0, 1)
-
-    def flaw(variables: np.ndarray) -> str:
-        """Sections that were not chosen here need not pass: the given ones are what a remedy is compared with."""
-        if not freedom.sections:
-            return ""
-        added = section_mass(problem, variables[count + 2 :]) + float(variables[count]) - bare_mass
-        if added > added_mass_kg:
-            return f"adds {added:.6g} kg, more than {added_mass_kg:g} kg"
-        return structural_flaw(problem, variables[count + 2 :])
-
-    return replace(
-        lightest,
-        structure=structure,
-        objective=lambda variables: -variables[count + 1],
-        lower=lower,
-        upper=upper,
-        flaw=flaw,
-        cost=lambda proved: -proved.bandwidth_Hz,
-    )
+        pole, zero = PAPER_BREAKS_HZ
+        seeds, breaks = (Lag(gain_A_per_V=3e-3, pole_Hz=pole, zero_Hz=zero),), np.log(PAPER_BREAKS_HZ)
+        form = replace(form, lower=np.append(form.lower[0], breaks), upper=np.append(form.upper[0], breaks))
+    most = section_mass(problem, given) + added_mass_kg
+    starts = [np.concatenate([proved.variables[: form.size + 1], given]) for proved in near]
+    for larger in _LARGER if free else _LARGER[:1]:
+        sizes = given.copy()
+        sizes[free] *= larger[: len(free)]
+        sections = free_sections(problem, sizes, largest_mass_kg=most, free=free)
+        members = sections.members(sections.start, False)
+        assert members is not None  # the sizes are given, or a little larger
+        task = Search(members, problem.goal, masses_kg, inner_kg, effort=SIZED_EFFORT, sections=sections)
+        starts += [variables for _, variables in from_seeds(task, seeds)]
+    return search(task, [(form, one) for one in starts])
 
 
 def _given(problem: DesignProblem) -> np.ndarray:
@@ -151,27 +129,6 @@ def _given(problem: DesignProblem) -> np.ndarray:
     return start_variables(problem, np.ravel(problem.given))
 
 
-def _best(program: LoopProgram, problem: DesignProblem, near: Sequence[Proved]) -> Proved | str:
-    """The best proved loop of a program, from samples and from proved loops of a like one, or why there is none."""
-    head = program.form.size + 2
-    unit = qmc.Sobol(len(program.lower), scramble=True, rng=0).random(SAMPLES)
-    samples = program.lower + unit * (program.upper - program.lower)
-    free = (program.upper - program.lower)[head:] > 0
-    # Sections are sampled near the given ones: what is asked is how far to move from them.
-    given = _given(problem)
-    samples[:, head:] = np.where(free, given * (1 + 0.25 * (unit[:, head:] - 0.5)), given)
-    samples = np.vstack([samples, np.concatenate([program.lower[:head], given])])
-    starts, _ = best_starts(program, samples, lambda variables: -float(variables[head - 1]), STARTS)
-    refined = [
-        refine(program, start, SMALLEST_BANDWIDTH_HZ) for start in (*starts, *(proved.variables for proved in near))
-    ]
-    proved = [refinement.proved for refinement in refined if refinement.proved is not None]
-    if proved:
-        return max(proved, key=lambda found: found.bandwidth_Hz)
-    reasons = dict.fromkeys(refinement.reason for refinement in refined)
-    return "; ".join(reasons) or "no gain meets the peak sensitivity over the whole range"
-
-
 def _remedy(
     problem: DesignProblem,
     freedom: _Freedom,
@@ -179,23 +136,20 @@ def _remedy(
     added_mass_kg: float,
     near: Sequence[Proved] = (),
 ) -> Remedy:
-    program = _program(problem, freedom, masses_kg, added_mass_kg)
-    head = program.form.size + 2
-    found = _best(program, problem, near)
-    if isinstance(found, str):
-        outer, inner = rounded_tubes(_given(problem))
-        return Remedy(freedom.name, 0.0, 0.0, float("inf"), outer, inner, 0.0, (), (masses_kg,), found)
-    outer, inner = rounded_tubes(found.variables[head:])
-    added = section_mass(problem, found.variables[head:]) - section_mass(problem, _given(problem))
+    found, given = _search(problem, freedom, masses_kg, added_mass_kg, near), _given(problem)
+    proved = found.proved
+    if proved is None or proved.bandwidth_Hz < SMALLEST_BANDWIDTH_HZ:
+        reason = found.reason or f"guarantees no bandwidth above {SMALLEST_BANDWIDTH_HZ:g} Hz"
+        return Remedy(freedom.name, 0.0, 0.0, inf, *rounded_tubes(given), 0.0, (), (masses_kg,), reason)
+    sizes = proved.variables[-len(given) :]
     return Remedy(
         freedom.name,
-        added + found.inner_end_mass_kg,
-        found.bandwidth_Hz,
-        found.peak_sensitivity,
-        outer,
-        inner,
-        found.inner_end_mass_kg,
-        (found,),
+        section_mass(problem, sizes) - section_mass(problem, given) + proved.inner_end_mass_kg,
+        proved.bandwidth_Hz,
+        proved.peak_sensitivity,
+        *rounded_tubes(sizes),
+        proved.inner_end_mass_kg,
+        (proved,),
         (masses_kg,),
     )
 

@@ -26,7 +26,7 @@ from types import MappingProxyType
 import numpy as np
 
 from beamdesign.controllers import KINDS, SENSED, Estimator, Scheduled, Sensed, Stage
-from beamdesign.plant.members import VertexModel, served
+from beamdesign.plant.members import served
 from beamdesign.progress import Progress, silent
 from beamdesign.proofs.certifying import gain_and_mass
 from beamdesign.proofs.lyapunov import Switching, switching
@@ -35,8 +35,9 @@ from beamdesign.prototype import Goal, InStage, Prototype
 from beamdesign.rational import nearest
 from beamdesign.records import InputError
 from beamdesign.result import Result
-from beamdesign.synthesis.law_search import Found, Search, from_seeds, search
-from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.law_search import Found, from_seeds, search
+from beamdesign.synthesis.law_task import Search
+from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import RigSpread
 from beamdesign.synthesis.weight_search import ADDED_SENSORS_EFFORT, EFFORT, SYNTHESES, search_observer
 
@@ -48,7 +49,6 @@ def tunable() -> tuple[str, ...]:
 
 SMALLEST_BANDWIDTH_HZ = 1e-3
 """Below this a loop does not hold its load still, and is no answer."""
-
 NEARLY = 0.98
 """Share of the largest bandwidth of the worst stage that counts as nearly as much."""
 
@@ -177,22 +177,28 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
     stage = None if asked.stable_kg is None else (masses_kg, asked.stable_kg)
     members = served(prototype, (asked.stable_kg or masses_kg)[1], stage)
     spread = asked.spread and replace(asked.spread, stage=stage)
-    if any(_varies_on_the_mount(member) for member in members):
+    riding = [member.performance for member in members if member.rig.sensor_rides and member.performance is not None]
+    if any(inside.low < inside.high for inside in riding):  # the gain varies while the end mass shows in the feedback
         raise InputError(prototype.name, gain_and_mass(prototype, masses_kg[1]))
     given = (members, prototype.goal, masses_kg, asked.inner_kg)
-    start = own.form() if own is not None and own.sought["kind"] == kind else None
+    opened = own.form() if own is not None and own.sought["kind"] == kind else None
+    start = None if opened is None else (opened[0], np.append(opened[1], inner))
     if kind in SYNTHESES:
         effort = EFFORT if len(asked.sensors) == 1 else ADDED_SENSORS_EFFORT
         task = Search(*given, asked.sensors, spread, effort)
-        alone = asked.near and start is not None and start[0].sensors == task.sensors and task.settled(*start, inner)
+        alone = asked.near and start is not None and start[0].sensors == task.sensors and task.settled(*start)
         heard = [(own, inner)] if own is not None and set(own.senses) <= set(asked.sensors) else []
         found = search_observer(task, None if alone else kind, heard, report)
     else:
         task = Search(*given, start[0].sensors if start else SENSED[:1], spread)
-        starts, growths, alone = from_seeds(task, KINDS[kind]), asked.sections if KINDS[kind].grows else 0, False
-        if start is not None and (asked.near or not starts) and task.settled(*start, inner):
+        starts, growths, alone = (
+            from_seeds(task, KINDS[kind].seeds()),
+            asked.sections if KINDS[kind].grows else 0,
+            False,
+        )
+        if start is not None and (asked.near or not starts) and task.settled(*start):
             alone = growths > 0
-            starts, growths = [(start[0], np.append(start[1], inner)), *([] if growths else starts)], 0
+            starts, growths = [start, *([] if growths else starts)], 0
         found = search(task, starts, growths, report) if starts else Found(None, (), 0, _NO_START.format(kind))
     best = found.proved
     if best is None and alone:
@@ -202,12 +208,6 @@ def tune_law(prototype: Prototype, masses_kg: tuple[float, float], asked: LawOpt
         return Tuning(prototype, masses_kg, None, found.sampled, found.certificates, why)
     built = tuned(prototype, best, masses_kg)
     return Tuning(built, masses_kg, best, found.sampled, found.certificates, worst=found.worst)
-
-
-def _varies_on_the_mount(member: VertexModel) -> bool:
-    """Whether its gain varies where it is to perform while the end mass shows in what is fed back."""
-    inside = member.performance
-    return member.rig.sensor_rides and inside is not None and inside.low < inside.high
 
 
 def no_answer(kind: str, goal: Goal, masses_kg: tuple[float, float], failure: str) -> str:

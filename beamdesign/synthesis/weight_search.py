@@ -18,8 +18,10 @@ from beamdesign.controllers.form import block_form
 from beamdesign.plant.linear import LinearModel
 from beamdesign.progress import Progress, silent
 from beamdesign.prototype import Goal
-from beamdesign.synthesis.law_search import Effort, Found, Search, sampled_masses, search
-from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples, sampled_bandwidth, slacks_of
+from beamdesign.synthesis.law_search import Found, search
+from beamdesign.synthesis.law_task import Effort, Search, sampled_masses
+from beamdesign.synthesis.loop_samples import COARSE_HZ, Samples, rig_samples
+from beamdesign.synthesis.loop_slacks import sampled_bandwidth, slacks_of
 from beamdesign.synthesis.synthesis import (
     GeneralisedPlant,
     StateSpace,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
+import numpy as np
 from delivered import MEASURED_WITHIN
 from opened_cases import diagnosed, opened_case, true_rig
 from trial import Trial, on_trial
@@ -17,7 +18,7 @@ from beamdesign.diagnosis.diagnosis import updated_prototype
 from beamdesign.diagnosis.redesign import Redesign, payload_range, redesign
 from beamdesign.loop import loop
 from beamdesign.prototype import Prototype
-from beamdesign.synthesis.starts import sampled_bandwidth
+from beamdesign.synthesis.loop_slacks import first_miss
 from beamdesign.validation.truth.case import Case
 
 Progress = Callable[[str], None]
@@ -55,7 +56,8 @@ class Attempt:
         if prototype is None or not self.safe:
             return 0.0
         limit = prototype.goal.compliance_m_per_N
-        return min(sampled_bandwidth(t.frequency_Hz, t.compliance_m_per_N, limit) for t in self.trials)
+        reached = [first_miss(t.frequency_Hz, np.log(limit / t.compliance_m_per_N)) for t in self.trials]
+        return min(*reached, *(float(t.frequency_Hz[-1]) for t in self.trials))
 
     @property
     def peak_sensitivity(self) -> float:

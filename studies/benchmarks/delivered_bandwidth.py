@@ -18,8 +18,7 @@ from beamdesign.plant.changed_figures import CHANGEABLE
 from beamdesign.proofs.certifying import certify
 from beamdesign.proofs.tolerance_box import TOLERANCES
 from beamdesign.prototype import Prototype, Tolerance, read_prototype
-from beamdesign.synthesis.design_run import least_share
-from beamdesign.synthesis.law_search import worst_of
+from beamdesign.synthesis.design_run import least_share, worst_of
 from beamdesign.synthesis.rig_spread import rig_spread
 
 TOLERANCE = Tolerance(

@@ -23,10 +23,12 @@ from beamdesign.loop import Loop, close_loop
 from beamdesign.plant.members import paper_model
 from beamdesign.prototype import Prototype
 from beamdesign.synthesis.loop_samples import samples
-from beamdesign.synthesis.starts import SEARCH_FREQUENCIES_HZ, sampled_bandwidth
+from beamdesign.synthesis.loop_slacks import first_miss
 from beamdesign.synthesis.tuning import tune
 
 LARGEST_INNER_KG = 6.0
+SEARCH_FREQUENCIES_HZ = np.geomspace(0.05, 600.0, 300)
+"""3 % steps, finer than the half-width of a mode with 5 % damping."""
 _MASSES = 7
 _PER_EXCESS = 20.0
 """Penalty per unit of log(peak sensitivity) above its limit: many times what that buys in log(bandwidth)."""
@@ -56,7 +58,8 @@ class Sampled:
         shape = (len(self.masses), -1)
         returned = 1 + own * control.reshape(shape)
         compliance = np.abs(disturbance.reshape(shape) / returned).max(axis=0)
-        bandwidth = sampled_bandwidth(SEARCH_FREQUENCIES_HZ, compliance, self.goal.compliance_m_per_N)
+        reached = first_miss(SEARCH_FREQUENCIES_HZ, np.log(self.goal.compliance_m_per_N / compliance))
+        bandwidth = min(reached, float(SEARCH_FREQUENCIES_HZ[-1]))
         return bandwidth, float(1 / np.abs(returned).min())
 
     def __call__(self, variables: np.ndarray) -> float:

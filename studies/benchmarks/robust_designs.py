@@ -17,9 +17,8 @@ from delivered_bandwidth import TOLERANCE
 
 from beamdesign.proofs.certifying import certify
 from beamdesign.prototype import Prototype, read_prototype
-from beamdesign.synthesis.design_run import draw_rigs
-from beamdesign.synthesis.law_search import worst_of
-from beamdesign.synthesis.refinement import Proved
+from beamdesign.synthesis.design_run import draw_rigs, worst_of
+from beamdesign.synthesis.loop_limits import Proved
 from beamdesign.synthesis.rig_spread import rig_spread
 
 

@@ -1,0 +1,306 @@
+"""What a law is sought for: all loops that it has to serve, sampled, with a coarse search and a refinement over them.
+
+At each step of the coarse search the least slack of compliance up to a little beyond the bandwidth reached is
+maximised, linearised, with the other limits as constraints (sequential linear programming; R. Fletcher and E. Sainz de
+la Maza, Nonlinear programming and nonsmooth optimization by successive linear programming, Mathematical Programming 43,
+1989). At such an optimum nearly as many limits are active as there are variables, so that steps of first order are
+enough.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from beamdesign.controllers import SENSED, Sensed
+from beamdesign.controllers.form import Form
+from beamdesign.plant.members import VertexModel
+from beamdesign.prototype import Goal
+from beamdesign.synthesis.loop_limits import ends
+from beamdesign.synthesis.loop_samples import FINE_HZ, MODES_HZ, Samples, rig_samples, worst_samples
+from beamdesign.synthesis.loop_slacks import COMPLIANCE, OTHERS, Slacks, sampled_bandwidth, slacks
+from beamdesign.synthesis.refinement import NEARLY, LawRefinement
+from beamdesign.synthesis.rig_spread import RigSpread
+from beamdesign.synthesis.sections import Sections
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is tried.
+
+    Attributes:
+        steps: linear programs of a coarse search, at most.
+        rounds: of a refinement, at most.
+        starts: how many starts are refined, and how many laws of one size the next are grown from.
+        refined: how many of the laws that are grown are refined for good.
+        candidates: how many designs are proved, at most.
+        proofs: rounds of proof and back-off for one design, at most.
+        weights: of a synthesis: how many are sampled, a power of two, as Sobol's sequence wants.
+        evaluations: of the search that improves weights.
+        synthesised: how many laws of a synthesis are searched from.
+        blocks: pairs of poles that are realised of these: order 8.
+        frequency_Hz: of the samples.
+    """
+
+    steps: int = 150
+    rounds: int = 20
+    starts: int = 2
+    refined: int = 3
+    candidates: int = 3
+    proofs: int = 10
+    weights: int = 256
+    evaluations: int = 150
+    synthesised: int = 5
+    blocks: int = 4
+    frequency_Hz: tuple[float, ...] = tuple(FINE_HZ)
+
+
+_PEAK = np.linspace(0.97, 1.03, 61)
+"""Frequencies about a peak that a proof has found, over its own."""
+
+_CLOSE_HZ = np.geomspace(1.0, 500.0, 4000)
+
+_STRICTER = 1 + 1e-9
+"""Factor on the limit of sensitivity about a peak, so that nothing else is limited there."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a law has to serve, with the samples of all its loops.
+
+    Attributes:
+        members: linear members of the rig.
+        goal: limits of compliance, sensitivity, loop gain and effort.
+        masses_kg: range of outer end mass.
+        inner_kg: least and most mass inside.
+        sensors: what the law senses.
+        spread: rigs that are off, among which the worst are to keep all limits as well; none: the nominal rig alone.
+        effort: how much is tried.
+        sections: of the beams, to be chosen as well, those of `members` at first; None where they stand.
+    """
+
+    members: Sequence[VertexModel]
+    goal: Goal
+    masses_kg: tuple[float, float]
+    inner_kg: tuple[float, float]
+    sensors: tuple[Sensed, ...] = SENSED[:1]
+    spread: RigSpread | None = None
+    effort: Effort = Effort()
+    sections: Sections | None = None
+    points: Samples = field(init=False, repr=False)
+    _refinements: dict[Form, LawRefinement] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Sample the loops."""
+        points = self.sampled(self.frequency_Hz, self._masses, self.members)
+        object.__setattr__(self, "points", points)
+
+    @property
+    def _masses(self) -> list[float]:
+        """Outer end masses of the samples, kg: closer where every step may move the peaks between them."""
+        return sampled_masses(self.masses_kg, 3 if self.sections is None else 9)
+
+    @property
+    def frequency_Hz(self) -> np.ndarray:
+        """Those of the samples."""
+        frequencies = np.union1d(self.effort.frequency_Hz, [self.goal.loop_gain_from_Hz])
+        with_effects = any(member.rig.effects for member in self.members)
+        return np.union1d(frequencies, MODES_HZ) if with_effects else frequencies
+
+    def sampled(
+        self, frequency_Hz: np.ndarray, masses: Sequence[float], nominal: Sequence[VertexModel], relaxed: float = 1.0
+    ) -> Samples:
+        """All loops of a rig at some frequencies and outer end masses (kg), and those of the rigs that are off."""
+
+        def of(members: Sequence[VertexModel]) -> Samples:
+            return rig_samples(members, frequency_Hz, masses, self.sensors, relaxed)
+
+        return of(nominal) if self.spread is None else worst_samples(self.spread, nominal, of)
+
+    def members_with(self, chosen: np.ndarray, rounded: bool = False) -> Sequence[VertexModel] | None:
+        """Members of the rig with these sections; None where there is no such rig."""
+        return self.members if self.sections is None else self.sections.members(chosen, rounded)
+
+    def points_with(self, chosen: np.ndarray) -> Samples | None:
+        """All loops of the rig with these sections; None where there is no such rig."""
+        if self.sections is None:
+            return self.points
+        members = self.members_with(chosen)
+        return None if members is None else self.sampled(self.frequency_Hz, self._masses, members)
+
+    def settled(self, form: Form, variables: np.ndarray) -> bool:
+        """Whether the loops of a law with a mass inside (kg) are stable as far as the samples tell."""
+        points = self.points_with(variables[form.size + 1 :])
+        return points is not None and slacks(points, self.goal, form, variables, slopes=False).settled
+
+    def refinement(self, form: Form) -> LawRefinement:
+        """The refinement of laws of a form, built once."""
+        if form not in self._refinements:
+            masses = sampled_masses(self.masses_kg)
+            listed = [
+                (rig.polynomials(self.sensors), factor, k * len(masses))
+                for k, (rig, factor, performs) in enumerate(ends(self.members))
+                if performs
+            ]
+            given = (self.points, self.goal, form, self.inner_kg)
+            self._refinements[form] = (
+                LawRefinement(*given, listed, masses)
+                if self.sections is None
+                else LawRefinement(*given, [], masses, self.sections, self.points_with)
+            )
+        return self._refinements[form]
+
+    def worst_peak(self, form: Form, variables: np.ndarray) -> tuple[float, float]:
+        """Frequency (Hz) and outer end mass (kg) of the largest sensitivity on samples close together."""
+        members = self.members_with(variables[form.size + 1 :])
+        points = self.sampled(_CLOSE_HZ, self._masses, members or self.members)
+        k = int(slacks(points, self.goal, form, variables, slopes=False).sensitivity.argmin())
+        return float(points.frequency_Hz[k]), float(points.outer_end_mass[k])
+
+    def with_peak(self, refinement: LawRefinement, frequency_Hz: float, mass: float) -> LawRefinement:
+        """A refinement that sees a peak of the sensitivity at a frequency and an outer end mass (kg)."""
+        at, masses = frequency_Hz * _PEAK, [mass]
+
+        def joined(points: Samples, members: Sequence[VertexModel]) -> Samples:
+            return points.joined(self.sampled(at, masses, members, _STRICTER))
+
+        def resampled(chosen: np.ndarray) -> Samples | None:
+            members, points = self.members_with(chosen), before and before(chosen)
+            return None if members is None or points is None else joined(points, members)
+
+        before = refinement.resampled
+        points = joined(refinement.points, self.members)
+        return replace(refinement, points=points, resampled=before and resampled)
+
+    def coarsely_searched(self, form: Form, variables: np.ndarray) -> tuple[np.ndarray, float]:
+        """Variables and sampled value after a coarse search of the law, or of the start where that is better."""
+        lower, upper = np.append(form.lower, self.inner_kg[0]), np.append(form.upper, self.inner_kg[1])
+        own, chosen = np.split(variables, [form.size + 1])
+        if (points := self.points_with(chosen)) is None:
+            return variables, 0.0
+        higher = coarse_search(points, self.goal, form, own, lower, upper, most=self.effort.steps)
+        both = (variables, np.append(higher, chosen))
+        return max(((one, self._worth(points, form, one)) for one in both), key=lambda pair: pair[1])
+
+    def _worth(self, points: Samples, form: Form, variables: np.ndarray) -> float:
+        """Sampled value, made less by what violates the limits; 0 of a loop that is not stable."""
+        left = slacks(points, self.goal, form, variables, slopes=False)
+        if not left.settled:
+            return 0.0
+        reached = sampled_bandwidth(points, left.compliance + NEARLY / 2)
+        return self.value(form, variables, reached) / (1 + 10 * left.violation)
+
+    @property
+    def needed_Hz(self) -> float:
+        """Bandwidth that is to be had with the least moving mass; 0 where the largest bandwidth is sought."""
+        return 0.0 if self.sections is None else self.sections.needed_Hz or 0.0
+
+    def value(self, form: Form, variables: np.ndarray, bandwidth_Hz: float) -> float:
+        """What a loop of a bandwidth is worth: that, or what its sections say."""
+        return self.refinement(form).value(variables, bandwidth_Hz)
+
+
+def sampled_masses(masses_kg: tuple[float, float], count: int = 3) -> list[float]:
+    """Outer end masses of samples, kg."""
+    return [float(mass) for mass in np.unique(np.linspace(*masses_kg, count))]
+
+
+_BEYOND = 1.06
+"""Up to how many times the bandwidth reached the compliance is bettered."""
+
+_PENALTY = 20.0
+"""What a violation of the other limits costs, over the slack of compliance."""
+
+_SMALLEST_REACH, _LARGEST_REACH = 1e-4, 0.5
+
+
+def coarse_search(
+    points: Samples,
+    goal: Goal,
+    form: Form,
+    start: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    most: int = 600,
+    reach: float = 0.3,
+) -> np.ndarray:
+    """Variables (v,) that a coarse search leads to; its start, within its bounds, where no loop is stable.
+
+    Args:
+        points: where the limits are kept.
+        goal: the limits.
+        form: of the law.
+        start: (v,) variables.
+        lower: (v,) their bounds.
+        upper: (v,)
+        most: linear programs at most.
+        reach: how far a variable may move in the first step.
+    """
+    here = np.clip(start, lower, upper)
+    now = slacks(points, goal, form, here)
+    if not now.settled:
+        return here
+    aim = _aim(points, now)
+    steps, still = 0, 0
+    while steps < most and reach > _SMALLEST_REACH and still < 12:
+        steps += 1
+        least, greatest = np.maximum(lower - here, -reach), np.minimum(upper - here, reach)
+        merit = _merit(points, now, aim)
+        move, foreseen = _step(points, now, aim, least, greatest)
+        tried = here + move
+        then = slacks(points, goal, form, tried)
+        gained = _merit(points, then, aim) - merit
+        if gained < 0.7 * (foreseen - merit) or not then.settled:
+            # Curvature ruined the step: linearise again with what the limits are at its end,
+            # taken back along it with the slopes of its beginning.
+            bent = replace(now, values=then.values - now.slopes @ move)
+            again, _ = _step(points, bent, aim, least, greatest)
+            tried_again = here + again
+            then_again = slacks(points, goal, form, tried_again)
+            if then_again.settled and (not then.settled or _merit(points, then_again, aim) - merit > gained):
+                tried, then, gained = tried_again, then_again, _merit(points, then_again, aim) - merit
+        if not then.settled or gained <= 0:
+            reach /= 3
+            continue
+        if gained < 0.3 * (foreseen - merit):
+            reach /= 2
+        still = still + 1 if gained < 1e-4 else 0
+        here, now = tried, then
+        if gained > 0.5 * (foreseen - merit):
+            reach = min(reach * 2, _LARGEST_REACH)
+        aim = _aim(points, now)
+    return here
+
+
+def _aim(points: Samples, now: Slacks) -> float:
+    """Up to which frequency the compliance is to be bettered."""
+    return max(sampled_bandwidth(points, now.compliance), float(points.frequency_Hz.min())) * _BEYOND
+
+
+def _merit(points: Samples, found: Slacks, aim: float) -> float:
+    return float(found.compliance[points.frequency_Hz <= aim].min()) - _PENALTY * found.violation
+
+
+def _step(points: Samples, now: Slacks, aim: float, least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, float]:
+    """The best move within bounds by the linearised slacks, and the merit that is foreseen of it."""
+    from scipy.optimize import linprog
+
+    widest = np.maximum(np.abs(least), np.abs(most))
+    below = points.frequency_Hz <= aim
+    compliance, slopes = now.compliance[below], now.slopes[COMPLIANCE][below]
+    # What cannot become active within these bounds is left out.
+    worst = float(compliance.min()) + float((np.abs(slopes) @ widest).max())
+    near = compliance - np.abs(slopes) @ widest < worst
+    count = len(least)
+    rows, right = [np.hstack([-slopes[near], np.ones((near.sum(), 1)), np.zeros((near.sum(), 1))])], [compliance[near]]
+    for slack, slope in zip(now.values[OTHERS], now.slopes[OTHERS], strict=True):
+        near = slack - np.abs(slope) @ widest < 0
+        rows.append(np.hstack([-slope[near], np.zeros((near.sum(), 1)), -np.ones((near.sum(), 1))]))
+        right.append(slack[near])
+    cost = np.zeros(count + 2)
+    cost[count], cost[count + 1] = -1.0, _PENALTY
+    bounds = [*zip(least, most, strict=True), (None, None), (0.0, None)]
+    found = linprog(cost, np.vstack(rows), np.concatenate(right), bounds=bounds, method="highs")
+    if found.x is None:
+        return np.zeros(count), -np.inf
+    return np.asarray(found.x[:count]), -float(found.fun)

@@ -1,0 +1,187 @@
+"""What a law leaves of every limit at the points of sampled loops, and the rigs that leave least.
+
+The variables are those of a law's form, then the inner end mass in kg. Everything here is sampled and only proposes.
+"""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from beamdesign.controllers.form import Form
+from beamdesign.prototype import Goal
+from beamdesign.synthesis.loop_limits import LIMITED, goal_limits
+from beamdesign.synthesis.loop_samples import Samples
+
+
+@dataclass(frozen=True)
+class Slacks:
+    """Logarithms by which a law keeps each limit at each point, and their derivatives by the variables.
+
+    Attributes:
+        values: (4, n) log of limit over |S|, |x / F_d|, |L| and |C S|, C from the displacement sensor's volts, as
+            `LIMITED` lists them; infinite where a limit does not count.
+        slopes: (4, n, v); none where none were asked for.
+        settled: whether 1 + L winds about the origin on no row: the loop is stable as far as the samples tell.
+        held_on: for each of these limits the samples that it was held against.
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+    settled: bool
+    held_on: tuple[Samples, ...] = ()
+
+    @property
+    def sensitivity(self) -> np.ndarray:
+        """(n,) log of limit over |S|."""
+        return np.asarray(self.values[0])
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """(n,) log of limit over |x / F_d|."""
+        return np.asarray(self.values[1])
+
+    @property
+    def loop_gain(self) -> np.ndarray:
+        """(n,) log of limit over |L|."""
+        return np.asarray(self.values[2])
+
+    @property
+    def effort(self) -> np.ndarray:
+        """(n,) log of limit over |C S|."""
+        return np.asarray(self.values[3])
+
+    @property
+    def violation(self) -> float:
+        """By how much the limits other than the compliance are missed at worst."""
+        return self.violation_inside(0.0)
+
+    def violation_inside(self, inside: float) -> float:
+        """The same for limits that are to be kept with so much to spare."""
+        return max(0.0, inside - float(self.values[OTHERS].min()))
+
+
+COMPLIANCE, OTHERS = 1, [0, 2, 3]
+"""Places in `LIMITED`."""
+
+
+def slacks(points: Samples, goal: Goal, form: Form, variables: np.ndarray, slopes: bool = True) -> Slacks:
+    """What a law leaves of every limit at every point.
+
+    Args:
+        points: of the loops.
+        goal: its limits; those that are None are kept by an infinite slack.
+        form: of the law.
+        variables: (v,) those of the form, then the mass inside, kg; more behind them does not count.
+        slopes: whether to work out derivatives.
+    """
+    s, own_variables = 2j * pi * points.frequency_Hz, variables[: form.size]
+    inner = float(variables[form.size])
+    own = form.responses(own_variables, s)
+    of_own = form.slopes(own_variables, s) if slopes else None
+    held_on = points.worst(goal, form, variables)
+    distinct = {id(one): one for one in (points, *held_on)}
+    found = {key: slacks_of(one, goal, own, inner, of_own) for key, one in distinct.items()}
+    each = [found[id(one)] for one in held_on]
+    return Slacks(
+        np.array([one.values[k] for k, one in enumerate(each)]),
+        np.array([one.slopes[k] for k, one in enumerate(each)]) if slopes else NONE,
+        found[id(points)].settled,
+        held_on,
+    )
+
+
+NONE = np.empty(0)
+
+
+def counting(points: Samples, goal: Goal) -> np.ndarray:
+    """(4, n) at which points each limit counts."""
+    performs = points.relaxed == 1.0
+    far = performs & (points.frequency_Hz >= goal.loop_gain_from_Hz)
+    where = np.array([np.full(len(performs), True), performs, far, performs])
+    return where & np.isin(LIMITED, list(goal_limits(goal)))[:, None]
+
+
+def slacks_of(points: Samples, goal: Goal, own: np.ndarray, inner: float, of_own: np.ndarray | None = None) -> Slacks:
+    """The same of a law whose responses are known.
+
+    Args:
+        points: of the loops.
+        goal: its limits.
+        own: (p, n) the law at the points.
+        inner: mass inside, kg.
+        of_own: (p, n, v) its derivatives by all variables but the mass; none for no slopes.
+    """
+    plant, control, disturbance, crossed = points.at(inner)
+    moved = disturbance + (own * crossed).sum(axis=0)
+    loop = (own * control).sum(axis=0)
+    closed = np.log(np.abs(1 + loop))
+    limits = goal_limits(goal)
+    logarithms = np.log([limits.get(kind, 1.0) for kind in LIMITED])[:, None]
+    with np.errstate(divide="ignore"):
+        left = np.array(
+            [closed, closed - np.log(np.abs(moved)), -np.log(np.abs(loop)), closed - np.log(np.abs(own[0]))]
+        )
+    left = np.where(counting(points, goal), left + logarithms, np.inf)
+    left[0] += np.log(points.relaxed)
+    steps = np.diff(np.angle(1 + loop))
+    steps = (steps + pi) % (2 * pi) - pi
+    same = np.diff(points.row) == 0
+    settled = bool((np.abs(np.bincount(points.row[1:][same], weights=steps[same])) < pi).all())
+    if of_own is None:
+        return Slacks(left, NONE, settled)
+    shrinks = points.denominator / plant
+    of_loop, of_moved = ((by[:, :, None] * of_own).sum(axis=0) for by in (control, crossed))
+    by_mass = (own * points.control[:, 1]).sum(axis=0) / plant - loop * shrinks
+    of_loop = np.column_stack([of_loop, by_mass])
+    by_mass = (points.disturbance[1] + (own * points.crossed[:, 1]).sum(axis=0)) / plant - moved * shrinks
+    of_moved = np.column_stack([of_moved, by_mass])
+    of_closed = (of_loop / (1 + loop)[:, None]).real
+    of_effort = of_closed.copy()
+    of_effort[:, :-1] -= (of_own[0] / own[0][:, None]).real
+    of_compliance, of_loop_gain = of_closed - (of_moved / moved[:, None]).real, -(of_loop / loop[:, None]).real
+    return Slacks(left, np.array([of_closed, of_compliance, of_loop_gain, of_effort]), settled)
+
+
+def sampled_bandwidth(points: Samples, compliance: np.ndarray) -> float:
+    """Least frequency (Hz), interpolated, from which some row misses the compliance; 0 where one misses it at once."""
+    rows = (points.row == row for row in np.unique(points.row))
+    reached = (first_miss(points.frequency_Hz[on], compliance[on]) for on in rows)
+    return min(*reached, float(points.frequency_Hz.max()), np.inf)
+
+
+def first_miss(frequency_Hz: np.ndarray, slack: np.ndarray) -> float:
+    """From where a slack is negative, interpolated, Hz; 0 where it is at once, infinite where it never is."""
+    k = int(np.argmax(slack < 0))
+    if slack[k] >= 0 or k == 0:
+        return np.inf if slack[k] >= 0 else 0.0
+    share = slack[k - 1] / (slack[k - 1] - slack[k])
+    return float(frequency_Hz[k - 1] * (frequency_Hz[k] / frequency_Hz[k - 1]) ** share)
+
+
+MOST_RIGS = 8
+"""How many of the worst rigs of a design are proved, at most."""
+
+_NEAR, _APART = 0.08, 0.5
+"""Slack (logarithm) up to which a limit counts as reached, and how many of the standard deviations in all two rigs have
+to be apart to be two."""
+
+
+def worst_rigs(
+    points: Samples, goal: Goal, form: Form, variables: np.ndarray, most: int = MOST_RIGS
+) -> tuple[np.ndarray, ...]:
+    """(d,) deviations of each of the worst rigs for all limits that are about to be reached, the worst first."""
+    assert points.spread is not None
+    found = slacks(points, goal, form, variables, slopes=False)
+    reached = sampled_bandwidth(points, found.compliance)
+    limits, compliance, gain = points.deviations(form, variables)
+    found.values[COMPLIANCE, points.frequency_Hz > reached] = np.inf
+    listed: list[tuple[float, np.ndarray]] = []
+    for slack, z in zip(found.values, (limits, compliance, gain, limits), strict=True):
+        listed += [(float(slack[k]), points.spread.rounded(z[:, k])) for k in np.nonzero(slack < _NEAR)[0]]
+    chosen: list[np.ndarray] = []
+    for _, z in sorted(listed, key=lambda pair: pair[0]):
+        size = np.linalg.norm(z)
+        if len(chosen) < most and all(np.linalg.norm(z - other) > _APART * size for other in chosen):
+            chosen.append(z)
+    return tuple(chosen)
