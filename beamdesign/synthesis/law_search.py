@@ -110,6 +110,10 @@ def search(task: Search, starts: Sequence[Start], growths: int = 0, report: Prog
     for rough in pool[: effort.candidates]:
         if rough.value <= 0 or worth > _ENOUGH * rough.value:
             continue
+        chosen = rough.variables[rough.form.size + 1 :]
+        if why := task.sections.hopeless(rough.inner_end_mass, chosen, rough.value) if task.sections else "":
+            tried.append(Found(None, reached, 0, why))
+            continue
         words = f"{1 / rough.value:.3g} kg" if task.needed_Hz else f"{rough.value:.3g} Hz"
         report(0.85, f"refining {words} for good")
         further = task.refinement(rough.form)(rough.variables, rounds=3 * effort.rounds, reach=_FURTHER)

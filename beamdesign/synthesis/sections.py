@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import inf, log, pi
+from math import exp, inf, log, pi
 from typing import Any
 
 import casadi as ca
@@ -68,6 +68,15 @@ class Sections:
             return bandwidth_Hz
         missing = max(0.0, log(self.needed_Hz / bandwidth_Hz)) if bandwidth_Hz > 0 else inf
         return 1 / (float(self.moving_mass(inner, chosen)) + MASS_PER_MISSING_BANDWIDTH * missing)
+
+    def hopeless(self, inner: float, chosen: np.ndarray, value: float) -> str:
+        """Why nothing near a sampled design of a value is worth proving; empty where something may be."""
+        if self.needed_Hz is None or value <= 0:
+            return ""
+        missing = (1 / value - float(self.moving_mass(inner, chosen))) / MASS_PER_MISSING_BANDWIDTH
+        if missing < log(2):
+            return ""
+        return f"reaches {self.needed_Hz * exp(-missing):.3g} Hz on samples, {self.needed_Hz:.4g} Hz are needed"
 
     def refused(self, inner: float, chosen: np.ndarray, bandwidth_Hz: float) -> str:
         """Why a proved loop is no answer; empty where it is one."""
